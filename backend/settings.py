@@ -1,0 +1,49 @@
+"""What can be set from outside: environment variables `DESIREPATH_*` (or a `.env` file), each with its default."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """All settings of one installation."""
+
+    model_config = SettingsConfigDict(env_prefix="DESIREPATH_", env_file=".env", extra="ignore")
+
+    data: Path = Field(Path("data"), description="folder for the database, artefacts, logs and the secret key")
+    database_url: str | None = Field(None, description="SQLAlchemy URL; default SQLite inside the data folder")
+    artefacts_url: str | None = Field(
+        None, description="fsspec URL of the artefact store; default inside the data folder"
+    )
+    host: str = Field("127.0.0.1", description="address to listen on")
+    port: int = Field(8000, ge=1, le=65534, description="port of the pages; the stage listens on the next one")
+    public_url: str | None = Field(
+        None, description="address participants reach the pages at, e.g. https://study.example.org"
+    )
+    public_stage_url: str | None = Field(None, description="address browsers reach the stage at; its own origin")
+    worker: bool = Field(True, description="run a background worker beside the server")
+    training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
+    contact: str = Field("the person who sent you the link", description="shown to participants who need help")
+
+    @property
+    def database(self) -> str:
+        return self.database_url or f"sqlite:///{(self.data / 'desirepath.sqlite').resolve()}"
+
+    @property
+    def jobs_database(self) -> str:
+        """DBOS keeps its own tables in a file of its own (same server when a URL is given)."""
+        return self.database_url or f"sqlite:///{(self.data / 'jobs.sqlite').resolve()}"
+
+    @property
+    def artefacts(self) -> str:
+        return self.artefacts_url or (self.data / "artefacts").resolve().as_uri()
+
+
+@lru_cache
+def get_settings() -> Settings:
+    """The settings of this process, read once."""
+    return Settings()

@@ -1,0 +1,354 @@
+"""The tables. One row of `response` is one answer; nothing here knows the web or how studies run.
+
+Times are UTC, timezone-aware. Ids are random UUID hex unless said otherwise. JSON columns hold plain data whose
+shape is documented beside them and in docs/data-dictionary.md.
+"""
+
+from __future__ import annotations
+
+import uuid
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import (
+    JSON,
+    Boolean,
+    CheckConstraint,
+    DateTime,
+    Float,
+    ForeignKey,
+    Integer,
+    LargeBinary,
+    MetaData,
+    String,
+    Text,
+    TypeDecorator,
+    UniqueConstraint,
+)
+from sqlalchemy.engine import Dialect
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+
+
+def new_id() -> str:
+    return uuid.uuid4().hex
+
+
+def utc_now() -> datetime:
+    return datetime.now(UTC)
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """Timezone-aware UTC in, timezone-aware UTC out, also on SQLite. Refuses naive datetimes."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        if value is not None and value.tzinfo is None:
+            raise ValueError(f"naive datetime {value!r}; pass one with a timezone")
+        return value.astimezone(UTC) if value else None
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:
+        return value.replace(tzinfo=UTC) if value and value.tzinfo is None else value
+
+
+class Base(DeclarativeBase):
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(column_0_label)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "ck": "ck_%(table_name)s_%(constraint_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s_%(referred_table_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map = {dict[str, Any]: JSON, list[Any]: JSON, datetime: UtcDateTime}
+
+
+class User(Base):
+    """Somebody who signs in: experimenter or analyst. Participants never do."""
+
+    __tablename__ = "user"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    name: Mapped[str] = mapped_column(String(80), unique=True)
+    password_hash: Mapped[str] = mapped_column(Text)
+    must_change_password: Mapped[bool] = mapped_column(Boolean, default=False)
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class Setting(Base):
+    """Installation settings that are changed in the browser, e.g. `public_url`."""
+
+    __tablename__ = "setting"
+    key: Mapped[str] = mapped_column(String(80), primary_key=True)
+    value: Mapped[dict[str, Any]] = mapped_column(JSON)
+
+
+class Study(Base):
+    """One run of a protocol with its own frozen copy. `files` maps every text the protocol names to its content."""
+
+    __tablename__ = "study"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    name: Mapped[str] = mapped_column(String(200))
+    protocol_name: Mapped[str] = mapped_column(String(120))
+    protocol_version: Mapped[int] = mapped_column(Integer)
+    protocol_yaml: Mapped[str] = mapped_column(Text)
+    protocol: Mapped[dict[str, Any]] = mapped_column(JSON)
+    files: Mapped[dict[str, Any]] = mapped_column(JSON)
+    protocol_hash: Mapped[str] = mapped_column(String(64))
+    state: Mapped[str] = mapped_column(String(16), default="open")
+    recruiting_token: Mapped[str] = mapped_column(String(64), unique=True)
+    seed: Mapped[int] = mapped_column(Integer)
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    created_by: Mapped[str | None] = mapped_column(ForeignKey("user.id"))
+    __table_args__ = (CheckConstraint("state in ('open', 'closed')", name="state"),)
+
+
+class Participant(Base):
+    """A pseudonymous code in one study. `simulated` is set at creation and cannot be changed (trigger)."""
+
+    __tablename__ = "participant"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    study_id: Mapped[str] = mapped_column(ForeignKey("study.id"), index=True)
+    code: Mapped[str] = mapped_column(String(16))
+    simulated: Mapped[bool] = mapped_column(Boolean, default=False)
+    oracle: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # simulated only: name, noise, seed
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    withdrawn_at: Mapped[datetime | None]
+    excluded_at: Mapped[datetime | None]
+    excluded_reason: Mapped[str | None] = mapped_column(Text)
+    excluded_by: Mapped[str | None] = mapped_column(String(80))
+    __table_args__ = (UniqueConstraint("study_id", "code"),)
+    sessions: Mapped[list[Session]] = relationship(back_populates="participant")
+
+
+class RecruitingId(Base):
+    """What a recruiting platform calls a participant; never exported, never logged, never beside the answers."""
+
+    __tablename__ = "recruiting_id"
+    participant_id: Mapped[str] = mapped_column(ForeignKey("participant.id"), primary_key=True)
+    study_id: Mapped[str] = mapped_column(ForeignKey("study.id"), index=True)
+    platform: Mapped[str] = mapped_column(String(40))
+    external_id: Mapped[str] = mapped_column(String(200))
+    details: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
+    __table_args__ = (UniqueConstraint("study_id", "platform", "external_id"),)
+
+
+class Session(Base):
+    """One appointment. `plan` is the immutable seeded list of steps; `position` is the index of the current one.
+
+    The link's token is stored as sha256 only. States: active, paused, completed, withdrawn, expired.
+    """
+
+    __tablename__ = "session"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    participant_id: Mapped[str] = mapped_column(ForeignKey("participant.id"), index=True)
+    study_id: Mapped[str] = mapped_column(ForeignKey("study.id"), index=True)
+    token_hash: Mapped[str] = mapped_column(String(64), unique=True)
+    state: Mapped[str] = mapped_column(String(16), default="active")
+    language: Mapped[str] = mapped_column(String(8), default="en")
+    simulated: Mapped[bool] = mapped_column(Boolean, default=False)
+    seed: Mapped[int] = mapped_column(Integer)
+    plan: Mapped[list[Any]] = mapped_column(JSON)
+    position: Mapped[int] = mapped_column(Integer, default=0)
+    device: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
+    completion_code: Mapped[str | None] = mapped_column(String(40))
+    personalisation: Mapped[str | None] = mapped_column(String(40))  # why a comparison was or was not shown
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+    last_seen_at: Mapped[datetime | None]
+    expires_at: Mapped[datetime]
+    participant: Mapped[Participant] = relationship(back_populates="sessions")
+    __table_args__ = (
+        CheckConstraint("state in ('active', 'paused', 'completed', 'withdrawn', 'expired')", name="state"),
+    )
+
+
+class Trial(Base):
+    """One thing asked of the participant. `kind`: query or comparison. `role`: learning, regular, repeat or swap.
+
+    `phase`: ready, playing_a, playing_b, choosing, answered. `arms` (comparison only) says which policy was A and B.
+    """
+
+    __tablename__ = "trial"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    session_id: Mapped[str] = mapped_column(ForeignKey("session.id"), index=True)
+    step_key: Mapped[str] = mapped_column(String(80))
+    index: Mapped[int] = mapped_column(Integer)
+    block: Mapped[str | None] = mapped_column(String(80))
+    kind: Mapped[str] = mapped_column(String(20))
+    role: Mapped[str] = mapped_column(String(20), default="regular")
+    view: Mapped[str] = mapped_column(String(20))
+    query_id: Mapped[str | None] = mapped_column(String(80))
+    trajectory_a: Mapped[str] = mapped_column(ForeignKey("trajectory.id"))
+    trajectory_b: Mapped[str] = mapped_column(ForeignKey("trajectory.id"))
+    arms: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # {"a": artefact id, "b": artefact id, "own": "a"|"b"}
+    phase: Mapped[str] = mapped_column(String(16), default="ready")
+    phase_since: Mapped[datetime | None]
+    a_seen_at: Mapped[datetime | None]
+    b_seen_at: Mapped[datetime | None]
+    restarts: Mapped[int] = mapped_column(Integer, default=0)
+    __table_args__ = (
+        UniqueConstraint("session_id", "step_key"),
+        CheckConstraint("phase in ('ready', 'playing_a', 'playing_b', 'choosing', 'answered')", name="phase"),
+    )
+
+
+class Response(Base):
+    """One answer. One per step of a session, so one per trial, by constraint; never updated.
+
+    `value` by kind: preference / comparison {"choice": "a"|"b"}; questionnaire {item: answer}; consent {"given": true,
+    "version": ..., "text_hash": ...}; guess {"choice": "first"|"second"...}.
+    """
+
+    __tablename__ = "response"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    session_id: Mapped[str] = mapped_column(ForeignKey("session.id"), index=True)
+    trial_id: Mapped[str | None] = mapped_column(ForeignKey("trial.id"), unique=True)
+    step_key: Mapped[str] = mapped_column(String(80))
+    kind: Mapped[str] = mapped_column(String(20))
+    value: Mapped[dict[str, Any]] = mapped_column(JSON)
+    request_id: Mapped[str] = mapped_column(String(64), unique=True)
+    client_time: Mapped[datetime | None]
+    decision_s: Mapped[float | None] = mapped_column(Float)  # from the choice becoming possible to the answer
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    __table_args__ = (UniqueConstraint("session_id", "step_key"),)
+
+
+class Event(Base):
+    """Append-only log (triggers refuse update and delete, save the erasure path)."""
+
+    __tablename__ = "event"
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    at: Mapped[datetime] = mapped_column(default=utc_now, index=True)
+    study_id: Mapped[str | None] = mapped_column(String(32), index=True)
+    session_id: Mapped[str | None] = mapped_column(String(32), index=True)
+    trial_id: Mapped[str | None] = mapped_column(String(32))
+    kind: Mapped[str] = mapped_column(String(60))
+    client_time: Mapped[datetime | None]
+    data: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
+
+
+class TrajectoryRow(Base):
+    """A stored trajectory: id is the sha256 of its NPZ bytes in the artefact store; the numbers are for listings."""
+
+    __tablename__ = "trajectory"
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    setup: Mapped[str] = mapped_column(String(40))
+    scene_hash: Mapped[str] = mapped_column(String(64), index=True)
+    steps: Mapped[int] = mapped_column(Integer)
+    duration_s: Mapped[float] = mapped_column(Float)
+    outcome: Mapped[int] = mapped_column(Integer)
+    made_by: Mapped[str | None] = mapped_column(String(64))  # artefact id of the policy, where there is one
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class Artefact(Base):
+    """A learned or collected thing with its card; id is the sha256 of its content in the artefact store.
+
+    `kind`: policy, reward_model, query_set, snapshot, evaluation. `card` as datasets/README.md describes.
+    """
+
+    __tablename__ = "artefact"
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    kind: Mapped[str] = mapped_column(String(20), index=True)
+    name: Mapped[str] = mapped_column(String(160))
+    setup: Mapped[str] = mapped_column(String(40))
+    card: Mapped[dict[str, Any]] = mapped_column(JSON)
+    study_id: Mapped[str | None] = mapped_column(ForeignKey("study.id"), index=True)
+    job_id: Mapped[str | None] = mapped_column(String(32), index=True)
+    simulated: Mapped[bool] = mapped_column(Boolean, default=False)  # made from simulated answers
+    quarantined_at: Mapped[datetime | None]
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class ArtefactParent(Base):
+    """Lineage: `artefact` was made from `parent` (an artefact's id) in the role named."""
+
+    __tablename__ = "artefact_parent"
+    artefact_id: Mapped[str] = mapped_column(ForeignKey("artefact.id"), primary_key=True)
+    parent_id: Mapped[str] = mapped_column(ForeignKey("artefact.id"), primary_key=True)
+    role: Mapped[str] = mapped_column(String(40), primary_key=True)
+
+
+class ArtefactAnswer(Base):
+    """Lineage's last step: the snapshot was made from this response."""
+
+    __tablename__ = "artefact_answer"
+    artefact_id: Mapped[str] = mapped_column(ForeignKey("artefact.id"), primary_key=True)
+    response_id: Mapped[str] = mapped_column(ForeignKey("response.id"), primary_key=True)
+
+
+class Job(Base):
+    """One piece of background work. Written in the transaction that causes it; the worker starts it from here.
+
+    States: queued, running, cancelling, succeeded, failed, cancelled. `result` names the artefacts made.
+    """
+
+    __tablename__ = "job"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    kind: Mapped[str] = mapped_column(String(40))
+    params: Mapped[dict[str, Any]] = mapped_column(JSON)
+    state: Mapped[str] = mapped_column(String(16), default="queued", index=True)
+    priority: Mapped[int] = mapped_column(Integer, default=10)  # smaller first; participants waiting: 1
+    progress: Mapped[float] = mapped_column(Float, default=0.0)
+    message: Mapped[str] = mapped_column(Text, default="")
+    error: Mapped[str | None] = mapped_column(Text)
+    result: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    study_id: Mapped[str | None] = mapped_column(ForeignKey("study.id"), index=True)
+    session_id: Mapped[str | None] = mapped_column(ForeignKey("session.id"), index=True)
+    retry_of: Mapped[str | None] = mapped_column(String(32))
+    created_by: Mapped[str | None] = mapped_column(String(80))
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+    heartbeat_at: Mapped[datetime | None]
+    __table_args__ = (
+        CheckConstraint(
+            "state in ('queued', 'running', 'cancelling', 'succeeded', 'failed', 'cancelled')", name="state"
+        ),
+    )
+
+
+class JobMetric(Base):
+    """One point of a live curve."""
+
+    __tablename__ = "job_metric"
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    job_id: Mapped[str] = mapped_column(ForeignKey("job.id"), index=True)
+    step: Mapped[int] = mapped_column(Integer)
+    name: Mapped[str] = mapped_column(String(60))
+    value: Mapped[float] = mapped_column(Float)
+
+
+class ProblemReport(Base):
+    """What a participant wrote by 'report a problem'."""
+
+    __tablename__ = "problem_report"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    session_id: Mapped[str] = mapped_column(ForeignKey("session.id"), index=True)
+    text: Mapped[str] = mapped_column(Text)
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class Tombstone(Base):
+    """What is left of an erased participant: that somebody was erased, when, by whom; no content."""
+
+    __tablename__ = "tombstone"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    study_id: Mapped[str] = mapped_column(ForeignKey("study.id"), index=True)
+    erased_at: Mapped[datetime] = mapped_column(default=utc_now)
+    erased_by: Mapped[str] = mapped_column(String(80))
+    counts: Mapped[dict[str, Any]] = mapped_column(JSON)
+
+
+class SignIn(Base):
+    """A signed-in browser of a user; the cookie's token is stored as sha256 only."""
+
+    __tablename__ = "sign_in"
+    token_hash: Mapped[bytes] = mapped_column(LargeBinary(32), primary_key=True)
+    user_id: Mapped[str] = mapped_column(ForeignKey("user.id"))
+    csrf: Mapped[str] = mapped_column(String(64))
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    expires_at: Mapped[datetime]
