@@ -1,0 +1,37 @@
+# Desire Path. `make run` opens the product with a demo study; `make test` checks everything.
+SHELL := /bin/bash
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: run test setup setup-test lint lock clean
+
+run: setup
+	$(BIN)/desirepath serve --demo
+
+test: setup setup-test lint
+	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest
+
+lint: setup
+	$(BIN)/ruff check app backend tests
+	$(BIN)/ruff format --check app backend tests
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: requirements.lock pyproject.toml scripts/setup.sh
+	PYTHON="$(PYTHON)" scripts/setup.sh
+	@touch $@
+
+setup-test: setup
+	scripts/setup_chromium.sh
+
+# Resolve pyproject.toml anew. torch stays outside: its CPU build differs by machine.
+lock:
+	printf 'torch ; python_version < "3"\n' > $(VENV)/without-torch.txt
+	$(BIN)/python -m uv pip compile pyproject.toml --extra dev --override $(VENV)/without-torch.txt \
+	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock
+
+clean:
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache

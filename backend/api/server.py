@@ -1,0 +1,140 @@
+"""Runs the product: pages on one port, the 3D stage's door on the next, viser on loopback, a worker beside them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+
+import structlog
+import uvicorn
+
+from app.server import StageServer
+from backend.api.application import create_application
+from backend.api.dependencies import House
+from backend.api.stage_bridge import StageBridge, create_stage_application
+from backend.settings import Settings
+
+log = structlog.get_logger("desirepath.server")
+
+
+class ServerError(OSError):
+    """The server cannot start; says why and what would work."""
+
+
+class _Server(uvicorn.Server):
+    """Two servers share one event loop, so signals are handled once, by `run`."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+def free_port() -> int:
+    """A loopback port nobody listens on right now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def check_ports(settings: Settings) -> None:
+    """Raise ServerError if the pages' or the stage's port is taken."""
+    for port in (settings.port, settings.port + 1):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind((settings.host, port))
+            except OSError as problem:
+                raise ServerError(
+                    f"port {port} on {settings.host} cannot be used ({problem.strerror}); "
+                    "choose another with --port (the stage takes the one after it)"
+                ) from None
+
+
+def start_worker(settings: Settings) -> subprocess.Popen[bytes]:
+    """The background worker as its own process with the same settings."""
+    environment = {
+        **os.environ,
+        "DESIREPATH_DATA": str(settings.data.resolve()),
+        "DESIREPATH_DATABASE_URL": settings.database,
+        "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
+        "OMP_NUM_THREADS": "1",
+    }
+    return subprocess.Popen([sys.executable, "-m", "backend.cli", "worker"], env=environment)
+
+
+def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
+    """Serve until SIGINT or SIGTERM, then stop in order. A worker that dies is started again."""
+    settings = house.settings
+    check_ports(settings)
+    bridge = StageBridge(house)
+    house.stage = StageServer(port=free_port(), on_connect=bridge.on_connect)
+    house.extras["bridge"] = bridge
+    pages = create_application(house)
+    stage = create_stage_application(house, bridge)
+    try:
+        asyncio.run(_serve(settings, pages, stage, on_ready))
+    finally:
+        house.stage.stop()
+
+
+async def _serve(settings: Settings, pages: object, stage: object, on_ready: Callable[[], None] | None) -> None:
+    def server(application: object, port: int) -> _Server:
+        return _Server(
+            uvicorn.Config(
+                application,  # type: ignore[arg-type]
+                host=settings.host,
+                port=port,
+                access_log=False,  # our own log holds no tokens and no query strings
+                log_level="warning",
+                ws="websockets-sansio",
+                ws_per_message_deflate=False,  # the stage's messages are compressed already; deflate costs a core
+                timeout_graceful_shutdown=3,
+                proxy_headers=True,
+                forwarded_allow_ips="127.0.0.1",
+            )
+        )
+
+    servers = [server(pages, settings.port), server(stage, settings.port + 1)]
+    stopping = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopping.set)
+    tasks = [asyncio.create_task(one.serve()) for one in servers]
+    worker = asyncio.create_task(_keep_worker(settings, stopping)) if settings.worker else None
+    while not all(one.started for one in servers) and not any(task.done() for task in tasks):
+        await asyncio.sleep(0.05)
+    if on_ready and all(one.started for one in servers):
+        on_ready()
+    waiting = asyncio.create_task(stopping.wait())
+    await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
+    stopping.set()
+    for one in servers:
+        one.should_exit = True
+    await asyncio.gather(*tasks)
+    if worker:
+        await worker
+
+
+async def _keep_worker(settings: Settings, stopping: asyncio.Event) -> None:
+    """Start the worker, start it again when it dies (never faster than every two seconds), stop it with us."""
+    while not stopping.is_set():
+        process = start_worker(settings)
+        while process.poll() is None and not stopping.is_set():
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stopping.wait(), 0.5)
+        if stopping.is_set():
+            process.terminate()
+            try:
+                await asyncio.to_thread(process.wait, 10)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            return
+        log.warning("the worker ended and is started again", exit_code=process.returncode)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(stopping.wait(), 2.0)

@@ -1,0 +1,29 @@
+"""The `desirepath` command: assembles the groups in `backend/commands`. Imports stay lazy so that `--help` is quick."""
+
+from __future__ import annotations
+
+import typer
+
+from backend.commands import benchmark, data, jobs, science, serve, study
+
+app = typer.Typer(
+    name="desirepath",
+    help="Human-in-the-loop platform for personalised robot navigation.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+serve.register(app)
+data.register(app)
+science.register(app)
+app.add_typer(study.commands, name="study")
+app.add_typer(jobs.commands, name="jobs")
+app.add_typer(benchmark.commands, name="benchmark")
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    app()
+
+
+if __name__ == "__main__":
+    main()
