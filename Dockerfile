@@ -1,0 +1,22 @@
+# Desire Path: pages, stage and worker share one image.
+FROM python:3.11-slim-bookworm
+ENV PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1
+WORKDIR /desirepath
+COPY requirements.lock pyproject.toml Makefile README.md ./
+COPY scripts scripts
+COPY app app
+COPY backend backend
+# PyBullet has wheels for amd64 only; elsewhere it is compiled.
+ARG DESIREPATH_TORCH_INDEX
+RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
+ && scripts/setup.sh \
+ && apt-get purge -y g++ && apt-get autoremove -y && rm -rf /var/lib/apt/lists/* /root/.cache
+COPY frontend frontend
+COPY study_protocols study_protocols
+COPY datasets datasets
+RUN useradd --create-home desirepath && mkdir data && chown desirepath data
+USER desirepath
+ENV PATH=/desirepath/.venv/bin:$PATH DESIREPATH_DATA=/desirepath/data DESIREPATH_HOST=0.0.0.0
+VOLUME /desirepath/data
+EXPOSE 8000 8001
+CMD ["desirepath", "serve"]

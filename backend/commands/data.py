@@ -1,0 +1,63 @@
+"""`desirepath export`, `import`, `backup` and `restore`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.study import open_store
+from backend.settings import get_settings
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the main one."""
+    app.command("export")(export)
+    app.command("import")(import_)
+    app.command()(backup)
+    app.command()(restore)
+
+
+@plain_errors
+def export(
+    study: Annotated[str, typer.Argument(help="Id of the study.")],
+    out: Annotated[Path, typer.Option(help="Folder to write; made if missing, must be empty.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
+    from backend.store.export import export_study
+
+    database, files = open_store()
+    say(dict(export_study(database, files, study, out)), as_json)
+
+
+@plain_errors
+def import_(
+    folder: Annotated[Path, typer.Argument(help="A folder that `desirepath export` wrote.")], as_json: JsonFlag = False
+) -> None:
+    """Load an exported data set into this installation, to the same answers."""
+    from backend.store.importing import import_dataset
+
+    database, files = open_store()
+    say(dict(import_dataset(database, files, folder)), as_json)
+
+
+@plain_errors
+def backup(out: Annotated[Path, typer.Option(help="File to write.")], as_json: JsonFlag = False) -> None:
+    """Copy the database and all artefacts into one file; the server may keep running."""
+    from backend.store import backup as backups
+
+    database, files = open_store()
+    say(dict(backups.backup(database, files, out)), as_json)
+
+
+@plain_errors
+def restore(
+    file: Annotated[Path, typer.Argument(help="A file that `desirepath backup` wrote.")], as_json: JsonFlag = False
+) -> None:
+    """Bring a backup back into an empty data folder."""
+    from backend.store import backup as backups
+
+    say(dict(backups.restore(file, get_settings().data)), as_json)

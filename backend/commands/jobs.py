@@ -1,0 +1,61 @@
+"""`desirepath jobs ...`: look at background work and stop it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import typer
+from sqlalchemy import select
+
+from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.study import open_store
+from backend.store.models import Job
+
+commands = typer.Typer(help="Background jobs.", no_args_is_help=True)
+
+
+def _row(job: Job) -> dict[str, Any]:
+    return {
+        "job": job.id,
+        "kind": job.kind,
+        "state": job.state,
+        "progress": round(job.progress, 3),
+        "message": job.message,
+        "created_at": job.created_at.isoformat(),
+    }
+
+
+@commands.command("list")
+@plain_errors
+def list_jobs(
+    state: Annotated[str | None, typer.Option(help="Only jobs in this state.")] = None, as_json: JsonFlag = False
+) -> None:
+    """List jobs, newest first."""
+    database, _ = open_store()
+    with database.session() as s:
+        query = select(Job).order_by(Job.created_at.desc())
+        say({"jobs": [_row(job) for job in s.scalars(query.where(Job.state == state) if state else query)]}, as_json)
+
+
+@commands.command()
+@plain_errors
+def show(job: str, as_json: JsonFlag = False) -> None:
+    """Show one job with its parameters, result and error."""
+    database, _ = open_store()
+    with database.session() as s:
+        row = s.get(Job, job)
+        if row is None:
+            raise LookupError(f"no job with id {job!r}; `desirepath jobs list` shows them")
+        say({**_row(row), "params": row.params, "result": row.result, "error": row.error}, as_json)
+
+
+@commands.command()
+@plain_errors
+def cancel(job: str, as_json: JsonFlag = False) -> None:
+    """Ask a job to stop; a worker ends it within seconds."""
+    from backend.store.outbox import cancel_job
+
+    database, _ = open_store()
+    with database.transaction() as s:
+        row = cancel_job(s, job, by="command line")
+        say({"job": row.id, "state": row.state}, as_json)

@@ -1,0 +1,85 @@
+"""A server of the command's own on loopback, for commands that walk the real HTTP path (bots, benchmarks)."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+
+from backend.settings import Settings
+
+
+def free_port_pair() -> int:
+    """A loopback port that is free together with the next one (the stage's)."""
+    while True:
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("127.0.0.1", 0))
+            port = int(first.getsockname()[1])
+            try:
+                second.bind(("127.0.0.1", port + 1))
+            except (OSError, OverflowError):
+                continue
+            return port
+
+
+@contextlib.contextmanager
+def loopback_server(
+    settings: Settings, *, worker: bool = True, log: Path | None = None, arguments: tuple[str, ...] = ()
+) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Run `desirepath serve` on free ports over the given data folder; yields its URL and process, stops it after.
+
+    Raises RuntimeError with the end of its log if it does not answer within a minute.
+    """
+    port = free_port_pair()
+    environment = {
+        **os.environ,
+        "DESIREPATH_DATA": str(settings.data.resolve()),
+        "DESIREPATH_DATABASE_URL": settings.database,
+        "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
+        "DESIREPATH_WORKER": str(worker).lower(),
+        "DESIREPATH_HOST": "127.0.0.1",
+        "DESIREPATH_PORT": str(port),
+    }
+    settings.data.mkdir(parents=True, exist_ok=True)
+    log = log or settings.data / "loopback-server.log"
+    with log.open("wb") as out:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "backend.cli", "serve", *arguments],
+            env=environment,
+            stdout=out,
+            stderr=out,
+            start_new_session=True,
+        )
+        url = f"http://127.0.0.1:{port}"
+        try:
+            for _ in range(600):
+                if process.poll() is not None:
+                    break
+                with contextlib.suppress(httpx.HTTPError):
+                    if httpx.get(f"{url}/health", timeout=2).status_code == 200:
+                        break
+                time.sleep(0.1)
+            else:
+                raise RuntimeError(f"the server at {url} did not answer within a minute: {_end_of(log)}")
+            if process.poll() is not None:
+                raise RuntimeError(f"the server did not start: {_end_of(log)}")
+            yield url, process
+        finally:
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                try:
+                    process.wait(15)
+                except subprocess.TimeoutExpired:
+                    os.killpg(process.pid, signal.SIGKILL)
+
+
+def _end_of(log: Path) -> str:
+    return log.read_text(errors="replace")[-1500:]

@@ -1,0 +1,91 @@
+"""`desirepath serve` and `desirepath worker`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from backend.commands.output import plain_errors
+from backend.settings import get_settings
+
+DEMO_PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
+DEMO_NAME = "Demo: how should the robot pass you?"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the main one."""
+    app.command()(serve)
+    app.command()(worker)
+
+
+@plain_errors
+def serve(
+    demo: Annotated[bool, typer.Option("--demo", help="Open a demo study and print its link.")] = False,
+    port: Annotated[int | None, typer.Option(help="Port of the pages; the stage takes the next one.")] = None,
+    host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder for everything that is kept.")] = None,
+) -> None:
+    """Run the pages, the 3D stage and a background worker."""
+    from backend.api.application import build_house
+    from backend.api.auth import ensure_first_user
+    from backend.api.server import check_ports, run
+    from backend.store.shipped import register_shipped
+
+    given = {"port": port, "host": host, "data": data}
+    settings = get_settings().model_copy(update={k: v for k, v in given.items() if v is not None})
+    check_ports(settings)
+    house = build_house(settings)
+    with house.database.transaction() as s:
+        register_shipped(s, house.files)
+    password = ensure_first_user(house.database)
+    link = _demo_link(house) if demo else None
+
+    def announce() -> None:
+        here = (settings.public_url or f"http://{_shown(settings.host)}:{settings.port}").rstrip("/")
+        console = Console()
+        console.print("\n[bold]Desire Path is running.[/bold]")
+        if link:
+            console.print(f"  Participant    {here}{link}")
+        console.print(f"  Experimenter   {here}/lab/studies")
+        console.print(f"  Analyst        {here}/lab/jobs")
+        if password:
+            console.print(f"  Sign in as [bold]experimenter[/bold] with password [bold]{password}[/bold]")
+            console.print("  (printed this once; change it after signing in)")
+        console.print("  Stop with Ctrl+C.\n")
+
+    # One thread each for BLAS and OpenMP here: the server shares its cores with the training.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    run(house, on_ready=announce)
+
+
+def _shown(host: str) -> str:
+    return "127.0.0.1" if host in ("0.0.0.0", "::") else host  # noqa: S104
+
+
+def _demo_link(house: object) -> str:
+    """The demo study's recruiting link; the study is made on the first start."""
+    from sqlalchemy import select
+
+    from backend.api.dependencies import House
+    from backend.store.models import Study
+    from backend.study.protocol import freeze
+    from backend.study.studies import create_study
+
+    assert isinstance(house, House)
+    with house.database.transaction() as s:
+        study = s.scalars(select(Study).where(Study.name == DEMO_NAME, Study.state == "open")).first()
+        if study is None:
+            study = create_study(s, house.files, freeze(DEMO_PROTOCOL), name=DEMO_NAME, created_by=None)
+        return f"/join/{study.recruiting_token}"
+
+
+@plain_errors
+def worker() -> None:
+    """Run a background worker: picks up jobs and trains."""
+    from backend.jobs.worker import run_worker
+
+    run_worker(get_settings())

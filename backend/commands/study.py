@@ -1,0 +1,149 @@
+"""`desirepath study ...`: protocols and studies from the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from backend.commands.loopback import loopback_server
+from backend.commands.output import JsonFlag, plain_errors, say
+from backend.settings import get_settings
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+
+commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
+
+
+def open_store() -> tuple[Database, ArtefactStore]:
+    """The installation's database (migrated) and artefact store."""
+    from backend.store.database import check_writable
+
+    settings = get_settings()
+    check_writable(settings.data)
+    database = Database(settings.database)
+    database.migrate()
+    return database, ArtefactStore(settings.artefacts)
+
+
+@commands.command()
+@plain_errors
+def validate(file: Path, as_json: JsonFlag = False) -> None:
+    """Check a protocol file; exit code 1 if it is not valid."""
+    from backend.study.protocol import validate_protocol_file
+
+    result = validate_protocol_file(file)
+    if as_json or result["valid"]:
+        say(result, as_json)
+    else:
+        for error in result["errors"]:
+            typer.echo(f"{error['file']}:{error['line']}: {error['field']}: {error['message']}", err=True)
+    if not result["valid"]:
+        raise typer.Exit(1)
+
+
+@commands.command()
+@plain_errors
+def create(
+    file: Path,
+    name: Annotated[str | None, typer.Option(help="Name of the study; default the protocol's title.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Open a study from a protocol; prints its id and recruiting link."""
+    from backend.store.shipped import register_shipped
+    from backend.study.protocol import freeze
+    from backend.study.studies import create_study
+
+    database, files = open_store()
+    frozen = freeze(file)
+    with database.transaction() as s:
+        register_shipped(s, files)
+        study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)
+        base = (get_settings().public_url or f"http://127.0.0.1:{get_settings().port}").rstrip("/")
+        result = {"study": study.id, "link": f"{base}/join/{study.recruiting_token}"}
+    say(result, as_json)
+
+
+@commands.command("list")
+@plain_errors
+def list_studies(as_json: JsonFlag = False) -> None:
+    """List the studies of this installation."""
+    from sqlalchemy import func, select
+
+    from backend.store.models import Participant, Study
+
+    database, _ = open_store()
+    with database.session() as s:
+        counts: dict[str, int] = {
+            study: n
+            for study, n in s.execute(select(Participant.study_id, func.count()).group_by(Participant.study_id))
+        }
+        studies = [
+            {
+                "study": study.id,
+                "name": study.name,
+                "protocol": f"{study.protocol_name} v{study.protocol_version}",
+                "state": study.state,
+                "participants": counts.get(study.id, 0),
+            }
+            for study in s.scalars(select(Study).order_by(Study.created_at))
+        ]
+    say({"studies": studies}, as_json)
+
+
+@commands.command()
+@plain_errors
+def simulate(
+    study: Annotated[str, typer.Argument(help="Id of the study.")],
+    participants: Annotated[int, typer.Option(min=1)] = 1,
+    oracle: Annotated[str, typer.Option(help="min-human-distance, shortest or random.")] = "min-human-distance",
+    noise: Annotated[float, typer.Option(min=0.0, max=1.0, help="Chance that an answer is the wrong one.")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the oracle's mistakes.")] = 0,
+    url: Annotated[str | None, typer.Option(help="A running server; default one of the command's own.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
+    from backend.store.models import Study
+    from backend.study.bots import simulate_study
+
+    database, _ = open_store()
+    with database.session() as s:
+        row = s.get(Study, study)
+        if row is None:
+            raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
+        token = row.recruiting_token
+
+    def walk(base_url: str) -> None:
+        say(simulate_study(base_url, token, participants, oracle=oracle, noise=noise, seed=seed), as_json)
+
+    if url:
+        walk(url.rstrip("/"))
+    else:
+        with loopback_server(get_settings()) as (own, _):
+            walk(own)
+
+
+@commands.command()
+@plain_errors
+def erase(
+    study: Annotated[str, typer.Argument(help="Id of the study.")],
+    participant: Annotated[str, typer.Argument(help="The participant's code.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Erase a participant: answers, drives made for them, models made from them alone. Cannot be undone."""
+    from sqlalchemy import select
+
+    from backend.store.erasure import erase_participant
+    from backend.store.models import Participant
+
+    database, files = open_store()
+    with database.session() as s:
+        found = s.scalars(select(Participant.id).where(Participant.study_id == study, Participant.code == participant))
+        identity = found.first()
+    if identity is None:
+        raise LookupError(f"no participant {participant!r} in study {study!r}")
+    if not yes:
+        typer.confirm(f"Erase everything of participant {participant}? This cannot be undone.", abort=True)
+    say(dict(erase_participant(database, files, identity, by="command line")), as_json)

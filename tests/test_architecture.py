@@ -1,0 +1,83 @@
+"""The house itself: who may import whom, what no file may contain, and that the container files are valid."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def tracked_files() -> list[Path]:
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    return [ROOT / name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def test_imports_only_go_downwards():
+    checked = subprocess.run(
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache"], cwd=ROOT, capture_output=True, text=True
+    )
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_no_registry_address_machine_path_or_private_address_in_any_file():
+    # Written in pieces so that this file does not find itself.
+    leaks = re.compile(
+        "|".join(
+            [
+                r"index-url[ =]+" + "https?:",
+                r'"resolved": *"' + "https?:",
+                "/(work|farm)" + r"/(main|shared)",
+                r"\b192\." + r"168\.\d",
+                r"\b10\.\d+\." + r"\d+\.\d+\b",
+            ]
+        )
+    )
+    found = []
+    for file in tracked_files():
+        try:
+            text = file.read_text()
+        except UnicodeDecodeError:
+            continue
+        found += [f"{file.relative_to(ROOT)}: {match.group()}" for match in leaks.finditer(text)]
+    assert not found
+
+
+def test_repository_is_lean():
+    heavy = [f"{file.relative_to(ROOT)}" for file in tracked_files() if file.stat().st_size > 2_500_000]
+    assert not heavy
+    assert sum(file.stat().st_size for file in tracked_files()) < 25_000_000
+
+
+def test_lock_pins_every_package_by_hash_and_leaves_torch_out():
+    lock = (ROOT / "requirements.lock").read_text()
+    pinned = re.findall(r"^([A-Za-z0-9_.-]+)(?:\[[^\]]*\])?==", lock, re.MULTILINE)
+    assert len(pinned) > 100
+    assert lock.count("--hash=sha256:") >= len(pinned)
+    assert "torch" not in pinned
+    assert "http://" not in lock
+    assert "https://" not in lock
+
+
+@pytest.mark.parametrize("schema", ["vendor.compose-spec", "vendor.github-workflows"])
+def test_compose_file_is_valid_against_the_compose_schema(schema):
+    """The first is the real check; the second shows that the checker can fail."""
+    checked = subprocess.run(
+        [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, "docker-compose.yml"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert (checked.returncode == 0) == (schema == "vendor.compose-spec"), checked.stdout + checked.stderr
+
+
+def test_compose_file_holds_the_four_services_and_no_secret():
+    compose = yaml.safe_load((ROOT / "docker-compose.yml").read_text())
+    assert {"web", "worker", "database", "proxy"} <= set(compose["services"])
+    assert "password" not in json.dumps(compose["services"]["web"].get("environment", {})).lower().replace(
+        "postgres_password_file", ""
+    )
