@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from backend.commands.output import plain_errors
 from backend.settings import get_settings
+
+if TYPE_CHECKING:
+    from backend.api.dependencies import House
 
 DEMO_PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMO_NAME = "Demo: how should the robot pass you?"
@@ -66,16 +69,14 @@ def _shown(host: str) -> str:
     return "127.0.0.1" if host in ("0.0.0.0", "::") else host  # noqa: S104
 
 
-def _demo_link(house: object) -> str:
+def _demo_link(house: House) -> str:
     """The demo study's recruiting link; the study is made on the first start."""
     from sqlalchemy import select
 
-    from backend.api.dependencies import House
     from backend.store.models import Study
     from backend.study.protocol import freeze
     from backend.study.studies import create_study
 
-    assert isinstance(house, House)
     with house.database.transaction() as s:
         study = s.scalars(select(Study).where(Study.name == DEMO_NAME, Study.state == "open")).first()
         if study is None:

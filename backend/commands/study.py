@@ -74,11 +74,9 @@ def list_studies(as_json: JsonFlag = False) -> None:
     from backend.store.models import Participant, Study
 
     database, _ = open_store()
+    per_study = select(Participant.study_id, func.count()).group_by(Participant.study_id)
     with database.session() as s:
-        counts: dict[str, int] = {
-            study: n
-            for study, n in s.execute(select(Participant.study_id, func.count()).group_by(Participant.study_id))
-        }
+        counts = {row[0]: row[1] for row in s.execute(per_study)}
         studies = [
             {
                 "study": study.id,
