@@ -1,0 +1,24 @@
+"""Markdown of a study's texts to safe HTML. Raw HTML in the text is shown as text, images are not fetched."""
+
+from __future__ import annotations
+
+from markdown_it import MarkdownIt
+from markupsafe import Markup
+
+_MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")
+
+
+def prose(text: str, shift: int = 1) -> Markup:
+    """HTML of a markdown `text`; its headings move down by `shift` levels, as the page's own heading is the h1.
+
+    Links open in a new tab, so that nobody loses the step they are in.
+    """
+    tokens = _MARKDOWN.parse(text)
+    for token in tokens:
+        if token.type in ("heading_open", "heading_close"):
+            token.tag = f"h{min(6, int(token.tag[1]) + shift)}"
+        for child in token.children or ():
+            if child.type == "link_open":
+                child.attrs.update(target="_blank", rel="noopener noreferrer")
+    # Markup: the renderer escapes everything that came from the text (html=False).
+    return Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {}))  # noqa: S704
