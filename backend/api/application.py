@@ -13,6 +13,7 @@ from fastapi.templating import Jinja2Templates
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.dependencies import House, stage_origin
+from backend.api.prose import prose
 from backend.api.texts import Texts
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
@@ -29,6 +30,7 @@ def build_house(settings: Settings) -> House:
     database.migrate()
     templates = Jinja2Templates(FRONTEND / "templates")
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
+    templates.env.filters["prose"] = prose
     return House(
         settings=settings,
         database=database,
