@@ -1,0 +1,335 @@
+"""The fast engine: thousands of kinematic robots in their scenes, stepped together by compiled code.
+
+Here live the batch of environments and what is made with it (trajectories, tables of episodes). The arithmetic lives
+in `kernels.py`, the Gymnasium and Stable-Baselines3 faces in `environments.py`, rigid bodies in `reference.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.simulation import kernels as k
+from backend.simulation.scene import Pose, Scene
+from backend.simulation.scenes import ScenePool, check_scene, row_columns, row_to_scene, scene_to_row, scenes_to_rows
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
+from backend.simulation.trajectory import Outcome, Trajectory
+
+Floats = NDArray[np.float32]
+ActFunction = Callable[[Floats], Floats]
+"""(n, obs) float32 observations -> (n, 2) float32 actions in [-1, 1]. Called with the rows still running."""
+
+
+class ActionError(ValueError):
+    """Actions of the wrong shape, or not numbers."""
+
+
+def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
+    """The setup's numbers for the compiled step; `progress_weight` is reward per metre of progress (training only)."""
+    return k.Rules(
+        dt=CONTROL_DT_S,
+        robot_radius=ROBOT_RADIUS_M,
+        v_min=setup.limits.v_min,
+        v_max=setup.limits.v_max,
+        w_max=setup.limits.w_max,
+        max_steps=setup.max_steps,
+        loop_age=setup.self_intersection_min_age_steps,
+        distance_scale=setup.distance_scale_m,
+        with_velocity=setup.with_velocity,
+        goal=setup.reward.goal,
+        collision=setup.reward.collision,
+        timeout=setup.reward.timeout,
+        self_intersection=setup.reward.self_intersection,
+        time_per_step=setup.reward.time_per_step,
+        jerk_weight=setup.reward.jerk_weight,
+        progress_weight=progress_weight,
+    )
+
+
+def beams_of(setup: Setup, *, pooled: bool = True) -> k.Beams:
+    """The setup's lidar for the compiled scan; unpooled, every beam is a sector of its own."""
+    lidar = setup.lidar
+    angles = np.arange(3 * lidar.beams) * (2 * math.pi / lidar.beams)
+    return k.Beams(
+        number=lidar.beams,
+        sectors=lidar.sectors if pooled else lidar.beams,
+        range_m=lidar.range_m,
+        directions=np.stack([np.cos(angles), np.sin(angles)], axis=1),
+    )
+
+
+def raw_ranges(setup: Setup, scene: Scene, pose: Pose) -> NDArray[np.float64]:
+    """Every lidar beam from that pose: (beams,) metres, counter-clockwise from straight ahead."""
+    beams = beams_of(setup, pooled=False)
+    ranges = np.empty(beams.number)
+    k.scan(scene_to_row(scene), pose.x, pose.y, pose.yaw, beams, ranges)
+    return ranges
+
+
+class FastEngine:
+    """`n_envs` robots of one setup, each in its own scene.
+
+    After `step(actions)` these arrays (updated in place; copy what must last) tell, for every environment:
+    observations (n, obs) float32: what to act on next, after an automatic restart that of the new episode;
+    next_observations (n, obs) float32: the true successor, before any restart;
+    rewards (n,) float32: core reward + progress_weight * metres of progress towards the goal;
+    dones (n,) bool, outcomes (n,) int8 (Outcome): whether and how the episode ended with this step;
+    human_distance, obstacle_clearance (n,) float32, metres, after the step: centre to centre to the person; robot
+    surface to the nearest box or wall (infinite in an empty field);
+    poses (n, 3) float64: x, y, yaw, after an automatic restart the new start;
+    steps, min_human_distance, min_clearance, path_length, accumulated_angle, self_intersections (n,): of the episode
+    that the step belonged to, so final values where `dones`; minima are over the poses of the control steps.
+
+    auto_reset: ended environments start a fresh scene of the engine's pool; without, they stand still, their reward
+    0 and their arrays unchanged. parallel: all of Numba's threads instead of one (equal up to rounding).
+    Same seed, scenes and actions give bit-identical results on one machine.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        n_envs: int,
+        *,
+        seed: int = 0,
+        auto_reset: bool = True,
+        progress_weight: float = 0.0,
+        parallel: bool = False,
+        scenes: Sequence[Scene] | None = None,
+    ) -> None:
+        if n_envs < 1:
+            raise ValueError(f"n_envs = {n_envs}: must be at least 1")
+        self.setup, self.n_envs, self.auto_reset = setup, n_envs, auto_reset
+        self._rules, self._beams = rules_of(setup, progress_weight), beams_of(setup)
+        self._step_all = k.step_all_parallel if parallel else k.step_all
+        self._pool = ScenePool(setup, seed)
+        self._scenes = list(scenes) if scenes is not None else None
+        self._given: list[Scene | None] = [None] * n_envs
+        self._seeds = np.zeros(n_envs, dtype=np.int64)
+        size = setup.observation_size
+        self.observations = np.zeros((n_envs, size), dtype=np.float32)
+        self._results = r = k.Results(
+            next_observations=np.zeros((n_envs, size), dtype=np.float32),
+            rewards=np.zeros(n_envs, dtype=np.float32),
+            dones=np.zeros(n_envs, dtype=np.bool_),
+            outcomes=np.zeros(n_envs, dtype=np.int8),
+            human_distance=np.zeros(n_envs, dtype=np.float32),
+            obstacle_clearance=np.zeros(n_envs, dtype=np.float32),
+            steps=np.zeros(n_envs, dtype=np.int32),
+            min_human_distance=np.zeros(n_envs, dtype=np.float32),
+            min_clearance=np.zeros(n_envs, dtype=np.float32),
+            path_length=np.zeros(n_envs, dtype=np.float32),
+            accumulated_angle=np.zeros(n_envs, dtype=np.float32),
+            self_intersections=np.zeros(n_envs, dtype=np.int32),
+        )
+        self.next_observations, self.rewards, self.dones, self.outcomes = r[:4]
+        self.human_distance, self.obstacle_clearance, self.steps = r[4:7]
+        self.min_human_distance, self.min_clearance, self.path_length, self.accumulated_angle = r[7:11]
+        self.self_intersections = r[11]
+        self._state = self._fresh_state(row_columns())
+        self.poses = self._state.poses
+        self.reset()
+
+    def _fresh_state(self, columns: int) -> k.State:
+        n = self.n_envs
+        return k.State(
+            rows=np.zeros((n, columns)),
+            poses=np.zeros((n, 3)),
+            paths=np.zeros((n, self.setup.max_steps + 1, 2)),
+            steps=np.zeros(n, dtype=np.int32),
+            finished=np.zeros(n, dtype=np.bool_),
+            commands=np.zeros((n, 2, 2)),
+            largest_jerk=np.zeros(n),
+            obstacle_clearance=np.zeros(n),
+            human_distance=np.zeros(n),
+        )
+
+    def reset(self, scenes: Sequence[Scene] | None = None) -> Floats:
+        """Start every environment: in `scenes`, else in the scenes given at construction, else in fresh ones.
+
+        Returns `observations`. Raises SceneError for a bad scene, SetupError for one of another setup.
+        """
+        scenes = self._scenes if scenes is None else list(scenes)
+        everyone = np.arange(self.n_envs)
+        if scenes is None:
+            self._start_from_pool(everyone)
+        else:
+            if len(scenes) != self.n_envs:
+                raise ValueError(f"scenes: {len(scenes)} given for {self.n_envs} environments")
+            for scene in scenes:
+                require_same(engine=self.setup.name, scene=scene.setup)
+                check_scene(scene)
+            rows = scenes_to_rows(scenes)
+            if rows.shape[1] > self._state.rows.shape[1]:
+                self._state = self._state._replace(rows=np.zeros_like(rows))
+            self._given[:] = scenes
+            self._start(everyone, rows)
+        self.dones[:] = False
+        self.outcomes[:] = Outcome.RUNNING
+        self.rewards[:] = 0.0
+        self.steps[:] = 0
+        self.path_length[:] = self.accumulated_angle[:] = 0.0
+        self.self_intersections[:] = 0
+        self.next_observations[:] = self.observations
+        self.human_distance[:] = self.min_human_distance[:] = self._state.human_distance
+        self.obstacle_clearance[:] = self.min_clearance[:] = self._state.obstacle_clearance
+        return self.observations
+
+    def _start_from_pool(self, which: NDArray[np.int64]) -> None:
+        rows, self._seeds[which] = self._pool.take(len(which))
+        for i in which:
+            self._given[i] = None
+        self._start(which, rows)
+
+    def _start(self, which: NDArray[np.int64], rows: k.Rows) -> None:
+        self._state.rows[which, : rows.shape[1]] = rows
+        k.start_episodes(which, self._state, self.observations, self._rules, self._beams)
+
+    def step(self, actions: Floats) -> None:
+        """One control step (0.2 s) of every environment with `actions` (n, 2) in [-1, 1], clipped.
+
+        actions[:, 0] maps to [v_min, v_max], actions[:, 1] to [-w_max, w_max]. Raises ActionError for a wrong shape
+        or numbers that are not finite.
+        """
+        actions = np.ascontiguousarray(actions, dtype=np.float32)
+        if actions.shape != (self.n_envs, 2):
+            raise ActionError(f"actions have shape {actions.shape}, must be ({self.n_envs}, 2)")
+        if not np.isfinite(actions).all():
+            worst = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
+            raise ActionError(f"actions[{worst}] = {actions[worst].tolist()}: must be finite, in [-1, 1]")
+        self._step_all(self._state, self._results, actions, self._rules, self._beams)
+        self.observations[:] = self.next_observations
+        if self.auto_reset and self.dones.any():
+            self._start_from_pool(np.flatnonzero(self.dones))
+
+    def scene(self, i: int) -> Scene:
+        """The scene that environment i is in now."""
+        given = self._given[i]
+        return given if given is not None else row_to_scene(self.setup, int(self._seeds[i]), self._state.rows[i])
+
+    def path(self, i: int) -> NDArray[np.float64]:
+        """(steps + 1, 2) positions of environment i since its start, metres."""
+        return self._state.paths[i, : self._state.steps[i] + 1].copy()
+
+
+def _act(act: ActFunction, observations: Floats) -> Floats:
+    actions = np.asarray(act(observations), dtype=np.float32)
+    if actions.shape != (len(observations), 2):
+        raise ActionError(f"the policy gave actions of shape {actions.shape} for {len(observations)} observations")
+    return actions
+
+
+def rollout(
+    setup: Setup, act: ActFunction, scenes: Sequence[Scene], *, max_steps: int | None = None
+) -> list[Trajectory]:
+    """Drive every scene once with one policy: one full trajectory per scene, in order.
+
+    max_steps: stop earlier than the setup's limit; the outcome of what is cut off is RUNNING.
+    """
+    if not scenes:
+        return []
+    limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
+    engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    poses = [[pose.copy()] for pose in engine.poses]
+    records: list[list[tuple[Floats, Floats, np.float32, Floats, np.bool_]]] = [[] for _ in scenes]
+    actions = np.zeros((len(scenes), 2), dtype=np.float32)
+    for _ in range(limit):
+        running = np.flatnonzero(~engine.dones)
+        if not len(running):
+            break
+        before = engine.observations[running]
+        actions[running] = np.clip(_act(act, before), -1.0, 1.0)
+        engine.step(actions)
+        rewards, dones = engine.rewards[running], engine.dones[running]
+        after, here, taken = engine.next_observations[running], engine.poses[running], actions[running]
+        for row, i in enumerate(running):
+            poses[i].append(here[row])
+            records[i].append((before[row], taken[row], rewards[row], after[row], dones[row]))
+    return [
+        Trajectory(
+            scene=scene,
+            outcome=Outcome(int(engine.outcomes[i])),
+            poses=np.asarray(poses[i], dtype=np.float32),
+            observations=np.asarray([r[0] for r in records[i]], dtype=np.float32).reshape(-1, setup.observation_size),
+            actions=np.asarray([r[1] for r in records[i]], dtype=np.float32).reshape(-1, 2),
+            rewards=np.asarray([r[2] for r in records[i]], dtype=np.float32),
+            next_observations=np.asarray([r[3] for r in records[i]], dtype=np.float32).reshape(
+                -1, setup.observation_size
+            ),
+            dones=np.asarray([r[4] for r in records[i]], dtype=np.bool_),
+            self_intersections=int(engine.self_intersections[i]),
+            dt=CONTROL_DT_S,
+        )
+        for i, scene in enumerate(scenes)
+    ]
+
+
+@dataclass(frozen=True)
+class EpisodeTable:
+    """One row per episode, each array (episodes,), in the order of the scenes. SI units.
+
+    outcome: int8 (Outcome). min_human_distance: centre to centre; min_clearance: robot surface to the nearest box or
+    wall, without the person. accumulated_angle: sum of absolute heading changes. path_area: between the path and the
+    straight line from start to goal. total_reward: undiscounted core reward. straight_distance: start to goal.
+    ceiling: the largest minimum human distance that any policy can reach in the scene.
+    """
+
+    outcome: NDArray[np.int8]
+    steps: NDArray[np.int32]
+    path_length: Floats
+    min_human_distance: Floats
+    min_clearance: Floats
+    self_intersections: NDArray[np.int32]
+    accumulated_angle: Floats
+    path_area: Floats
+    total_reward: Floats
+    straight_distance: Floats
+    ceiling: Floats
+    dt: float = CONTROL_DT_S
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        return np.asarray(self.outcome == Outcome.SUCCESS)
+
+    @property
+    def time(self) -> Floats:
+        """Seconds from start to end."""
+        return (self.steps * self.dt).astype(np.float32)
+
+    def __len__(self) -> int:
+        return len(self.outcome)
+
+
+def evaluate(act: ActFunction, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
+    """Drive every scene once to its end and keep the numbers, not the trajectories."""
+    if not scenes:
+        raise ValueError("scenes: none given; evaluation needs at least one")
+    engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    actions = np.zeros((len(scenes), 2), dtype=np.float32)
+    total = np.zeros(len(scenes), dtype=np.float64)
+    while not engine.dones.all():
+        running = np.flatnonzero(~engine.dones)
+        actions[running] = _act(act, engine.observations[running])
+        engine.step(actions)
+        total += engine.rewards
+    return EpisodeTable(
+        outcome=engine.outcomes.copy(),
+        steps=engine.steps.copy(),
+        path_length=engine.path_length.copy(),
+        min_human_distance=engine.min_human_distance.copy(),
+        min_clearance=engine.min_clearance.copy(),
+        self_intersections=engine.self_intersections.copy(),
+        accumulated_angle=engine.accumulated_angle.copy(),
+        path_area=np.array(
+            [k.path_area(engine.path(i), scene.goal.x, scene.goal.y) for i, scene in enumerate(scenes)],
+            dtype=np.float32,
+        ),
+        total_reward=total.astype(np.float32),
+        straight_distance=np.array(
+            [math.dist((s.start.x, s.start.y), (s.goal.x, s.goal.y)) for s in scenes], dtype=np.float32
+        ),
+        ceiling=np.array([s.human_distance_ceiling_m() for s in scenes], dtype=np.float32),
+    )
