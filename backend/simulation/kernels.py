@@ -36,10 +36,18 @@ GRID_M = 0.05  # cell of the reachability search
 Compiled = TypeVar("Compiled", bound=Callable[..., object])
 
 
+# NaN and infinity keep their meaning, so an empty field may have infinite clearance.
+_FAST = {"cache": True, "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}, "error_model": "numpy"}
+
+
 def compiled(function: Compiled) -> Compiled:
-    """Compile for speed; NaN and infinity keep their meaning, so an empty field may have infinite clearance."""
-    fast = {"nsz", "arcp", "contract", "afn", "reassoc"}
-    return cast(Compiled, numba.njit(cache=True, fastmath=fast)(function))
+    """Compile for speed."""
+    return cast(Compiled, numba.njit(**_FAST)(function))
+
+
+def inlined(function: Compiled) -> Compiled:
+    """Compile into the caller: handing a tuple of arrays to a function costs as much as half a lidar scan."""
+    return cast(Compiled, numba.njit(inline="always")(function))
 
 
 def compiled_exactly(function: Compiled) -> Compiled:
@@ -369,12 +377,22 @@ class Beams(NamedTuple):
 
 
 @compiled
-def _see_face(out: NDArray[np.float64], beams: Beams, bearing: float, away: float, low: float, high: float) -> None:
+def _see_face(
+    out: NDArray[np.float64],
+    beams: Beams,
+    bearing: float,
+    normal_x: float,
+    normal_y: float,
+    away: float,
+    low: float,
+    high: float,
+) -> None:
     """Shorten `out` by a flat face seen from the robot.
 
-    The face lies `away` metres off in direction `bearing` (its normal) and spans [low, high] metres to the left of
-    that direction. Along a face the range grows with the angle from the normal, so of the beams of one sector that
-    hit it only the one nearest to the normal matters: the minimum over all beams, without testing them all.
+    The face lies `away` metres off in direction `bearing` (its normal, also given as a unit vector in the robot's
+    frame) and spans [low, high] metres to the left of that direction. Along a face the range grows with the angle from
+    the normal, so of the beams of one sector that hit it only the one nearest to the normal matters: the minimum over
+    all beams, without testing them all.
     """
     if away >= beams.range_m:
         return
@@ -394,13 +412,14 @@ def _see_face(out: NDArray[np.float64], beams: Beams, bearing: float, away: floa
         return
     nearest = math.floor(centre + 0.5)
     per_sector = beams.number // beams.sectors
-    normal_x, normal_y = math.cos(bearing), math.sin(bearing)
-    for sector in range(first // per_sector, last // per_sector + 1):
-        beam = min(max(nearest, first, sector * per_sector), last, sector * per_sector + per_sector - 1)
+    first_sector = first // per_sector
+    start, index = first_sector * per_sector, first_sector % beams.sectors
+    while start <= last:
+        beam = min(max(nearest, first, start), last, start + per_sector - 1)
         cosine = beams.directions[beam, 0] * normal_x + beams.directions[beam, 1] * normal_y
-        seen = away / max(cosine, 1e-9)
-        index = sector % beams.sectors
-        out[index] = min(out[index], seen)
+        out[index] = min(out[index], away / max(cosine, 1e-9))
+        start += per_sector
+        index = index + 1 if index + 1 < beams.sectors else 0
 
 
 @compiled
@@ -408,12 +427,13 @@ def scan(row: Row, x: float, y: float, yaw: float, beams: Beams, out: NDArray[np
     """The lidar seen from a pose: out (sectors,) metres, minimum over each sector's beams, at most the range."""
     out[:] = beams.range_m
     quarter = math.pi / 2
+    cr, sr = math.cos(yaw), math.sin(yaw)
     if row[ROOM_HALF_X] > 0.0:
         hx, hy = row[ROOM_HALF_X], row[ROOM_HALF_Y]
-        _see_face(out, beams, -yaw, hx - x, -hy - y, hy - y)
-        _see_face(out, beams, quarter - yaw, hy - y, x - hx, x + hx)
-        _see_face(out, beams, 2 * quarter - yaw, hx + x, y - hy, y + hy)
-        _see_face(out, beams, 3 * quarter - yaw, hy + y, -hx - x, hx - x)
+        _see_face(out, beams, -yaw, cr, -sr, hx - x, -hy - y, hy - y)
+        _see_face(out, beams, quarter - yaw, sr, cr, hy - y, x - hx, x + hx)
+        _see_face(out, beams, 2 * quarter - yaw, -cr, sr, hx + x, y - hy, y + hy)
+        _see_face(out, beams, 3 * quarter - yaw, -sr, -cr, hy + y, -hx - x, hx - x)
     for b in range(int(row[BOX_COUNT])):
         o = FIRST_BOX + BOX_COLUMNS * b
         dx, dy = x - row[o + BOX_X], y - row[o + BOX_Y]
@@ -424,36 +444,34 @@ def scan(row: Row, x: float, y: float, yaw: float, beams: Beams, out: NDArray[np
         c, s = row[o + BOX_COS], row[o + BOX_SIN]
         along, across = dx * c + dy * s, dy * c - dx * s  # the robot in the box's own frame
         turned = row[o + BOX_YAW] - yaw
+        ct, st = c * cr + s * sr, s * cr - c * sr  # the box's own x axis in the robot's frame
         if along > length:
-            _see_face(out, beams, turned + 2 * quarter, along - length, across - width, across + width)
+            _see_face(out, beams, turned + 2 * quarter, -ct, -st, along - length, across - width, across + width)
         elif along < -length:
-            _see_face(out, beams, turned, -length - along, -width - across, width - across)
+            _see_face(out, beams, turned, ct, st, -length - along, -width - across, width - across)
         if across > width:
-            _see_face(out, beams, turned + 3 * quarter, across - width, -length - along, length - along)
+            _see_face(out, beams, turned + 3 * quarter, st, -ct, across - width, -length - along, length - along)
         elif across < -width:
-            _see_face(out, beams, turned + quarter, -width - across, along - length, along + length)
-    _see_person(row, x, y, yaw, beams, out)
+            _see_face(out, beams, turned + quarter, -st, ct, -width - across, along - length, along + length)
+    _see_person(row, x, y, cr, sr, beams, out)
 
 
 @compiled
-def _see_person(row: Row, x: float, y: float, yaw: float, beams: Beams, out: NDArray[np.float64]) -> None:
+def _see_person(row: Row, x: float, y: float, cr: float, sr: float, beams: Beams, out: NDArray[np.float64]) -> None:
     """Shorten `out` by the person's circle; in each sector the beam nearest to its centre sees it closest."""
     dx, dy, radius = row[PERSON_X] - x, row[PERSON_Y] - y, row[PERSON_RADIUS]
     squared = dx * dx + dy * dy
     reach = beams.range_m + radius
     if squared >= reach * reach or squared <= radius * radius:
         return
-    turn = 2 * math.pi
-    bearing = math.atan2(dy, dx) - yaw
-    bearing -= turn * math.floor(bearing / turn)
-    distance = math.sqrt(squared)
-    half = math.asin(radius / distance)
-    per_radian = beams.number / turn
+    local_x, local_y = dx * cr + dy * sr, dy * cr - dx * sr
+    bearing = math.atan2(local_y, local_x)
+    half = math.asin(radius / math.sqrt(squared))
+    per_radian = beams.number / (2 * math.pi)
     centre = bearing * per_radian + beams.number
     first, last = math.ceil(centre - half * per_radian), math.floor(centre + half * per_radian)
     nearest = math.floor(centre + 0.5)
     per_sector = beams.number // beams.sectors
-    local_x, local_y = distance * math.cos(bearing), distance * math.sin(bearing)
     for sector in range(first // per_sector, last // per_sector + 1):
         beam = min(max(nearest, first, sector * per_sector), last, sector * per_sector + per_sector - 1)
         along = beams.directions[beam, 0] * local_x + beams.directions[beam, 1] * local_y
@@ -608,22 +626,24 @@ def observe(
 
 
 @compiled
-def jerk_penalty(state: State, i: int, v: float, w: float, weight: float) -> float:
+def jerk_penalty(
+    commands: NDArray[np.float64], largest_jerk: NDArray[np.float64], i: int, v: float, w: float, weight: float
+) -> float:
     """-weight |j|^2 / max |j|^2 so far, j = (a_t - 2 a_(t-1) + a_(t-2)) f^2 (spec 07); f cancels; a = 0 before.
 
     Updates the largest jerk and the command history of environment i. a is the command in m/s and rad/s.
     """
-    jerk_v = v - 2 * state.commands[i, 0, 0] + state.commands[i, 1, 0]
-    jerk_w = w - 2 * state.commands[i, 0, 1] + state.commands[i, 1, 1]
+    jerk_v = v - 2 * commands[i, 0, 0] + commands[i, 1, 0]
+    jerk_w = w - 2 * commands[i, 0, 1] + commands[i, 1, 1]
     squared = jerk_v * jerk_v + jerk_w * jerk_w
-    state.commands[i, 1] = state.commands[i, 0]
-    state.commands[i, 0, 0], state.commands[i, 0, 1] = v, w
-    largest = max(state.largest_jerk[i], squared)
-    state.largest_jerk[i] = largest
+    commands[i, 1, 0], commands[i, 1, 1] = commands[i, 0, 0], commands[i, 0, 1]
+    commands[i, 0, 0], commands[i, 0, 1] = v, w
+    largest = max(largest_jerk[i], squared)
+    largest_jerk[i] = largest
     return -weight * squared / largest if largest > 0.0 else 0.0
 
 
-@compiled
+@inlined
 def _step_one(
     i: int,
     state: State,
@@ -653,7 +673,7 @@ def _step_one(
     steps = state.steps[i]
     state.paths[i, steps, 0], state.paths[i, steps, 1] = pose[0], pose[1]
 
-    reward = rules.time_per_step + jerk_penalty(state, i, v, w, rules.jerk_weight)
+    reward = rules.time_per_step + jerk_penalty(state.commands, state.largest_jerk, i, v, w, rules.jerk_weight)
     goal_after = math.sqrt((row[GOAL_X] - pose[0]) ** 2 + (row[GOAL_Y] - pose[1]) ** 2)
     reward += rules.progress_weight * (goal_before - goal_after)
     crossed = crosses_itself(state.paths[i], steps, rules.loop_age)
@@ -705,7 +725,7 @@ def step_all(state: State, results: Results, actions: NDArray[np.float32], rules
         _step_one(i, state, results, actions, rules, beams, scratch)
 
 
-@numba.njit(cache=True, parallel=True)
+@numba.njit(parallel=True, **_FAST)
 def step_all_parallel(state: State, results: Results, actions: NDArray[np.float32], rules: Rules, beams: Beams) -> None:
     """One control step of every environment, on all of Numba's threads."""
     for i in numba.prange(state.poses.shape[0]):
