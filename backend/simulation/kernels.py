@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
@@ -37,12 +37,21 @@ Compiled = TypeVar("Compiled", bound=Callable[..., object])
 
 
 # NaN and infinity keep their meaning, so an empty field may have infinite clearance.
-_FAST = {"cache": True, "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"}, "error_model": "numpy"}
+_FAST: dict[str, Any] = {
+    "cache": True,
+    "fastmath": {"nsz", "arcp", "contract", "afn", "reassoc"},
+    "error_model": "numpy",
+}
 
 
 def compiled(function: Compiled) -> Compiled:
     """Compile for speed."""
     return cast(Compiled, numba.njit(**_FAST)(function))
+
+
+def compiled_parallel(function: Compiled) -> Compiled:
+    """Compile for speed, with `prange` loops on all of Numba's threads."""
+    return cast(Compiled, numba.njit(parallel=True, **_FAST)(function))
 
 
 def inlined(function: Compiled) -> Compiled:
@@ -653,10 +662,7 @@ def _step_one(
     beams: Beams,
     scratch: NDArray[np.float64],
 ) -> None:
-    """One control step of environment i."""
-    if state.finished[i]:
-        results.rewards[i] = 0.0
-        return
+    """One control step of environment i, which has not finished."""
     row, pose = state.rows[i], state.poses[i]
     forward, turning = min(max(actions[i, 0], -1.0), 1.0), min(max(actions[i, 1], -1.0), 1.0)
     v = (forward + 1) / 2 * (rules.v_max - rules.v_min) + rules.v_min
@@ -722,14 +728,28 @@ def step_all(state: State, results: Results, actions: NDArray[np.float32], rules
     """One control step of every environment, on one thread."""
     scratch = np.empty(beams.sectors)
     for i in range(state.poses.shape[0]):
-        _step_one(i, state, results, actions, rules, beams, scratch)
+        if state.finished[i]:
+            results.rewards[i] = 0.0
+        else:
+            _step_one(i, state, results, actions, rules, beams, scratch)
 
 
-@numba.njit(parallel=True, **_FAST)
+@compiled
+def _step_unless_finished(
+    i: int, state: State, results: Results, actions: NDArray[np.float32], rules: Rules, beams: Beams
+) -> None:
+    if state.finished[i]:
+        results.rewards[i] = 0.0
+    else:
+        _step_one(i, state, results, actions, rules, beams, np.empty(beams.sectors))
+
+
+@compiled_parallel
 def step_all_parallel(state: State, results: Results, actions: NDArray[np.float32], rules: Rules, beams: Beams) -> None:
     """One control step of every environment, on all of Numba's threads."""
     for i in numba.prange(state.poses.shape[0]):
-        _step_one(i, state, results, actions, rules, beams, np.empty(beams.sectors))
+        # Everything in a called function: Numba 0.68 loses a parallel loop's own writes to arrays inside tuples.
+        _step_unless_finished(i, state, results, actions, rules, beams)
 
 
 @compiled
