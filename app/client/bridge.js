@@ -1,0 +1,31 @@
+// @ts-check
+/**
+ * The wire to the page that holds this stage: events go up, only `hello` comes down. Origins are checked both ways.
+ *
+ * Every event is `{source: "desirepath-stage", type, ...}`; the types are listed in app/page.py.
+ */
+(() => {
+  "use strict";
+  const { pageOrigin } = window.desirePathConfig;
+  /** @type {Record<string, unknown>} */
+  const state = { connected: false, ready: false, playback_id: null };
+
+  /** @param {string} type @param {Record<string, unknown>} [detail] */
+  function post(type, detail = {}) {
+    if (window.parent !== window) {
+      window.parent.postMessage({ source: "desirepath-stage", type, ...detail }, pageOrigin);
+    }
+  }
+
+  window.addEventListener("message", (event) => {
+    if (event.source !== window.parent || event.origin !== pageOrigin) return;
+    if (event.data?.type === "hello") post("state", state);
+  });
+
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden) window.desirePath.player?.interrupt("tab-hidden");
+    post(document.hidden ? "tab-hidden" : "tab-visible");
+  });
+
+  window.desirePath = Object.assign(window.desirePath ?? {}, { bridge: { post, state } });
+})();

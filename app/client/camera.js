@@ -1,0 +1,87 @@
+// @ts-check
+/** The three views as a camera in this window: fitted from above, following from the eyes, or turned by the gaze. */
+(() => {
+  "use strict";
+  const MAX_PITCH = 1.4;
+  const TRACKED_HEIGHT_M = 0.3; // as app/views.py
+
+  /** @type {{view: string, eye: number[], target: number[], fov_rad: number, frame: number[]} | null} */
+  let camera = null;
+  let free = false;
+  let yaw = 0;
+  let pitch = 0;
+  /** @type {number[]} */
+  let watched = [0, 0];
+
+  function lookFromAbove() {
+    if (!camera) return;
+    const [xMin, yMin, xMax, yMax] = camera.frame;
+    const width = xMax - xMin;
+    const height = yMax - yMin;
+    const aspect = window.innerWidth / Math.max(1, window.innerHeight);
+    const upright = Math.max(height, width / aspect);
+    const lying = Math.max(width, height / aspect);
+    // A long room lies along the long side of the window, the same way for A and B.
+    const up = lying < 0.95 * upright ? [1, 0, 0] : [0, 1, 0];
+    const distance = Math.min(upright, up[0] ? lying : upright) / 2 / Math.tan(camera.fov_rad / 2);
+    const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
+    window.desirePath.viser.look({ eye: [...middle, distance], target: [...middle, 0], up, fovRad: camera.fov_rad });
+  }
+
+  function lookByGaze() {
+    if (!camera) return;
+    const [x, y, z] = camera.eye;
+    const flat = Math.cos(pitch);
+    const target = [x + flat * Math.cos(yaw), y + flat * Math.sin(yaw), z + Math.sin(pitch)];
+    window.desirePath.viser.look({ eye: camera.eye, target, up: [0, 0, 1], fovRad: camera.fov_rad });
+  }
+
+  function apply() {
+    if (!camera || free || !window.desirePath.viser.isUp()) return;
+    if (camera.view === "top_down") lookFromAbove();
+    else if (camera.view === "immersive") lookByGaze();
+    else {
+      const target = [watched[0], watched[1], TRACKED_HEIGHT_M];
+      window.desirePath.viser.look({ eye: camera.eye, target, up: [0, 0, 1], fovRad: camera.fov_rad });
+    }
+  }
+
+  window.addEventListener("resize", () => requestAnimationFrame(apply));
+
+  window.desirePath.camera = {
+    /** @param {NonNullable<typeof camera>} next */
+    use(next) {
+      free = false;
+      camera = next;
+      document.documentElement.dataset.view = next.view;
+      delete document.documentElement.dataset.camera;
+      watched = next.target.slice(0, 2);
+      this.recentre();
+    },
+    /** The gaze of the immersive view back to where the robot starts, the same for every drive in a scene. */
+    recentre() {
+      if (!camera) return;
+      const [dx, dy, dz] = camera.target.map((value, i) => value - /** @type {any} */ (camera).eye[i]);
+      yaw = Math.atan2(dy, dx);
+      pitch = Math.max(-0.35, Math.atan2(dz, Math.hypot(dx, dy)));
+      apply();
+    },
+    /** @param {number} x @param {number} y the robot is here now */
+    watch(x, y) {
+      watched = [x, y];
+      if (camera?.view === "first_person") apply();
+    },
+    /** @param {number} left @param {number} up radians */
+    turn(left, up) {
+      if (camera?.view !== "immersive" || free) return;
+      yaw += left;
+      pitch = Math.max(-MAX_PITCH, Math.min(MAX_PITCH, pitch + up));
+      apply();
+    },
+    /** Hand the camera to viser's own controls (analysts' replay). */
+    release() {
+      free = true;
+      document.documentElement.dataset.camera = "free";
+    },
+  };
+})();

@@ -1,0 +1,140 @@
+// @ts-check
+/**
+ * Plays trajectories by the browser's own clock: label, motion, a moment of rest, then one `played` to the page.
+ *
+ * Between the 5 Hz samples the path is a Catmull-Rom curve, which passes through every sample.
+ */
+(() => {
+  "use strict";
+  const { bridge } = window.desirePath;
+  /**
+   * @typedef {number[][]} Track rows of [t, x, y, yaw], yaw unwrapped
+   * @typedef {{playback_id: string, label: string, label_s: number, hold_s: number, tracks: Track[]}} Play
+   * @typedef {{tracks: Track[], speed: number, loop: boolean}} Replay
+   */
+
+  /** @type {string[]} */
+  let robots = [];
+  /** Counts playbacks; a frame of an older one sees that it is over. */
+  let turn = 0;
+  /** @type {string | null} */
+  let running = null;
+
+  /** @param {Track} track @param {number} t seconds @returns {number[]} [x, y, yaw] */
+  function at(track, t) {
+    const last = track.length - 1;
+    if (t <= track[0][0] || last === 0) return track[0].slice(1);
+    if (t >= track[last][0]) return track[last].slice(1);
+    let low = 0;
+    let high = last;
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (track[middle][0] <= t) low = middle;
+      else high = middle;
+    }
+    const u = (t - track[low][0]) / (track[high][0] - track[low][0]);
+    const before = track[Math.max(0, low - 1)];
+    const after = track[Math.min(last, high + 1)];
+    return [1, 2, 3].map((i) => {
+      const [p0, p1, p2, p3] = [before[i], track[low][i], track[high][i], after[i]];
+      return p1 + 0.5 * u * (p2 - p0 + u * (2 * p0 - 5 * p1 + 4 * p2 - p3 + u * (3 * (p1 - p2) + p3 - p0)));
+    });
+  }
+
+  /** @param {Track[]} tracks @param {number} t */
+  function pose(tracks, t) {
+    tracks.forEach((track, i) => {
+      const [x, y, yaw] = at(track, t);
+      window.desirePath.viser.pose(robots[i], x, y, yaw);
+      if (i === 0) window.desirePath.camera.watch(x, y);
+    });
+  }
+
+  /** @param {Track[]} tracks */
+  const length = (tracks) => Math.max(...tracks.map((track) => track[track.length - 1][0]));
+
+  window.desirePath.player = {
+    /** @param {string[]} names frames that move, one per track */
+    use(names) {
+      this.interrupt("another-scene");
+      robots = names;
+    },
+
+    /** @param {Play} order */
+    play(order) {
+      this.interrupt("another-drive");
+      const mine = ++turn;
+      const { tracks, label_s: labelS, hold_s: holdS, playback_id: id } = order;
+      const motionS = length(tracks);
+      const begun = performance.now();
+      let lastFrame = begun;
+      let longestGap = 0;
+      let frames = 0;
+      let moving = false;
+      running = id;
+      bridge.state.playback_id = id;
+      window.desirePath.camera.recentre();
+      pose(tracks, 0);
+      if (order.label) {
+        window.desirePath.sheet.label(order.label);
+        bridge.post("label", { playback_id: id, label: order.label });
+      }
+      const step = () => {
+        if (mine !== turn) return;
+        const now = performance.now();
+        const t = (now - begun) / 1000 - labelS;
+        if (t >= 0) {
+          if (!moving) {
+            moving = true;
+            window.desirePath.sheet.label("");
+            bridge.post("playing", { playback_id: id });
+          } else {
+            longestGap = Math.max(longestGap, now - lastFrame);
+          }
+          pose(tracks, t);
+          frames += 1;
+        }
+        lastFrame = now;
+        if (t < motionS + holdS) {
+          requestAnimationFrame(step);
+          return;
+        }
+        running = null;
+        bridge.state.playback_id = null;
+        bridge.post("played", {
+          playback_id: id,
+          frames,
+          duration_ms: Math.round(now - begun),
+          longest_gap_ms: Math.round(longestGap),
+        });
+      };
+      requestAnimationFrame(step);
+    },
+
+    /** @param {Replay} order */
+    replay({ tracks, speed, loop }) {
+      this.interrupt("another-drive");
+      const mine = ++turn;
+      const motionS = length(tracks);
+      const restS = 1.0;
+      const begun = performance.now();
+      const step = () => {
+        if (mine !== turn) return;
+        const t = ((performance.now() - begun) / 1000) * speed;
+        pose(tracks, loop ? t % (motionS + restS * speed) : t);
+        if (loop || t < motionS) requestAnimationFrame(step);
+      };
+      requestAnimationFrame(step);
+    },
+
+    /** @param {string} reason stops whatever moves; a drive that was being watched is reported */
+    interrupt(reason) {
+      turn += 1;
+      window.desirePath.sheet?.label("");
+      if (running === null) return;
+      bridge.post("interrupted", { playback_id: running, reason });
+      running = null;
+      bridge.state.playback_id = null;
+    },
+  };
+})();

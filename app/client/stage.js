@@ -1,0 +1,71 @@
+// @ts-check
+/** What the server may order (app/stage.py): show, play, replay, clear, replaced. One order at a time, in sequence. */
+(() => {
+  "use strict";
+  const { bridge, viser, camera, player, sheet } = window.desirePath;
+  /** Counts scenes; waiting for one ends when the next comes. */
+  let shown = 0;
+  /** @type {(() => void)[]} */
+  let afterReady = [];
+
+  /** @param {any} order */
+  function show(order) {
+    const mine = ++shown;
+    afterReady = [];
+    bridge.state.ready = false;
+    document.documentElement.dataset.stage = "building";
+    sheet.legend([]);
+    player.use(order.robots);
+    const whenStanding = () => {
+      if (mine !== shown) return;
+      if (!viser.isUp() || !order.meshes.every((/** @type {string} */ name) => viser.hasMesh(name))) {
+        requestAnimationFrame(whenStanding);
+        return;
+      }
+      viser.plainColours();
+      camera.use(order.camera);
+      for (const robot of order.robots) viser.pose(robot, ...order.start);
+      // Two more frames, so that what is called ready has been drawn.
+      requestAnimationFrame(() => requestAnimationFrame(() => {
+        if (mine !== shown) return;
+        document.documentElement.dataset.stage = "ready";
+        bridge.state.ready = true;
+        bridge.post("ready");
+        for (const next of afterReady.splice(0)) next();
+      }));
+    };
+    whenStanding();
+  }
+
+  /** @param {() => void} action */
+  function onceReady(action) {
+    if (bridge.state.ready) action();
+    else afterReady.push(action);
+  }
+
+  window.desirePath.run = (/** @type {any} */ order) => {
+    if (order.type === "show") show(order);
+    else if (order.type === "play") onceReady(() => player.play(order));
+    else if (order.type === "replay") {
+      onceReady(() => {
+        camera.release();
+        sheet.legend(order.legend);
+        player.replay(order);
+      });
+    } else if (order.type === "clear") {
+      shown += 1;
+      afterReady = [];
+      bridge.state.ready = false;
+      document.documentElement.dataset.stage = "empty";
+      player.use([]);
+      sheet.legend([]);
+    } else if (order.type === "replaced") {
+      viser.stopReconnecting();
+      player.interrupt("replaced");
+      bridge.post("replaced");
+    }
+  };
+
+  const probe = document.createElement("canvas");
+  if (!probe.getContext("webgl2")) bridge.post("webgl-missing");
+})();

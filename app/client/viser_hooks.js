@@ -1,0 +1,126 @@
+// @ts-check
+/**
+ * Every private part of viser's page that we lean on (viser 1.1.1; the server's side is app/viser_hooks.py):
+ * its websocket worker, its retry rule, `window.__viserMutable`, and the renderer behind react-three-fiber.
+ */
+(() => {
+  "use strict";
+  const { bridge } = window.desirePath;
+  let replaced = false;
+  let cameraReported = false;
+
+  // viser only reconnects while its document has the focus; ours sits in an iframe that rarely has it.
+  document.hasFocus = () => !replaced;
+
+  /** @param {{type?: string}} data what viser's worker says about its websocket */
+  function fromWorker(data) {
+    if (data?.type === "connected") {
+      cameraReported = false;
+      bridge.state.connected = true;
+      document.documentElement.dataset.link = "up";
+      bridge.post("connected");
+    } else if (data?.type === "closed" && bridge.state.connected) {
+      bridge.state.connected = false;
+      bridge.state.ready = false;
+      document.documentElement.dataset.link = "lost";
+      window.desirePath.player.interrupt("connection-lost");
+      if (!replaced) bridge.post("connection-lost");
+    }
+  }
+
+  // viser's websocket lives in a worker. Listening in tells us about the connection, and stops the camera reports
+  // (50 a second during playback) after the one that viser needs to count this client as connected.
+  const NativeWorker = window.Worker;
+  window.Worker = class extends NativeWorker {
+    /** @param {string | URL} url @param {WorkerOptions} [options] */
+    constructor(url, options) {
+      super(url, options);
+      this.addEventListener("message", (event) => fromWorker(event.data));
+    }
+
+    /** @param {any} message @param {any} [transfer] */
+    postMessage(message, transfer) {
+      if (message?.type === "send") {
+        if (message.message?.type !== "ViewerCameraMessage" || cameraReported) return;
+        cameraReported = true;
+      }
+      super.postMessage(message, transfer);
+    }
+  };
+
+  const mutable = () => window.__viserMutable;
+
+  /** @param {number[]} point world metres, z up @returns {any} three.js vector in viser's y-up world */
+  function vector(point) {
+    const { camera, nodeRefFromName } = mutable();
+    return camera.position.clone().set(...point).applyQuaternion(nodeRefFromName[""].quaternion);
+  }
+
+  window.desirePath.viser = {
+    /** Whether viser's page stands so far that a camera can be set. */
+    isUp: () => Boolean(mutable()?.cameraControl && mutable().camera && mutable().nodeRefFromName[""]),
+
+    /** @param {string} name @returns {boolean} whether the node is in the scene with its mesh decoded */
+    hasMesh(name) {
+      let found = false;
+      mutable()?.nodeRefFromName[name]?.traverse((/** @type {any} */ part) => { found ||= Boolean(part.isMesh); });
+      return found;
+    },
+
+    /** @param {string} name @param {number} x @param {number} y @param {number} yaw */
+    pose(name, x, y, yaw) {
+      const pose = mutable()?.nodePoseData[name];
+      if (!pose) return;
+      pose.position = [x, y, 0];
+      pose.wxyz = [Math.cos(yaw / 2), 0, 0, Math.sin(yaw / 2)];
+      pose.poseUpdateState = "needsUpdate";
+      mutable().requestRender();
+    },
+
+    /** @param {{eye: number[], target: number[], up: number[], fovRad: number}} view */
+    look({ eye, target, up, fovRad }) {
+      const { camera, cameraControl } = mutable();
+      const upward = vector(up);
+      if (camera.up.distanceToSquared(upward) > 1e-9) {
+        camera.up.copy(upward);
+        cameraControl.updateCameraUp();
+      }
+      const degrees = (fovRad * 180) / Math.PI;
+      if (Math.abs(camera.fov - degrees) > 1e-6 || camera.near !== 0.05) {
+        camera.fov = degrees;
+        camera.near = 0.05;
+        camera.far = 400;
+        camera.updateProjectionMatrix();
+      }
+      const from = vector(eye);
+      const to = vector(target);
+      cameraControl.setLookAt(from.x, from.y, from.z, to.x, to.y, to.z, false);
+      mutable().requestRender();
+    },
+
+    /** Colours leave the renderer as they were baked: no film curve over them. */
+    plainColours() {
+      let root = mutable().scene;
+      while (root.parent) root = root.parent;
+      const renderer = root.__r3f?.root?.getState().gl;
+      if (renderer) renderer.toneMapping = 0;
+    },
+
+    /** After another connection took over: stay away. */
+    stopReconnecting() {
+      replaced = true;
+      window.dispatchEvent(new Event("blur"));
+    },
+  };
+
+  // Capture phase, because these events do not bubble.
+  document.addEventListener("webglcontextlost", () => {
+    document.documentElement.dataset.webgl = "lost";
+    window.desirePath.player.interrupt("webgl-lost");
+    bridge.post("webgl-lost");
+  }, true);
+  document.addEventListener("webglcontextrestored", () => {
+    delete document.documentElement.dataset.webgl;
+    bridge.post("webgl-restored");
+  }, true);
+})();

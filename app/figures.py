@@ -1,0 +1,131 @@
+"""The robot and the person: a TurtleBot whose heading reads at a glance, a wooden mannequin that faces +x.
+
+Both stand at the origin of their own frame, floor at z = 0. Looks only: what the robot hits is decided elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from app.shapes import Colour, Shape, ball, box, disc, limb, merged, turned
+from backend.simulation.setups import ROBOT_RADIUS_M
+
+PERSON_DISC_RADIUS_M = 0.25  # spec 01, scene 3
+_EYE_SHARE = 0.93  # eyes at this share of body height
+
+_GRAPHITE: Colour = (58, 60, 64)
+_GRAPHITE_LIGHT: Colour = (92, 95, 100)
+_STEEL: Colour = (176, 178, 180)
+_LAMP: Colour = (255, 236, 150)
+_BEECH: Colour = (214, 174, 126)
+_BEECH_DARK: Colour = (176, 134, 90)
+_BLUE: Colour = (52, 120, 214)
+
+
+@dataclass(frozen=True)
+class RobotColours:
+    """What may differ between two robots on one stage (analysts only; participants always see `NEUTRAL`)."""
+
+    top: Colour
+    lamp: Colour
+
+
+NEUTRAL = RobotColours(top=(240, 240, 236), lamp=_LAMP)
+LEFT = RobotColours(top=(88, 150, 222), lamp=(226, 240, 255))
+RIGHT = RobotColours(top=(232, 150, 66), lamp=(255, 240, 216))
+
+
+def eye_height_m(person_height: float) -> float:
+    """Height of the eyes above the floor."""
+    return _EYE_SHARE * person_height
+
+
+def robot(colours: RobotColours = NEUTRAL) -> Shape:
+    """A TurtleBot 2: base, three plates on posts, a sensor bar, and a lamp arc at its front (+x). Opaque parts."""
+    r = ROBOT_RADIUS_M
+    base = [(0, 0.015), (r * 0.94, 0.015), (r, 0.03), (r, 0.085), (r * 0.93, 0.105), (0, 0.105)]
+    parts = [turned(base, _GRAPHITE, segments=32)]
+    lamp_arc = math.radians(52)
+    parts.append(
+        turned(
+            [(r * 1.005, 0.045), (r * 1.012, 0.045), (r * 1.012, 0.088), (r * 0.94, 0.108), (r * 0.86, 0.110)],
+            colours.lamp,
+            segments=16,
+            start=-lamp_arc,
+            stop=lamp_arc,
+        )
+    )
+    for height, colour in ((0.17, _GRAPHITE), (0.27, _GRAPHITE), (0.385, colours.top)):
+        plate = [
+            (0, height),
+            (r * 0.9, height),
+            (r * 0.92, height + 0.006),
+            (r * 0.9, height + 0.014),
+            (0, height + 0.014),
+        ]
+        parts.append(turned(plate, colour, segments=32))
+    for angle in (0.7, 2.3, -2.3, -0.7):
+        x, y = 0.72 * r * math.cos(angle), 0.72 * r * math.sin(angle)
+        parts.append(turned([(0.008, 0.1), (0.008, 0.39)], _STEEL, segments=8).moved(x, y))
+    top = 0.399
+    front = turned(
+        [(r * 0.46, top + 0.002), (r * 0.9, top + 0.002)][::-1], _GRAPHITE, segments=14, start=-0.62, stop=0.62
+    )
+    bar = turned(
+        [(r * 0.62, top + 0.004), (r * 0.86, top + 0.004)][::-1], colours.lamp, segments=14, start=-0.52, stop=0.52
+    )
+    sensor = [
+        box((0.05, 0.20, 0.045), (0.035, 0, 0.345), _GRAPHITE_LIGHT),
+        box((0.01, 0.16, 0.022), (0.062, 0, 0.346), _GRAPHITE),
+    ]
+    return merged([*parts, front, bar, *sensor]).lit(turning=True)
+
+
+def robot_glow(colours: RobotColours = NEUTRAL) -> Shape:
+    """What lies on the floor under the robot: its contact shadow and the light of its lamp ahead. Translucent."""
+    shade = disc(0.25, 0.006, (38, 26, 18), alpha=0.62, rim_alpha=0.0)
+    reach, half = 0.62, 0.52
+    rays = 14
+    light = turned([(reach, 0.008), (ROBOT_RADIUS_M * 0.9, 0.008)], colours.lamp, segments=rays, start=-half, stop=half)
+    light.colours[: rays + 1, 3] = 0.0
+    light.colours[rays + 1 :, 3] = 0.75
+    return merged([shade, light])
+
+
+def mannequin(height: float = 1.7) -> Shape:
+    """A jointed wooden figure facing +x, arms a little forward, nose and feet telling front from back."""
+    s = height / 1.7
+    parts = [
+        ball((0.0, 0, 1.575), (0.098, 0.078, 0.122), _BEECH),
+        limb((0.085, 0, 1.575), (0.135, 0, 1.550), 0.018, 0.014, _BEECH_DARK, segments=8),
+        limb((-0.005, 0, 1.40), (0.0, 0, 1.47), 0.045, 0.042, _BEECH_DARK),
+        ball((0.0, 0, 1.25), (0.118, 0.172, 0.185), _BEECH),
+        limb((0, -0.165, 1.36), (0, 0.165, 1.36), 0.055, 0.055, _BEECH),
+        ball((0.0, 0, 1.04), (0.088, 0.118, 0.10), _BEECH_DARK),
+        ball((0.0, 0, 0.92), (0.108, 0.158, 0.105), _BEECH),
+    ]
+    for side in (-1, 1):
+        shoulder, elbow, hand = (0.0, side * 0.222, 1.355), (0.03, side * 0.262, 1.09), (0.20, side * 0.235, 0.93)
+        hip, knee, ankle = (0.0, side * 0.088, 0.88), (0.018, side * 0.094, 0.49), (-0.01, side * 0.098, 0.09)
+        parts += [
+            ball(shoulder, (0.062, 0.062, 0.062), _BEECH_DARK, segments=12, rings=7),
+            limb(shoulder, elbow, 0.046, 0.038, _BEECH),
+            ball(elbow, (0.042, 0.042, 0.042), _BEECH_DARK, segments=10, rings=6),
+            limb(elbow, hand, 0.037, 0.029, _BEECH),
+            ball((hand[0] + 0.04, hand[1], hand[2] - 0.03), (0.055, 0.026, 0.036), _BEECH_DARK, segments=10, rings=6),
+            limb(hip, knee, 0.076, 0.054, _BEECH),
+            ball(knee, (0.058, 0.055, 0.058), _BEECH_DARK, segments=10, rings=6),
+            limb(knee, ankle, 0.052, 0.036, _BEECH),
+            ball((0.062, side * 0.104, 0.040), (0.135, 0.050, 0.042), _BEECH_DARK, segments=12, rings=6),
+        ]
+    figure = merged(parts)
+    return Shape(figure.positions * s, figure.normals, figure.colours, figure.faces).lit()
+
+
+def person_place() -> Shape:
+    """The translucent blue disc that marks a person's place. Spec 01, scene 3."""
+    plate = disc(PERSON_DISC_RADIUS_M, 0.010, _BLUE, alpha=0.46, rim_alpha=0.46, segments=48)
+    r = PERSON_DISC_RADIUS_M
+    rim = turned([(r, 0.012), (r * 0.93, 0.012)], _BLUE, segments=48, alpha=0.85)
+    return merged([plate, rim])

@@ -1,0 +1,185 @@
+"""Obstacles and walls as things one recognises: sideboard, column, crate, planter, plastered wall.
+
+Every piece stays inside the box that the robot collides with; only looks live here.
+"""
+
+from __future__ import annotations
+
+import math
+
+from app.shapes import Colour, Shape, ball, box, merged, turned
+from backend.simulation.scene import Obstacle, Room
+
+CUT_WALL_HEIGHT_M = 0.30  # seen from above, walls are cut low as in a plan, so that they hide nothing
+
+_OAK: Colour = (186, 146, 104)
+_OAK_DARK: Colour = (150, 112, 76)
+_OAK_LIGHT: Colour = (206, 170, 128)
+_LINEN: Colour = (232, 226, 214)
+_STONE: Colour = (222, 216, 206)
+_STONE_DARK: Colour = (196, 188, 176)
+_BRASS: Colour = (150, 122, 78)
+_PLASTER: Colour = (240, 234, 223)
+_SKIRTING: Colour = (206, 196, 180)
+_WALL_CAP: Colour = (190, 178, 160)
+_TERRACOTTA: Colour = (186, 120, 88)
+_SOIL: Colour = (88, 68, 54)
+_LEAF: Colour = (104, 134, 92)
+_LEAF_LIGHT: Colour = (132, 158, 108)
+_GLASS: Colour = (206, 222, 228)
+
+
+def sideboard(length: float, width: float, height: float) -> Shape:
+    """A sideboard on short legs with doors and drawers on both long sides; long side along x when length > width."""
+    if width > length:
+        return sideboard(width, length, height).moved(yaw=math.pi / 2)
+    leg, top, rim = 0.10, 0.035, 0.012
+    body_height = height - leg - top
+    parts = [
+        box((length - 0.04, width - 0.04, body_height), (0, 0, leg + body_height / 2), _OAK),
+        box((length, width, top), (0, 0, height - top / 2), _OAK_DARK),
+        box((length - 0.16, width - 0.16, 0.02), (0, 0, leg - 0.01), _OAK_DARK),
+    ]
+    for x in (-1, 1):
+        for y in (-1, 1):
+            parts.append(box((0.06, 0.06, leg), (x * (length / 2 - 0.08), y * (width / 2 - 0.08), leg / 2), _OAK_DARK))
+    doors = max(2, round(length / 0.55))
+    door_width = (length - 0.08) / doors
+    drawer = 0.24 * body_height
+    for side in (-1, 1):
+        face = side * (width / 2 - 0.02)
+        for i in range(doors):
+            x = -length / 2 + 0.04 + door_width * (i + 0.5)
+            for low, tall, colour in (
+                (leg, body_height - drawer, _LINEN),
+                (leg + body_height - drawer, drawer, _OAK_LIGHT),
+            ):
+                centre = (x, face + side * rim / 2, low + tall / 2)
+                parts.append(box((door_width - 0.025, rim, tall - 0.025), centre, colour))
+                parts.append(box((0.12, 0.014, 0.018), (x, face + side * 0.013, low + tall - 0.07), _BRASS))
+    return merged(parts)
+
+
+def column(length: float, width: float, height: float) -> Shape:
+    """A stone column: square base and capital, round shaft."""
+    radius = 0.5 * min(length, width)
+    base = min(0.10, height / 4)
+    shaft = [(radius * 0.86, base * 1.2), (radius * 0.80, base * 1.5), (radius * 0.74, height - base * 1.4)]
+    shaft.append((radius * 0.86, height - base))
+    return merged(
+        [
+            box((length, width, base), (0, 0, base / 2), _STONE_DARK),
+            turned([(radius * 0.94, base), (radius * 0.94, base * 1.2), *shaft], _STONE, segments=20),
+            box((length, width, base), (0, 0, height - base / 2), _STONE_DARK),
+        ]
+    )
+
+
+def crate(length: float, width: float, height: float) -> Shape:
+    """A wooden crate: boards behind a frame, a brace across each side."""
+    frame = min(0.07, 0.14 * min(length, width, height))
+    inset = 0.018
+    parts = []
+    boards = max(3, round(height / 0.14))
+    board = (height - 0.02) / boards
+    for i in range(boards):
+        tone = _OAK if i % 2 else _OAK_LIGHT
+        z = 0.01 + board * (i + 0.5)
+        parts.append(box((length - 2 * inset, width - 2 * inset, board - 0.008), (0, 0, z), tone))
+    lids = max(3, round(length / 0.14))
+    lid = length / lids
+    for i in range(lids):
+        tone = _OAK_LIGHT if i % 2 else _OAK
+        parts.append(box((lid - 0.01, width, 0.02), (-length / 2 + lid * (i + 0.5), 0, height - 0.01), tone))
+    for x in (-1, 1):
+        for y in (-1, 1):
+            corner = (x * (length - frame) / 2, y * (width - frame) / 2, height / 2 - 0.01)
+            parts.append(box((frame, frame, height - 0.02), corner, _OAK_DARK))
+    for z in (frame / 2, height - 0.02 - frame / 2):
+        for side in (-1, 1):
+            parts.append(box((length - 2 * frame, 0.016, frame), (0, side * (width / 2 - 0.009), z), _OAK_DARK))
+            parts.append(box((0.016, width - 2 * frame, frame), (side * (length / 2 - 0.009), 0, z), _OAK_DARK))
+    return merged(parts)
+
+
+def planter(length: float, width: float, height: float) -> Shape:
+    """A terracotta trough with low leaves; leaves stay below `height`."""
+    trough = 0.62 * height
+    rim = 0.05
+    parts = [
+        box((length - 0.06, width - 0.06, trough), (0, 0, trough / 2), _TERRACOTTA),
+        box((length, rim, 0.07), (0, (width - rim) / 2, trough - 0.035), _TERRACOTTA),
+        box((length, rim, 0.07), (0, -(width - rim) / 2, trough - 0.035), _TERRACOTTA),
+        box((rim, width - 2 * rim, 0.07), ((length - rim) / 2, 0, trough - 0.035), _TERRACOTTA),
+        box((rim, width - 2 * rim, 0.07), (-(length - rim) / 2, 0, trough - 0.035), _TERRACOTTA),
+        box((length - 2 * rim, width - 2 * rim, 0.01), (0, 0, trough - 0.005), _SOIL),
+    ]
+    room = height - trough
+    spots = 7
+    for i in range(spots):
+        angle = 2 * math.pi * i / (spots - 1)
+        out = 0.0 if i == spots - 1 else 0.27
+        radius = room * (0.56 if out == 0.0 else 0.46)
+        wide = min(radius * 1.15, 0.2 * min(length, width))
+        centre = (out * length * math.cos(angle), out * width * math.sin(angle), trough + radius * 0.75)
+        parts.append(ball(centre, (wide, wide, radius), _LEAF if i % 2 else _LEAF_LIGHT, segments=9, rings=5))
+    return merged(parts)
+
+
+def piece(obstacle: Obstacle, index: int) -> Shape:
+    """The obstacle's furniture in the world frame. Cubes alternate between crates and planters by `index`."""
+    size = (obstacle.length, obstacle.width, obstacle.height)
+    if obstacle.kind == "pillar":
+        made = column(*size)
+    elif obstacle.kind == "cube":
+        made = planter(*size) if index % 3 == 2 else crate(*size)
+    elif obstacle.kind == "wall":
+        made = box(size, (0, 0, obstacle.height / 2), _PLASTER)
+    else:
+        made = sideboard(*size)
+    return made.moved(obstacle.pose.x, obstacle.pose.y, yaw=obstacle.pose.yaw).lit()
+
+
+def room_walls(room: Room, *, cut: bool) -> Shape:
+    """The four walls with skirting; `cut` low for the view from above, else full height with windows and a door."""
+    height = min(CUT_WALL_HEIGHT_M, room.wall_height) if cut else room.wall_height
+    parts = []
+    for wall in room.walls():
+        x, y = wall.pose.x, wall.pose.y
+        parts.append(box((wall.length, wall.width, height - 0.02), (x, y, (height - 0.02) / 2), _PLASTER))
+        parts.append(box((wall.length, wall.width, 0.02), (x, y, height - 0.01), _WALL_CAP))
+    half_x, half_y, skirt = room.length / 2, room.width / 2, 0.09
+    for side in (-1, 1):
+        parts.append(box((0.02, room.width, skirt), (side * (half_x - 0.01), 0, skirt / 2), _SKIRTING))
+        parts.append(box((room.length, 0.02, skirt), (0, side * (half_y - 0.01), skirt / 2), _SKIRTING))
+    if not cut:
+        parts += [part for side in (-1, 1) for part in _windows(side * half_x, room.width, side, room.wall_height)]
+        parts += _door(half_y, room.length, room.wall_height)
+    return merged(parts).lit()
+
+
+def _windows(x: float, along: float, side: int, wall_height: float) -> list[Shape]:
+    """Two framed windows on the wall at `x`, seen from inside."""
+    low, high = 0.42 * wall_height, 0.86 * wall_height
+    tall, wide = high - low, min(1.7, 0.25 * along)
+    found = []
+    for where in (-0.24, 0.24):
+        y, z = where * along, (low + high) / 2
+        inner = x - side * 0.012
+        found.append(box((0.024, wide + 0.12, tall + 0.12), (inner, y, z), _LINEN))
+        for pane in (-1, 1):
+            found.append(box((0.03, wide / 2 - 0.03, tall), (inner, y + pane * wide / 4, z), _GLASS))
+        found.append(box((0.09, wide + 0.2, 0.035), (x - side * 0.045, y, low - 0.07), _OAK_LIGHT))
+    return found
+
+
+def _door(y: float, along: float, wall_height: float) -> list[Shape]:
+    """A closed door in the wall at `y`, seen from inside."""
+    tall, wide, x = 0.93 * wall_height, 0.9, -0.18 * along
+    return [
+        box((wide + 0.16, 0.02, tall + 0.06), (x, y - 0.01, (tall + 0.06) / 2), _SKIRTING),
+        box((wide, 0.03, tall), (x, y - 0.015, tall / 2), _OAK_LIGHT),
+        box((wide - 0.24, 0.036, 0.40 * tall), (x, y - 0.018, 0.72 * tall), _OAK),
+        box((wide - 0.24, 0.036, 0.34 * tall), (x, y - 0.018, 0.27 * tall), _OAK),
+        box((0.11, 0.07, 0.022), (x + wide / 2 - 0.09, y - 0.035, 0.5 * tall), _BRASS),
+    ]

@@ -1,0 +1,48 @@
+"""The stage's page: viser's index.html with our style and scripts put before everything of its own.
+
+The page posts these events to its parent window (`pageOrigin` only), each `{source: "desirepath-stage", type, ...}`:
+
+| type | more | meaning |
+|---|---|---|
+| `connected`, `connection-lost` | | the websocket is up, or gone and being retried |
+| `ready` | | the scene stands and has been drawn |
+| `label` | `playback_id, label` | the label is shown |
+| `playing` | `playback_id` | the robot starts to move |
+| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end |
+| `interrupted` | `playback_id, reason` | stopped before its end by `tab-hidden`, `webgl-lost`, ... |
+| `tab-hidden`, `tab-visible` | | |
+| `webgl-missing`, `webgl-lost`, `webgl-restored` | | |
+| `replaced` | | the same stage was opened elsewhere; this one stays still |
+| `key` | `key` | a key pressed while the stage had the focus (A and B, say) |
+| `state` | `connected, ready, playback_id` | the answer to the parent's `{type: "hello"}` |
+"""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from pathlib import Path
+
+from app import viser_hooks
+
+_CLIENT = Path(__file__).parent / "client"
+_SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", "stage.js")
+
+
+def stage_page(page_origin: str) -> str:
+    """The page as HTML. page_origin: the only window that may hold it and hear from it, like "https://host:9400"."""
+    config = json.dumps({"pageOrigin": page_origin}).replace("<", "\\u003c")
+    head, tail = _parts()
+    return f"{head}<script>window.desirePathConfig = {config};</script>{tail}"
+
+
+@cache
+def _parts() -> tuple[str, str]:
+    """viser's page, cut where our configuration goes; our scripts come first, so that they run first."""
+    html = viser_hooks.index_html().replace("<title>Viser</title>", "<title>Stage</title>", 1)
+    before, head_tag, after = html.partition("<head>")
+    if not head_tag:
+        raise viser_hooks.HookError("viser's index.html has no <head> to put the stage's scripts into")
+    style = (_CLIENT / "stage.css").read_text(encoding="utf-8")
+    scripts = "\n".join((_CLIENT / name).read_text(encoding="utf-8") for name in _SCRIPTS)
+    return before + head_tag, f"<style>{style}</style><script>{scripts}</script>{after}"

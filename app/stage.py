@@ -1,0 +1,175 @@
+"""One stage: what one browser connection sees. Shows scenes, plays trajectories; knows no study and no trial.
+
+Playback itself runs in the page (`client/player.js`); the page tells its parent window when a trajectory has been
+watched to its end. Nothing that is sent there names a policy, a goal or a participant.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import viser
+
+from app import figures, scene_nodes, viser_hooks
+from app.views import View, camera_for, require_view
+from backend.simulation.scene import Scene
+from backend.simulation.trajectory import Trajectory
+
+LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
+HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
+
+
+def viewing_time_s(trajectory: Trajectory) -> float:
+    """The shortest time in which a trajectory can have been watched: label, motion, end, in seconds."""
+    return LABEL_S + trajectory.duration_s + HOLD_S
+
+
+@dataclass(frozen=True)
+class _Showing:
+    scene: Scene
+    view: View
+    frame: tuple[float, float, float, float]
+    robots: tuple[figures.RobotColours, ...]
+
+
+class Stage:
+    """The stage of one connection. Methods may be called from any thread and return at once."""
+
+    def __init__(self, key: str, client: viser.ClientHandle, close: Callable[[], None]) -> None:
+        """key: what the connection's path said. close: drops the connection."""
+        self.key = key
+        self._client = client
+        self._close = close
+        self._lock = threading.RLock()
+        self._showing: _Showing | None = None
+        self._nodes = scene_nodes.Nodes((), ())
+        self._shown = 0
+
+    def show(self, scene: Scene, view: View, *, trajectories: Sequence[Trajectory] = ()) -> None:
+        """Build the scene with the robot at its start. The page posts `ready` when all of it can be seen.
+
+        trajectories: everything that will be played in this scene; give A and B together, so that the view from
+        above is framed once for both. Raises ViewError for an unknown view.
+        """
+        self._show(scene, require_view(view), trajectories, (figures.NEUTRAL,))
+
+    def play(
+        self,
+        trajectory: Trajectory,
+        *,
+        label: str,
+        view: View,
+        playback_id: str,
+        label_s: float = LABEL_S,
+        trajectories: Sequence[Trajectory] = (),
+    ) -> None:
+        """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
+
+        Builds the scene first when another one stands there. label: "A", "B", or "" for none.
+        """
+        with self._lock:
+            self._show(trajectory.scene, require_view(view), trajectories or (trajectory,), (figures.NEUTRAL,))
+            self._run(
+                {
+                    "type": "play",
+                    "playback_id": playback_id,
+                    "label": label,
+                    "label_s": label_s if label else 0.0,
+                    "hold_s": HOLD_S,
+                    "tracks": [_samples(trajectory)],
+                }
+            )
+
+    def replay_pair(
+        self,
+        left: Trajectory,
+        right: Trajectory,
+        *,
+        names: tuple[str, str],
+        speed: float = 1.0,
+        loop: bool = True,
+        view: View = "top_down",
+    ) -> None:
+        """For analysts: both trajectories of one scene at once, in two colours with their paths; the camera is free.
+
+        Raises ValueError when the scenes differ or the speed is not positive.
+        """
+        if left.scene != right.scene:
+            raise ValueError(
+                f"replay field 'right.scene' = {right.scene.digest()[:8]}: a pair needs one scene, "
+                f"left has {left.scene.digest()[:8]}"
+            )
+        if not speed > 0:
+            raise ValueError(f"replay field 'speed' = {speed!r}: needs a number above 0, 1 is real time")
+        with self._lock:
+            colours = (figures.LEFT, figures.RIGHT)
+            self._show(left.scene, require_view(view), (left, right), colours)
+            for name, trajectory, colour in zip(("left", "right"), (left, right), colours, strict=True):
+                scene_nodes.add_path(self._client.scene, f"{self._root}/{name}", trajectory.poses, colour.top)
+            self._run(
+                {
+                    "type": "replay",
+                    "tracks": [_samples(left), _samples(right)],
+                    "speed": speed,
+                    "loop": loop,
+                    "legend": [
+                        {"name": name, "colour": list(colour.top)} for name, colour in zip(names, colours, strict=True)
+                    ],
+                }
+            )
+
+    def clear(self) -> None:
+        """An empty stage."""
+        with self._lock:
+            self._client.scene.reset()
+            self._showing = None
+            self._run({"type": "clear"})
+
+    def retire(self) -> None:
+        """Tell the page that another connection took its place, and drop it. It will not come back by itself."""
+        with self._lock:
+            self._run({"type": "replaced"})
+            self._client.flush()
+        self._close()
+
+    @property
+    def _root(self) -> str:
+        return f"/scene{self._shown}"
+
+    def _show(
+        self, scene: Scene, view: View, trajectories: Sequence[Trajectory], robots: tuple[figures.RobotColours, ...]
+    ) -> None:
+        camera = camera_for(scene, view, trajectories)
+        showing = _Showing(scene, view, camera.frame, robots)
+        with self._lock:
+            if showing == self._showing:
+                return
+            self._shown += 1
+            with self._client.atomic():
+                self._client.scene.reset()
+                self._nodes = scene_nodes.build(self._client.scene, self._root, scene, view, camera, robots)
+                self._run(
+                    {
+                        "type": "show",
+                        "camera": camera.as_message(),
+                        "meshes": self._nodes.meshes,
+                        "robots": self._nodes.robots,
+                        "start": [scene.start.x, scene.start.y, scene.start.yaw],
+                    }
+                )
+            self._showing = showing
+
+    def _run(self, command: dict[str, Any]) -> None:
+        viser_hooks.run_javascript(self._client, f"window.desirePath.run({json.dumps(command)})")
+
+
+def _samples(trajectory: Trajectory) -> list[list[float]]:
+    """[[t, x, y, yaw], ...] in s, m, rad, yaw unwrapped, for the page's player."""
+    poses = np.asarray(trajectory.poses, np.float64)
+    rows = np.column_stack([trajectory.times, poses[:, :2], np.unwrap(poses[:, 2])])
+    return [[round(float(value), 4) for value in row] for row in rows]

@@ -1,0 +1,128 @@
+"""Floor materials and shadows, drawn with numpy: wood, concrete, and the soft dark around whatever stands on them.
+
+Pictures only; where they lie is decided in `scene_nodes.py`.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from backend.simulation.scene import Obstacle
+
+TILE_M = 4.0  # side of one floor tile before it repeats; a multiple of the 1 m grid
+_PIXELS_PER_M = 128
+_PLANKS_PER_TILE = 25  # 16 cm boards
+_SHADOW_PIXELS_PER_M = 24
+_SHADOW_COLOUR = (38, 26, 18)
+
+Image2D = NDArray[np.float32]
+
+
+def _noise(rng: np.random.Generator, rows: int, columns: int, size: int) -> Image2D:
+    """Smooth periodic noise in [-1, 1] of `size` x `size` pixels from a coarse grid, tileable."""
+    coarse = rng.uniform(-1, 1, (rows, columns)).astype(np.float32)
+    padded = np.pad(coarse, ((2, 2), (2, 2)), mode="wrap")
+    picture = Image.fromarray(padded).resize(
+        ((columns + 4) * size // columns, (rows + 4) * size // rows), Image.Resampling.BICUBIC
+    )
+    top, left = 2 * size // rows, 2 * size // columns
+    noise: Image2D = np.asarray(picture, np.float32)[top : top + size, left : left + size]
+    return noise
+
+
+def _grid_lines(size: int, strength: float) -> Image2D:
+    """A faint line every metre: 0 off the lines, -strength on them."""
+    across = np.arange(size) % _PIXELS_PER_M
+    line = (across < 2).astype(np.float32) * -strength
+    return np.minimum(line[:, None], line[None, :])
+
+
+def _jpeg(picture: NDArray[np.float32]) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(out, "JPEG", quality=86)
+    return out.getvalue()
+
+
+@cache
+def wood_tile() -> bytes:
+    """JPEG of oak boards along x, 4 x 4 m, tileable, with a faint 1 m grid."""
+    size = int(TILE_M * _PIXELS_PER_M)
+    rng = np.random.default_rng(20)
+    board_of_row = np.arange(size) * _PLANKS_PER_TILE // size
+    tone = np.zeros((size, size), np.float32)
+    gap = np.zeros((size, size), np.float32)
+    columns = np.arange(size)
+    for board in range(_PLANKS_PER_TILE):
+        rows = board_of_row == board
+        shift = int(rng.integers(size))
+        ends = (shift + np.array([0, int(size * rng.uniform(0.38, 0.62))])) % size
+        which = (((columns - ends[0]) % size) >= ((ends[1] - ends[0]) % size)).astype(int)
+        tone[rows] = rng.uniform(-1, 1, 2).astype(np.float32)[which]
+        for end in ends:
+            gap[np.ix_(rows, (end + np.arange(2)) % size)] = 1.0
+    first_row = np.flatnonzero(np.diff(board_of_row, prepend=-1))
+    gap[first_row] = 1.0
+    grain = 0.65 * _noise(rng, 256, 8, size) + 0.35 * _noise(rng, 512, 16, size)
+    light = 1.0 + 0.042 * tone + 0.030 * grain - 0.17 * gap + _grid_lines(size, 0.07)
+    warmth = np.stack([1.0 + 0.006 * tone, np.ones_like(tone), 1.0 - 0.02 * tone], axis=-1)
+    return _jpeg(np.array([214, 184, 148], np.float32) * light[..., None] * warmth)
+
+
+@cache
+def concrete_tile() -> bytes:
+    """JPEG of matte concrete, 4 x 4 m, tileable, with a faint 1 m grid of joints."""
+    size = int(TILE_M * _PIXELS_PER_M)
+    rng = np.random.default_rng(21)
+    cloud = 0.6 * _noise(rng, 4, 4, size) + 0.4 * _noise(rng, 16, 16, size)
+    speck = _noise(rng, 256, 256, size)
+    light = 1.0 + 0.022 * cloud + 0.016 * speck + _grid_lines(size, 0.10)
+    return _jpeg(np.array([206, 200, 190], np.float32) * light[..., None])
+
+
+def _distance_to(solid: Obstacle, x: Image2D, y: Image2D) -> Image2D:
+    """Distance (m) from every point to the solid's footprint, 0 inside."""
+    c, s = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
+    dx, dy = x - solid.pose.x, y - solid.pose.y
+    along = np.abs(c * dx + s * dy) - solid.length / 2
+    across = np.abs(-s * dx + c * dy) - solid.width / 2
+    return np.hypot(np.maximum(along, 0), np.maximum(across, 0)).astype(np.float32)
+
+
+def shadow(solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> bytes:
+    """PNG with alpha over `bounds` (x_min, y_min, x_max, y_max in metres): dark where solids keep the light away.
+
+    A tight dark edge around every footprint, and a soft longer one away from the light (the same light that
+    `shapes.Shape.lit` bakes). Row 0 is y_max, as texture coordinates in `scene_nodes.py` expect.
+    """
+    x_min, y_min, x_max, y_max = bounds
+    columns = max(8, int((x_max - x_min) * _SHADOW_PIXELS_PER_M))
+    rows = max(8, int((y_max - y_min) * _SHADOW_PIXELS_PER_M))
+    x, y = np.meshgrid(
+        np.linspace(x_min, x_max, columns, dtype=np.float32), np.linspace(y_max, y_min, rows, dtype=np.float32)
+    )
+    light_left = np.ones_like(x)
+    for solid in solids:
+        light_left *= 1.0 - 0.42 * np.exp(-_distance_to(solid, x, y) / 0.11)
+        if solid.kind == "wall":
+            continue  # walls stand around everything: their long shadow would only dim one side of the room
+        reach = min(0.55 * solid.height, 0.6)
+        cast = np.zeros_like(x)
+        for step in (0.25, 0.5, 0.75, 1.0):
+            gone = reach * step
+            distance = _distance_to(solid, x - np.float32(0.78 * gone), y - np.float32(0.63 * gone))
+            cast += np.exp(-((distance / (0.05 + 0.10 * step)) ** 2)) * (1.1 - step)
+        light_left *= 1.0 - 0.16 * np.minimum(cast, 1.5)
+    alpha = np.clip(1.0 - light_left, 0.0, 0.72)
+    picture = np.empty((rows, columns, 4), np.uint8)
+    picture[..., :3] = _SHADOW_COLOUR
+    picture[..., 3] = (alpha * 255).astype(np.uint8)
+    out = io.BytesIO()
+    Image.fromarray(picture).save(out, "PNG")
+    return out.getvalue()

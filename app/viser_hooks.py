@@ -1,0 +1,100 @@
+"""Every part of viser that its public interface does not promise, in one place, pinned to one version.
+
+`tests/app/test_viser_hooks.py` fails when viser changes any of it. The page's side of the same bargain is
+`client/viser_hooks.js`. Nothing else in the house may touch a private name of viser.
+"""
+
+from __future__ import annotations
+
+import functools
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import rich
+import viser
+from viser import _messages
+
+PINNED_VERSION = "1.1.1"
+SUBPROTOCOL = f"viser-v{PINNED_VERSION}"
+MAX_CLIENT_MESSAGE_BYTES = 2048  # a camera report is about 300
+
+
+class HookError(RuntimeError):
+    """The installed viser is not the one these hooks were written for."""
+
+
+def require_pinned_viser() -> None:
+    """Raise HookError when another viser is installed."""
+    if viser.__version__ != PINNED_VERSION:
+        raise HookError(f"viser is {viser.__version__!r}; the hooks need exactly {PINNED_VERSION}")
+
+
+def run_javascript(client: viser.ClientHandle, source: str) -> None:
+    """Have one client's page run `source`, after everything that was sent to it before."""
+    client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source=source))
+
+
+def connection_path(server: viser.ViserServer, client_id: int) -> str | None:
+    """The path that a client connected to, "/..." and still percent-encoded; None when it is gone."""
+    connection = server._websock_server._live_connections.get(client_id)
+    return None if connection is None or connection.request is None else connection.request.path
+
+
+def disconnect(server: viser.ViserServer, client_id: int) -> None:
+    """Close one client's connection. Quiet when it is gone."""
+    import asyncio
+
+    connection = server._websock_server._live_connections.get(client_id)
+    loop = server._websock_server._background_event_loop
+    if connection is not None and loop is not None and not loop.is_closed():
+        asyncio.run_coroutine_threadsafe(connection.close(), loop)
+
+
+def index_html() -> str:
+    """viser's own page: one file with its script and style inside."""
+    return (Path(viser.__file__).parent / "client" / "build" / "index.html").read_text(encoding="utf-8")
+
+
+class CameraReport(msgspec.Struct, tag="ViewerCameraMessage", forbid_unknown_fields=True):
+    """What a page tells about its camera. viser counts a client as connected from its first one on."""
+
+    wxyz: tuple[float, float, float, float]
+    position: tuple[float, float, float]
+    fov: float
+    near: float
+    far: float
+    image_height: int
+    image_width: int
+    look_at: tuple[float, float, float]
+    up_direction: tuple[float, float, float]
+
+
+_decoder = msgspec.msgpack.Decoder(CameraReport)  # grows to a union when a page may send more
+
+
+def is_allowed_from_client(frame: bytes) -> bool:
+    """Whether a page may send this frame to viser: small, of a type on the list above, and well formed."""
+    if len(frame) > MAX_CLIENT_MESSAGE_BYTES:
+        return False
+    try:
+        _decoder.decode(frame)
+    except (msgspec.DecodeError, ValueError):
+        return False
+    return True
+
+
+def silence_viser() -> None:
+    """Keep viser's start and stop notices off stdout, where `--json` output belongs to the caller."""
+    if getattr(rich.print, "silences_viser", False):
+        return
+    original = rich.print
+
+    @functools.wraps(original)
+    def print_unless_viser(*objects: Any, **options: Any) -> None:
+        if not sys._getframe(1).f_globals.get("__name__", "").startswith("viser."):
+            original(*objects, **options)
+
+    print_unless_viser.silences_viser = True  # type: ignore[attr-defined]
+    rich.print = print_unless_viser

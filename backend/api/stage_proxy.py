@@ -1,0 +1,255 @@
+"""The door to the stage: the only way from a browser to viser, on an origin of its own.
+
+Admission is asked of the caller (`admit`); the rules for what passes are here. No study logic, no other pages.
+The stage needs `unsafe-eval`, so it must not share an origin with our pages: `two_origins` serves both from one process
+by the port that was connected to.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+
+import websockets
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
+
+from app import viser_hooks
+from app.page import stage_page
+
+MESSAGES_PER_S = 20.0  # a page of ours sends one message per connection; the rest is room for reconnects
+MESSAGES_BURST = 40.0
+REFUSALS_BEFORE_CLOSING = 100  # a client that goes on sending what it may not is dropped
+TOKEN_PREFIX_LENGTH = 6
+
+# For uvicorn: no compression (geometry is compressed already, and it costs a core), small frames from clients.
+UVICORN_OPTIONS = {"ws": "websockets-sansio", "ws_per_message_deflate": False, "ws_max_size": 65_536}
+
+_TOKEN = re.compile(r"[A-Za-z0-9_.~-]{1,400}")
+_POLICY_VIOLATION, _GOING_AWAY = 1008, 1001
+
+
+@dataclass(frozen=True)
+class StageGrant:
+    """Admission to one stage. key: which one, the same that `StageServer.on_connect` is told."""
+
+    key: str
+
+
+@dataclass(frozen=True)
+class Origins:
+    """Where the pages and the stage live, each like "https://study.example:8443"."""
+
+    page: str
+    stage: str
+
+
+Admit = Callable[[str, Mapping[str, str], str | None], Awaitable[StageGrant | None]]
+OnRefused = Callable[[str, str], None]
+OriginsOf = Callable[[str], Origins | None]
+
+
+def fixed_origins(page: str, stage: str) -> OriginsOf:
+    """One public address of each; requests to any other host name are refused."""
+    origins = Origins(page.rstrip("/"), stage.rstrip("/"))
+    host = origins.stage.partition("://")[2]
+    return lambda requested: origins if requested == host else None
+
+
+def same_host_origins(page_port: int, stage_port: int, scheme: str = "http") -> OriginsOf:
+    """Pages and stage under whatever host name the browser used, told apart by port (local use, tests)."""
+
+    def of(requested: str) -> Origins | None:
+        name, _, port = requested.rpartition(":")
+        if not name or port != str(stage_port):
+            return None
+        return Origins(f"{scheme}://{name}:{page_port}", f"{scheme}://{name}:{stage_port}")
+
+    return of
+
+
+class _Allowance:
+    """A token bucket: `MESSAGES_PER_S` on average, `MESSAGES_BURST` at once."""
+
+    def __init__(self) -> None:
+        self._left, self._at = MESSAGES_BURST, time.monotonic()
+
+    def take(self) -> bool:
+        now = time.monotonic()
+        self._left = min(MESSAGES_BURST, self._left + (now - self._at) * MESSAGES_PER_S)
+        self._at = now
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+class StageDoor:
+    """Serves `/stage/{token}/` and its websocket. Build once, mount with `asgi()`."""
+
+    def __init__(
+        self,
+        *,
+        admit: Admit,
+        upstream_url: Callable[[str], str],
+        origins: OriginsOf,
+        on_refused: OnRefused,
+    ) -> None:
+        """admit(token, cookies, origin): a grant or None; `origin` is None for the page itself, which has none.
+
+        upstream_url(key): viser's websocket address (`StageServer.upstream_url`). on_refused(reason, token_prefix):
+        for the log, which must never see a whole token.
+        """
+        self._admit, self._upstream_url = admit, upstream_url
+        self._origins, self._on_refused = origins, on_refused
+
+    def asgi(self) -> Starlette:
+        """The door as an ASGI application."""
+        return Starlette(
+            routes=[
+                Route("/stage/{token}/", self._page, methods=["GET"]),
+                WebSocketRoute("/stage/{token}", self._websocket),
+            ]
+        )
+
+    def _refused(self, reason: str, token: str) -> None:
+        self._on_refused(reason, token[:TOKEN_PREFIX_LENGTH])
+
+    async def _page(self, request: Request) -> Response:
+        token = request.path_params["token"]
+        origins = self._origins(request.headers.get("host", ""))
+        if origins is None:
+            self._refused("page: unknown host name", token)
+            return PlainTextResponse("This address does not serve a stage.", 404)
+        if request.url.query:  # viser's page would take another server's address from there
+            self._refused("page: address with a query", token)
+            return PlainTextResponse("The stage's address takes no query.", 400)
+        grant = await self._admit(token, request.cookies, None) if _TOKEN.fullmatch(token) else None
+        if grant is None:
+            self._refused("page: not admitted", token)
+            return PlainTextResponse("This link is not valid here, or no longer. Please reload the study page.", 403)
+        websocket_origin = "ws" + origins.stage.removeprefix("http")
+        policy = {
+            "default-src": "'none'",
+            "script-src": "'unsafe-inline' 'unsafe-eval' blob: data:",
+            "worker-src": "blob: data:",
+            "style-src": "'unsafe-inline'",
+            "img-src": "data: blob:",
+            "font-src": "data:",
+            "connect-src": f"{websocket_origin} blob: data:",
+            "frame-ancestors": origins.page,
+            "base-uri": "'none'",
+            "form-action": "'none'",
+        }
+        return Response(
+            stage_page(origins.page),
+            media_type="text/html",
+            headers={
+                "Content-Security-Policy": "; ".join(f"{name} {value}" for name, value in policy.items()),
+                "Cache-Control": "no-store",
+                "Referrer-Policy": "no-referrer",
+                "X-Content-Type-Options": "nosniff",
+                "Cross-Origin-Resource-Policy": "same-site",
+                "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+            },
+        )
+
+    async def _websocket(self, socket: WebSocket) -> None:
+        token = socket.path_params["token"]
+        origins = self._origins(socket.headers.get("host", ""))
+        origin = socket.headers.get("origin")
+        reason = None
+        grant = None
+        if origins is None:
+            reason = "websocket: unknown host name"
+        elif origin != origins.stage:
+            reason = f"websocket: wrong origin {origin!r}"[:120]
+        elif viser_hooks.SUBPROTOCOL not in socket.scope["subprotocols"]:
+            reason = "websocket: wrong subprotocol"
+        elif not _TOKEN.fullmatch(token):
+            reason = "websocket: malformed token"
+        else:
+            grant = await self._admit(token, socket.cookies, origin)
+            if grant is None:
+                reason = "websocket: not admitted"
+        if grant is None:
+            self._refused(reason or "websocket: not admitted", token)
+            await socket.close(_POLICY_VIOLATION)
+            return
+        try:
+            upstream = await websockets.connect(
+                self._upstream_url(grant.key),
+                subprotocols=[websockets.Subprotocol(viser_hooks.SUBPROTOCOL)],
+                compression=None,
+                max_size=None,
+                open_timeout=5,
+            )
+        except (OSError, TimeoutError, websockets.exceptions.WebSocketException):
+            self._refused("websocket: the stage server does not answer", token)
+            await socket.close(_GOING_AWAY)
+            return
+        async with upstream:
+            await socket.accept(subprotocol=viser_hooks.SUBPROTOCOL)
+            up = asyncio.create_task(self._from_client(socket, upstream, token))
+            down = asyncio.create_task(self._to_client(socket, upstream))
+            try:
+                await asyncio.wait((up, down), return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for task in (up, down):
+                    task.cancel()
+                await asyncio.gather(up, down, return_exceptions=True)
+        if socket.application_state is not WebSocketState.DISCONNECTED:
+            try:
+                await socket.close(_GOING_AWAY)
+            except (RuntimeError, WebSocketDisconnect):
+                return  # the browser was faster
+
+    async def _from_client(self, socket: WebSocket, upstream: websockets.ClientConnection, token: str) -> None:
+        """Pass what the allow-list has; anything else is dropped and logged once per connection and reason."""
+        allowance, refusals = _Allowance(), 0
+        logged: set[str] = set()
+        while refusals < REFUSALS_BEFORE_CLOSING:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            frame = message.get("bytes")
+            if frame is None or not viser_hooks.is_allowed_from_client(frame):
+                reason = "message: type, size or form not allowed"
+            elif not allowance.take():
+                reason = "message: too many"
+            else:
+                await upstream.send(frame)
+                continue
+            refusals += 1
+            if reason not in logged:
+                logged.add(reason)
+                self._refused(reason, token)
+        self._refused("message: closed after too many refusals", token)
+
+    async def _to_client(self, socket: WebSocket, upstream: websockets.ClientConnection) -> None:
+        async for frame in upstream:
+            if isinstance(frame, bytes):
+                await socket.send_bytes(frame)
+            else:
+                await socket.send_text(frame)
+
+
+def two_origins(pages: ASGIApp, stage: ASGIApp, *, stage_port: int) -> ASGIApp:
+    """One ASGI application for both origins: what arrives on `stage_port` goes to the stage, all else to the pages.
+
+    Told by the socket that the request came in on, which a client cannot choose by a header. Serve it with one
+    uvicorn on two sockets: `uvicorn.Server(Config(app, **UVICORN_OPTIONS)).serve(sockets=[page, stage])`.
+    """
+
+    async def application(scope: Scope, receive: Receive, send: Send) -> None:
+        on_stage_port = scope["type"] in ("http", "websocket") and (scope.get("server") or ("", 0))[1] == stage_port
+        await (stage if on_stage_port else pages)(scope, receive, send)
+
+    return application
