@@ -1,0 +1,109 @@
+// What every signed-in page does in the browser: local times, copying, dialogs, live parts, typed confirmations.
+
+const pad = (/** @type {number} */ number) => String(number).padStart(2, "0");
+
+/**
+ * Write every <time datetime> below `root` as ISO in the reader's own time zone.
+ * @param {ParentNode} root
+ */
+export function localTimes(root) {
+  for (const time of root.querySelectorAll("time[datetime]")) {
+    const moment = new Date(/** @type {HTMLTimeElement} */ (time).dateTime);
+    if (Number.isNaN(moment.getTime())) continue;
+    const day = `${moment.getFullYear()}-${pad(moment.getMonth() + 1)}-${pad(moment.getDate())}`;
+    const text = `${day} ${pad(moment.getHours())}:${pad(moment.getMinutes())}`;
+    time.setAttribute("title", moment.toISOString());
+    if (time.textContent !== text) time.textContent = text;
+  }
+}
+
+/** Buttons with data-copies="ID OF AN INPUT". */
+function copyButtons() {
+  document.addEventListener("click", async (event) => {
+    const button = /** @type {HTMLElement} */ (event.target).closest("[data-copies]");
+    if (!(button instanceof HTMLElement)) return;
+    const source = document.getElementById(button.dataset.copies ?? "");
+    const said = button.parentElement?.querySelector("[role=status]");
+    if (!source || !said) return;
+    const field = source instanceof HTMLInputElement || source instanceof HTMLTextAreaElement ? source : null;
+    try {
+      await navigator.clipboard.writeText(field ? field.value : source.textContent ?? "");
+    } catch {
+      // No clipboard on plain http: select, so that one key press copies.
+      field?.select();
+      return;
+    }
+    said.textContent = button.dataset.copied ?? "";
+  });
+}
+
+/** Buttons with data-opens="ID OF A DIALOG", and data-closes inside it. */
+function dialogs() {
+  document.addEventListener("click", (event) => {
+    const target = /** @type {HTMLElement} */ (event.target);
+    const opener = target.closest("[data-opens]");
+    if (opener instanceof HTMLElement) {
+      const dialog = document.getElementById(opener.dataset.opens ?? "");
+      if (dialog instanceof HTMLDialogElement) dialog.showModal();
+    }
+    if (target.closest("[data-closes]")) target.closest("dialog")?.close();
+  });
+}
+
+/** A form with data-wants="TEXT" can be sent once its field [data-typed] holds that text. The server checks too. */
+function typedConfirmations() {
+  for (const form of document.querySelectorAll("form[data-wants]")) {
+    const typed = form.querySelector("[data-typed]");
+    const button = form.querySelector("button[data-needs-typed]");
+    if (!(form instanceof HTMLFormElement && typed instanceof HTMLInputElement && button instanceof HTMLButtonElement)) {
+      continue;
+    }
+    const check = () => {
+      button.disabled = typed.value.trim() !== form.dataset.wants;
+    };
+    typed.addEventListener("input", check);
+    check();
+  }
+}
+
+/**
+ * Parts with data-live="ADDRESS" are fetched again every data-every seconds while the page is seen; only a changed
+ * part is replaced, and never while the reader's focus or selection is inside it.
+ */
+function liveParts() {
+  for (const part of document.querySelectorAll("[data-live]")) {
+    if (!(part instanceof HTMLElement)) continue;
+    let known = "";
+    const note = document.querySelector("[data-live-note]");
+    const refresh = async () => {
+      if (document.hidden) return;
+      try {
+        const response = await fetch(part.dataset.live ?? "", { headers: { "X-Fragment": "1" } });
+        if (response.redirected || response.status === 401) {
+          window.location.reload();
+          return;
+        }
+        if (!response.ok) throw new Error(String(response.status));
+        const fresh = await response.text();
+        if (note) note.textContent = note.getAttribute("data-fresh") ?? "";
+        const selected = document.getSelection();
+        const busy = part.contains(document.activeElement) || (selected && !selected.isCollapsed && part.contains(selected.anchorNode));
+        if (fresh !== known && !busy) {
+          part.innerHTML = fresh;
+          localTimes(part);
+          known = fresh;
+        }
+      } catch {
+        if (note) note.textContent = note.getAttribute("data-stale") ?? "";
+      }
+    };
+    window.setInterval(refresh, 1000 * Number(part.dataset.every ?? 3));
+    document.addEventListener("visibilitychange", refresh);
+  }
+}
+
+localTimes(document);
+copyButtons();
+dialogs();
+typedConfirmations();
+liveParts();
