@@ -107,6 +107,15 @@ def surface_distance(row: Row, x: float, y: float) -> float:
 
 
 @compiled
+def path_surface_distance(row: Row, path: NDArray[np.float64]) -> float:
+    """The smallest `surface_distance` along the points (points, 2) of a path."""
+    nearest = math.inf
+    for p in range(path.shape[0]):
+        nearest = min(nearest, surface_distance(row, path[p, 0], path[p, 1]))
+    return nearest
+
+
+@compiled
 def person_distance(row: Row, x: float, y: float) -> float:
     """Distance (m) from a point to the person's centre."""
     return math.sqrt((x - row[PERSON_X]) ** 2 + (y - row[PERSON_Y]) ** 2)
