@@ -35,8 +35,10 @@ class Settings(BaseSettings):
 
     @property
     def jobs_database(self) -> str:
-        """DBOS keeps its own tables in a file of its own (same server when a URL is given)."""
-        return self.database_url or f"sqlite:///{(self.data / 'jobs.sqlite').resolve()}"
+        """DBOS keeps its own tables: in a file of its own, or in a schema of its own on the database server."""
+        if self.database_url and not self.database_url.startswith("sqlite"):
+            return self.database_url
+        return f"sqlite:///{(self.data / 'jobs.sqlite').resolve()}"
 
     @property
     def artefacts(self) -> str:

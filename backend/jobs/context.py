@@ -1,0 +1,78 @@
+"""What a running job is given: the store, its own row, and a way to say how far it is."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from backend.settings import Settings
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.models import Job, JobMetric, utc_now
+
+WRITE_EVERY_S = 0.5  # progress is for eyes; every write is a transaction
+STEP_NAMES = ("updates", "steps", "epoch", "scenes", "step")  # what a curve's horizontal axis may be, first found
+
+
+class Progress:
+    """Collects progress and curve points and writes them at most twice a second."""
+
+    def __init__(self, database: Database, job_id: str) -> None:
+        self._database, self._job_id = database, job_id
+        self._points: list[JobMetric] = []
+        self._fraction, self._message = 0.0, ""
+        self._calls = 0
+        self._written = 0.0
+
+    def __call__(self, fraction: float, metrics: Mapping[str, float] | None = None, message: str | None = None) -> None:
+        """fraction done in [0, 1]; metrics by name, one of STEP_NAMES among them says where on the curve."""
+        self._calls += 1
+        self._fraction = min(1.0, max(0.0, fraction))
+        if message is not None:
+            self._message = message
+        metrics = dict(metrics or {})
+        step = next((int(metrics.pop(name)) for name in STEP_NAMES if name in metrics), self._calls)
+        for name, value in metrics.items():
+            if math.isfinite(value):
+                self._points.append(JobMetric(job_id=self._job_id, step=step, name=name, value=float(value)))
+        if time.monotonic() - self._written >= WRITE_EVERY_S:
+            self.flush()
+
+    def part(self, first: float, last: float) -> Part:
+        """A progress callback for one part of the job, which fills the bar from `first` to `last`."""
+        return Part(self, first, last)
+
+    def flush(self) -> None:
+        """Write what has not been written."""
+        self._written = time.monotonic()
+        points, self._points = self._points, []
+        with self._database.transaction() as s:
+            job = s.get(Job, self._job_id)
+            if job is not None:
+                job.progress, job.message, job.heartbeat_at = self._fraction, self._message, utc_now()
+                s.add_all(points)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A slice of a job's progress bar; called as `backend.learning` calls its progress callbacks."""
+
+    progress: Progress
+    first: float
+    last: float
+
+    def __call__(self, fraction: float, metrics: Mapping[str, float] | None = None) -> None:
+        self.progress(self.first + (self.last - self.first) * fraction, metrics)
+
+
+@dataclass(frozen=True)
+class JobContext:
+    """Everything a kind of job may use. `job` is a detached copy of its row as it was at the start."""
+
+    settings: Settings
+    database: Database
+    files: ArtefactStore
+    job: Job
+    progress: Progress

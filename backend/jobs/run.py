@@ -1,0 +1,105 @@
+"""The training process: `python -m backend.jobs.run JOB_ID WORKER_PID` does one job and writes down how it ended.
+
+Started by `process.py`; everything that is printed here goes into the job's log.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from pydantic import ValidationError
+
+from backend.jobs.context import JobContext, Progress
+from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file
+from backend.settings import Settings, get_settings
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.models import Job
+
+ORPHAN_POLL_S = 0.5
+NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the server goes before both
+
+
+def main(job_id: str, worker_pid: int) -> ExitCode:
+    """Do the job. Returns the exit code; the row holds the rest."""
+    threading.Thread(target=_end_with_worker, args=(worker_pid,), daemon=True).start()
+    settings = get_settings()
+    database, files = Database(settings.database), ArtefactStore(settings.artefacts)
+    with _only_one(settings, job_id):
+        with database.session() as s:
+            job = s.get(Job, job_id)
+            if job is None or job.state in FINAL_STATES:
+                return ExitCode.DONE
+            s.expunge(job)
+        os.nice(NICENESS["participant" if job.session_id else "analyst"])
+        print(f"{job.kind} {job_id} begins", flush=True)
+        progress = Progress(database, job_id)
+        began = time.monotonic()
+        try:
+            result = _work(JobContext(settings, database, files, job, progress))
+        except Exception as problem:
+            traceback.print_exc()
+            progress.flush()
+            return _fail(database, job_id, problem)
+        progress.flush()
+        print(f"done in {time.monotonic() - began:.1f} s", flush=True)
+        with database.transaction() as s:
+            row = s.get(Job, job_id)
+            if row is not None and row.state not in FINAL_STATES:
+                if row.state == "cancelling":
+                    finish(row, "cancelled")
+                else:
+                    row.result = result
+                    finish(row, "succeeded")
+        return ExitCode.DONE
+
+
+def _work(context: JobContext) -> dict[str, object]:
+    # Imported late: torch and numba take seconds, and their failure must be written to the row, too.
+    from backend.jobs.kinds import get_kind
+
+    kind = get_kind(context.job.kind)
+    return kind.run(context, kind.parse(context.job.params))
+
+
+def _fail(database: Database, job_id: str, problem: Exception) -> ExitCode:
+    """Write a readable error: the sentence of errors meant for people, the type besides for all others."""
+    meant_for_people = isinstance(problem, ValueError | LookupError | OSError) and not isinstance(
+        problem, ValidationError | KeyError | IndexError
+    )
+    text = str(problem) if meant_for_people else f"{type(problem).__name__}: {problem}"
+    with database.transaction() as s:
+        job = s.get(Job, job_id)
+        if job is not None and job.state not in FINAL_STATES:
+            job.error = text
+            finish(job, "cancelled" if job.state == "cancelling" else "failed")
+    return ExitCode.FAILED
+
+
+def _end_with_worker(worker_pid: int) -> None:
+    """A killed worker cannot end us, and the next one will start the job again: so end when ours is gone."""
+    while os.getppid() == worker_pid:
+        time.sleep(ORPHAN_POLL_S)
+    os._exit(ExitCode.ORPHANED)
+
+
+@contextmanager
+def _only_one(settings: Settings, job_id: str) -> Iterator[None]:
+    """Hold the job's log file, so that an orphan that has not noticed yet and its successor never overlap."""
+    file = log_file(settings, job_id)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("ab") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        yield
+
+
+if __name__ == "__main__":
+    entry: Callable[[str, int], ExitCode] = main
+    sys.exit(entry(sys.argv[1], int(sys.argv[2])))

@@ -1,0 +1,131 @@
+"""The background worker: hands rows of the job table to the engine, and looks after jobs whose worker is gone.
+
+What one job does lives in `kinds.py`, how its process is watched in `process.py`.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import platform
+import signal
+import subprocess
+import threading
+from datetime import timedelta
+from io import BufferedWriter
+
+import structlog
+from sqlalchemy import select
+
+from backend.jobs.engine import Engine, EngineState, Queue
+from backend.jobs.process import FINAL_STATES, conclude, end_group, finish, run_attempt
+from backend.settings import Settings
+from backend.store.database import Database, check_writable
+from backend.store.models import Job, utc_now
+
+OUTBOX_POLL_S = 0.25  # a participant is waiting
+STALE_CHECK_S = 5.0
+STALE_AFTER = timedelta(seconds=30)  # fifteen missed heartbeats
+
+log = structlog.get_logger("desirepath.worker")
+
+
+def queue_of(job: Job) -> Queue:
+    """A job that a session waits for does not queue behind an analyst's."""
+    return Queue.PARTICIPANTS if job.session_id else Queue.ANALYSTS
+
+
+class Worker:
+    """One worker process: an engine, and the loop that feeds it."""
+
+    def __init__(self, settings: Settings) -> None:
+        check_writable(settings.data)
+        self._settings = settings
+        self._database = Database(settings.database)
+        self._database.migrate()
+        self._slot, executor_id = _take_slot(settings)
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._submitted: set[str] = set()
+        self._engine = Engine(
+            settings.jobs_database,
+            executor_id=executor_id,
+            processes=settings.training_processes,
+            attempt=lambda job_id, number: run_attempt(self._database, settings, job_id, number, self._running),
+            conclude=lambda job_id, outcome: conclude(self._database, job_id, outcome),
+        )
+
+    def run(self, stopping: threading.Event) -> None:
+        """Work until `stopping` is set, then end all training processes; the next worker takes their jobs up."""
+        self._engine.start()
+        log.info("worker ready", processes=self._settings.training_processes)
+        until_check = 0.0
+        while not stopping.is_set():
+            self.submit_queued()
+            until_check -= OUTBOX_POLL_S
+            if until_check <= 0:
+                self.revive_stale()
+                until_check = STALE_CHECK_S
+            stopping.wait(OUTBOX_POLL_S)
+        for process in list(self._running.values()):
+            end_group(process)
+
+    def submit_queued(self) -> None:
+        """Give every queued row to the engine, once."""
+        with self._database.session() as s:
+            waiting = list(s.scalars(select(Job).where(Job.state == "queued").order_by(Job.created_at)))
+        for job in waiting:
+            if job.id not in self._submitted:
+                self._engine.submit(job.id, queue=queue_of(job), priority=job.priority)
+                self._submitted.add(job.id)
+
+    def revive_stale(self) -> None:
+        """Take up jobs whose worker has been silent for long; end those that the engine has given up."""
+        with self._database.session() as s:
+            unfinished = list(s.scalars(select(Job).where(Job.state.not_in(FINAL_STATES))))
+        for job in unfinished:
+            last_sign = job.heartbeat_at or job.created_at
+            if job.id in self._running or utc_now() - last_sign < STALE_AFTER:
+                continue
+            match self._engine.state(job.id):
+                case EngineState.UNKNOWN:
+                    self._engine.submit(job.id, queue=queue_of(job), priority=job.priority)
+                case EngineState.RUNNING:
+                    log.warning("job is taken up from a worker that is gone", job=job.id)
+                    self._engine.resume(job.id, queue=queue_of(job))
+                case EngineState.ENDED:
+                    self._give_up(job.id)
+                case EngineState.WAITING:
+                    pass
+
+    def _give_up(self, job_id: str) -> None:
+        with self._database.transaction() as s:
+            job = s.get(Job, job_id)
+            if job is not None and job.state not in FINAL_STATES:
+                job.error = job.error or "The queue ended this job without a result; start it again with retry."
+                finish(job, "failed")
+
+
+def run_worker(settings: Settings) -> None:
+    """Work until SIGTERM or SIGINT."""
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopping.set())
+    Worker(settings).run(stopping)
+    # No orderly end of the engine: it would wait for the interrupted steps and record them as failed. Left as they
+    # are, they are taken up by the next worker, exactly as after a kill.
+    os._exit(0)
+
+
+def _take_slot(settings: Settings) -> tuple[BufferedWriter, str]:
+    """The first free worker's place in this data folder, held until the process ends, and the executor id that goes
+    with it: the same after a restart, never shared by two living workers."""
+    number = 0
+    while True:
+        held = (settings.data / f"worker-{number}.lock").open("wb")
+        try:
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            held.close()
+            number += 1
+        else:
+            return held, f"{platform.node()}-{number}"
