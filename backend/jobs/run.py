@@ -17,6 +17,7 @@ from contextlib import contextmanager
 from pydantic import ValidationError
 
 from backend.jobs.context import JobContext, Progress
+from backend.jobs.kinds import get_kind
 from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file
 from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
@@ -63,10 +64,9 @@ def main(job_id: str, worker_pid: int) -> ExitCode:
 
 def _work(context: JobContext) -> dict[str, object]:
     # Imported late: torch and numba take seconds, and their failure must be written to the row, too.
-    from backend.jobs.kinds import get_kind
+    from backend.jobs.runners import run_kind
 
-    kind = get_kind(context.job.kind)
-    return kind.run(context, kind.parse(context.job.params))
+    return run_kind(context, get_kind(context.job.kind).parse(context.job.params))
 
 
 def _fail(database: Database, job_id: str, problem: Exception) -> ExitCode:
