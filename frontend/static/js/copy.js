@@ -1,0 +1,31 @@
+// @ts-check
+/** Copy buttons, print buttons, and times written in the reader's own time zone. */
+
+/** Local times below `root`. @param {ParentNode} root */
+export function localTimes(root) {
+  const format = new Intl.DateTimeFormat(document.documentElement.lang, { dateStyle: "long", timeStyle: "short" });
+  for (const time of /** @type {NodeListOf<HTMLTimeElement>} */ (root.querySelectorAll("time[data-local]"))) {
+    time.textContent = format.format(new Date(time.dateTime));
+  }
+}
+
+/**
+ * Copies the text of `source`; where the browser does not allow that, selects it for the reader to copy.
+ * @param {HTMLElement} source @returns {Promise<boolean>}
+ */
+export async function copyText(source) {
+  const range = document.createRange();
+  range.selectNodeContents(source);
+  const selection = getSelection();
+  selection?.removeAllRanges();
+  selection?.addRange(range);
+  try {
+    await navigator.clipboard.writeText(source.textContent?.trim() ?? "");
+    return true;
+  } catch {
+    return false;
+  }
+}
+
+document.querySelector("[data-print]")?.addEventListener("click", () => print());
+localTimes(document);

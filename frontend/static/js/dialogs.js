@@ -1,0 +1,28 @@
+// @ts-check
+/** Opening, turning and closing the page's dialogs; native `<dialog>` keeps the focus inside and gives it back. */
+
+export function readyDialogs() {
+  document.addEventListener("click", (event) => {
+    const target = event.target instanceof Element ? event.target.closest("button") : null;
+    if (!target) return;
+    if (target.dataset.opens) {
+      const dialog = /** @type {HTMLDialogElement} */ (document.getElementById(target.dataset.opens));
+      turn(dialog, target.dataset.pageTo ?? "choose");
+      dialog.showModal();
+    } else if ("closes" in target.dataset) {
+      target.closest("dialog")?.close();
+    } else if (target.dataset.turn) {
+      const dialog = target.closest("dialog");
+      if (dialog) turn(dialog, target.dataset.turn);
+    }
+  });
+}
+
+/** @param {HTMLDialogElement} dialog @param {string} name of the page inside it */
+function turn(dialog, name) {
+  const pages = /** @type {NodeListOf<HTMLElement>} */ (dialog.querySelectorAll("[data-page]"));
+  for (const page of pages) {
+    page.hidden = page.dataset.page !== name;
+    if (!page.hidden) /** @type {HTMLElement | null} */ (page.querySelector("h2"))?.focus();
+  }
+}

@@ -1,0 +1,322 @@
+// @ts-check
+/**
+ * A running session: shows the step that the server says, sends what the participant does. The server owns the state;
+ * whatever happens here, `refresh` shows again where the session stands.
+ */
+
+import { copyText, localTimes } from "./copy.js";
+import { readyDialogs } from "./dialogs.js";
+import { keeper } from "./keep.js";
+import { readyForm } from "./questions.js";
+import { pageData, speaker } from "./say.js";
+import { Refused, ask, fetchText, newRequestId, watchConnection } from "./send.js";
+import { StageFrame } from "./stage-frame.js";
+import { Trial } from "./trial.js";
+import { readyWait } from "./wait.js";
+
+/** @typedef {import("./types.js").PageData} PageData */
+/** @typedef {import("./types.js").SessionState} SessionState */
+
+const POLL_MS = 4000;
+
+const data = /** @type {PageData} */ (pageData());
+const say = speaker(data.texts, data.language);
+const api = `/api/session/${data.token}`;
+const keep = keeper(data.token);
+const $ = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
+const step = $("step");
+const banner = $("banner");
+
+/** @type {SessionState} */
+let current = data.state;
+/** @type {Trial | null} */
+let trial = null;
+/** @type {ReturnType<typeof readyWait> | null} */
+let wait = null;
+/** @type {EventSource | null} */
+let stream = null;
+let elsewhere = false;
+/** Counts arrivals of steps, so that a slow page never overwrites a newer one. */
+let arrival = 0;
+
+const stage = new StageFrame($("stage-frame"), data.stage_origin, (message) => trial?.hear(message));
+
+// ---- what the server says ------------------------------------------------------------------------------------------
+
+/** @param {SessionState} state */
+const identity = (state) => (state.state === "active" || state.state === "completed" ? state.step?.key : state.state);
+
+/** @param {SessionState} state */
+async function follow(state) {
+  if (elsewhere) return;
+  const moved = identity(state) !== identity(current);
+  current = state;
+  if (moved) await arrive();
+  else if (state.step?.trial) trial?.update(state.step.trial);
+}
+
+async function refresh() {
+  try {
+    await follow(await ask(api));
+  } catch (error) {
+    if (!(error instanceof Refused)) throw error;
+    location.reload(); // the link no longer counts: the server's page says why
+  }
+}
+
+/** Fetches the current step and shows it. */
+async function arrive() {
+  const mine = ++arrival;
+  const html = await fetchText(`/p/${data.token}/step`);
+  if (mine !== arrival || elsewhere) return;
+  const parsed = new DOMParser().parseFromString(html, "text/html");
+  step.replaceChildren(...parsed.body.childNodes);
+  const body = /** @type {HTMLElement | null} */ (step.querySelector(".step-body"));
+  // The fragment may be newer than the state that made us fetch it.
+  if (current.step && body?.dataset.key && body.dataset.key !== current.step.key) current = await ask(api);
+  mount();
+  scrollTo(0, 0);
+  if (!trial) /** @type {HTMLElement | null} */ (step.querySelector("h1"))?.focus({ preventScroll: true });
+}
+
+/** Brings the step in `#step` to life. */
+function mount() {
+  trial?.leave();
+  trial = null;
+  wait = null;
+  const body = /** @type {HTMLElement | null} */ (step.querySelector(".step-body"));
+  const kind = body?.dataset.kind ?? "";
+  const index = Number(body?.dataset.index ?? 0);
+  const total = Number(body?.dataset.total ?? 1);
+  showProgress(kind, index, total);
+  localTimes(step);
+
+  const onStage = Boolean(step.querySelector("#trial")) && current.state === "active";
+  document.body.dataset.layout = onStage ? "stage" : "text";
+  $("stage").hidden = !onStage;
+  if (!onStage) stage.close();
+
+  if (onStage && current.step) {
+    const key = current.step.key;
+    trial = new Trial($("trial"), current.step.trial ?? { phase: "ready" }, {
+      post: (path, sent) => ask(`${api}/trials/${encodeURIComponent(key)}/${path}`, sent),
+      answer: (value) => answer(key, value),
+      refresh,
+      say,
+      announce,
+      cover,
+      reloadStage: () => stage.reload(),
+    });
+    stage.open(stageUrl(), step.querySelector("h1")?.textContent ?? "");
+  } else if (kind === "wait") {
+    wait = readyWait(step, say);
+  } else if (current.step) {
+    const key = current.step.key;
+    readyForm(step, kind, {
+      say,
+      answer: (value) => answer(key, value),
+      keep: (values) => keep.draft(key, values),
+      kept: keep.drafted(key),
+    });
+  }
+  const link = step.querySelector("[data-own-link]");
+  if (link) link.textContent = `${location.origin}/p/${data.token}`;
+}
+
+const stageUrl = () => current.stage_url ?? `${data.stage_origin}/stage/${data.token}/`;
+
+/** @param {string} kind @param {number} index @param {number} total */
+function showProgress(kind, index, total) {
+  const going = ["active", "completed"].includes(current.state);
+  $("progress").hidden = !going;
+  $("tools").querySelectorAll("[data-pause], [data-opens=leave-dialog]").forEach((button) => {
+    /** @type {HTMLElement} */ (button).hidden = current.state !== "active" || kind === "debriefing";
+  });
+  $("progress-text").textContent = say("progress", { index: index + 1, total });
+  const bar = /** @type {HTMLProgressElement} */ ($("progress").querySelector("progress"));
+  bar.max = total;
+  bar.value = kind === "debriefing" ? total : index;
+}
+
+/** The stream tells at once; the poll tells if the stream cannot. */
+function listen() {
+  stream?.close();
+  stream = new EventSource(`${api}/stream`);
+  stream.addEventListener("state", () => refresh());
+  stream.addEventListener("moved", (event) => {
+    const told = parse(event);
+    if (told.reason === "step" || told.reason === "step_changed") refresh();
+    else moveOut();
+  });
+  stream.addEventListener("job", (event) => {
+    const job = parse(event);
+    wait?.(job);
+    if (job.done) refresh();
+  });
+}
+
+/** @param {Event} event @returns {any} */
+function parse(event) {
+  try {
+    return JSON.parse(/** @type {MessageEvent} */ (event).data || "{}");
+  } catch {
+    return {};
+  }
+}
+
+// ---- what the participant does -------------------------------------------------------------------------------------
+
+/**
+ * Sends an answer until it is acknowledged, then shows what follows.
+ * @param {string} key @param {Record<string, unknown> | object} value
+ */
+async function answer(key, value) {
+  const url = `${api}/steps/${encodeURIComponent(key)}`;
+  const body = { request_id: newRequestId(), value, client_time: new Date().toISOString() };
+  keep.hold({ url, body });
+  await deliver(url, body);
+  keep.forget(key);
+}
+
+/** @param {string} url @param {Record<string, unknown>} body */
+async function deliver(url, body) {
+  try {
+    const answered = await ask(url, body);
+    keep.release();
+    if (answered.step) await follow({ ...current, state: answered.state ?? current.state, step: answered.step });
+    await refresh();
+  } catch (error) {
+    if (!(error instanceof Refused)) throw error;
+    keep.release();
+    showBanner(say("refused"), 6000);
+    await refresh();
+  }
+}
+
+async function pauseSession() {
+  for (const dialog of document.querySelectorAll("dialog")) dialog.close();
+  await ask(`${api}/pause`, { request_id: newRequestId() }).catch(ignoreRefusal);
+  await refresh();
+}
+
+async function withdraw() {
+  try {
+    await ask(`${api}/withdraw`, { request_id: newRequestId() });
+  } catch (error) {
+    if (!(error instanceof Refused)) throw error;
+    $("leave-result").textContent = say("refused");
+    return;
+  }
+  for (const dialog of document.querySelectorAll("dialog")) dialog.close();
+  await refresh();
+}
+
+/** @param {unknown} error */
+function ignoreRefusal(error) {
+  if (!(error instanceof Refused)) throw error; // a refusal is answered by showing where the session stands
+}
+
+document.addEventListener("click", async (event) => {
+  const button = event.target instanceof Element ? event.target.closest("button") : null;
+  if (!button || button.getAttribute("aria-disabled") === "true") return;
+  if ("pause" in button.dataset) await once(button, pauseSession);
+  else if ("withdraw" in button.dataset) await once(button, withdraw);
+  else if ("resume" in button.dataset) {
+    await once(button, async () => {
+      await ask(`${api}/resume`, { request_id: newRequestId() }).catch(ignoreRefusal);
+      await refresh();
+    });
+  } else if ("reload" in button.dataset) location.reload();
+  else if (button.dataset.copy) {
+    const copied = await copyText($(button.dataset.copy));
+    const told = button.parentElement?.querySelector("[data-copied]");
+    if (told) told.textContent = say(copied ? "copied" : "copy_failed");
+  }
+});
+
+/** A second press while the first is under way does nothing. @param {HTMLButtonElement} button @param {() => Promise<void>} action */
+async function once(button, action) {
+  button.setAttribute("aria-disabled", "true");
+  try {
+    await action();
+  } finally {
+    button.removeAttribute("aria-disabled");
+  }
+}
+
+$("problem-form").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const field = /** @type {HTMLTextAreaElement} */ ($("problem-text"));
+  const text = field.value.trim();
+  if (!text) {
+    field.focus();
+    return;
+  }
+  try {
+    await ask(`${api}/problem`, { request_id: newRequestId(), text });
+    field.value = "";
+    $("problem-result").textContent = say("problem_sent");
+  } catch (error) {
+    if (!(error instanceof Refused)) throw error;
+    $("problem-result").textContent = say("problem_failed");
+  }
+});
+
+// ---- words around the step -----------------------------------------------------------------------------------------
+
+/** @param {string} text */
+function announce(text) {
+  $("live").textContent = text;
+}
+
+/** @param {string | null} text */
+function cover(text) {
+  $("stage-cover").hidden = text === null;
+  if (text !== null) {
+    $("stage-cover-text").textContent = text;
+    announce(text);
+  }
+}
+
+/** @type {ReturnType<typeof setTimeout> | undefined} */
+let bannerEnd;
+
+/** @param {string | null} text @param {number} [forMs] */
+function showBanner(text, forMs) {
+  clearTimeout(bannerEnd);
+  banner.hidden = text === null;
+  banner.textContent = text ?? "";
+  if (forMs) bannerEnd = setTimeout(() => showBanner(null), forMs);
+}
+
+/** Another window has taken over: this one rests, and offers to take over again. */
+function moveOut() {
+  elsewhere = true;
+  trial?.leave();
+  trial = null;
+  stream?.close();
+  stage.close();
+  $("stage").hidden = true;
+  $("progress").hidden = true;
+  $("tools").hidden = true;
+  document.body.dataset.layout = "text";
+  const words = /** @type {HTMLTemplateElement} */ (document.getElementById("elsewhere"));
+  step.replaceChildren(words.content.cloneNode(true));
+  /** @type {HTMLElement | null} */ (step.querySelector("h1"))?.focus();
+}
+
+// ---- begin ---------------------------------------------------------------------------------------------------------
+
+watchConnection((lost) => showBanner(lost ? say("offline") : null));
+readyDialogs();
+mount();
+listen();
+addEventListener("pageshow", (event) => {
+  if (event.persisted) location.reload(); // back from the browser's memory: what it shows may be long past
+});
+setInterval(() => {
+  const quiet = stream?.readyState !== EventSource.OPEN;
+  if (!elsewhere && !document.hidden && current.state === "active" && (quiet || wait)) refresh();
+}, POLL_MS);
+const held = keep.held();
+if (held) deliver(held.url, held.body);

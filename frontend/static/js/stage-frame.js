@@ -1,0 +1,63 @@
+// @ts-check
+/**
+ * The iframe that holds the 3D stage, and the messages it sends. Opened for the first trial, closed when a step needs
+ * no stage (drawing a hidden room would take the computer's strength from the training that runs meanwhile).
+ */
+
+/**
+ * @typedef {object} StageMessage
+ * @property {string} type ready, state, label, playing, progress, played, interrupted, disconnected, reconnected, ...
+ * @property {string} [playback_id]
+ * @property {boolean} [ready]
+ * @property {number} [progress]
+ */
+
+export class StageFrame {
+  /**
+   * @param {HTMLElement} holder
+   * @param {string} origin of the stage; messages from elsewhere are not listened to
+   * @param {(message: StageMessage) => void} onMessage
+   */
+  constructor(holder, origin, onMessage) {
+    this.holder = holder;
+    this.origin = origin;
+    /** @type {HTMLIFrameElement | null} */
+    this.frame = null;
+    addEventListener("message", (event) => {
+      if (event.origin !== this.origin || !this.frame || event.source !== this.frame.contentWindow) return;
+      if (event.data?.source === "desirepath-stage") onMessage(event.data);
+    });
+  }
+
+  /** @param {string} url @param {string} title for screen readers */
+  open(url, title) {
+    if (this.frame?.src === new URL(url, location.href).href) {
+      this.greet();
+      return;
+    }
+    this.close();
+    const frame = document.createElement("iframe");
+    frame.src = url;
+    frame.title = title;
+    frame.allow = "fullscreen; xr-spatial-tracking";
+    frame.addEventListener("load", () => this.greet());
+    this.holder.replaceChildren(frame);
+    this.frame = frame;
+  }
+
+  /** Asks the stage how it is; it answers with a `state` message. */
+  greet() {
+    this.frame?.contentWindow?.postMessage({ type: "hello" }, this.origin);
+  }
+
+  /** Loads the stage anew, after its picture was lost. */
+  reload() {
+    const frame = this.frame;
+    if (frame) frame.src = `${frame.src}`;
+  }
+
+  close() {
+    this.holder.replaceChildren();
+    this.frame = null;
+  }
+}

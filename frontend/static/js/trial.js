@@ -1,0 +1,284 @@
+// @ts-check
+/**
+ * The bar of a trial: Start, A, B, choice. It shows what the server says; it decides nothing. Drives that were cut short
+ * are reported to the server, which decides where the trial goes on.
+ */
+
+import { Refused, newRequestId, pause } from "./send.js";
+
+/** @typedef {import("./types.js").TrialState} TrialState */
+/** @typedef {import("./types.js").Phase} Phase */
+/** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
+
+/**
+ * @typedef {object} TrialNeeds what the trial gets from the page
+ * @property {(path: string, body: object) => Promise<any>} post to `/api/session/TOKEN/trials/KEY/PATH`
+ * @property {(value: object) => Promise<void>} answer sends the choice and moves on
+ * @property {() => Promise<void>} refresh asks the server where the session stands
+ * @property {(key: string, values?: Record<string, string | number>) => string} say
+ * @property {(text: string) => void} announce to screen readers
+ * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
+ * @property {() => void} reloadStage
+ */
+
+/** The server's clock and ours differ a little: a `seen` that came too early is sent again after this. */
+const EARLY_WAIT_MS = 400;
+const EARLY_TRIES = 25;
+const SLOW_STAGE_MS = 25000;
+
+export class Trial {
+  /**
+   * @param {HTMLElement} root the bar
+   * @param {TrialState} state
+   * @param {TrialNeeds} needs
+   */
+  constructor(root, state, needs) {
+    this.root = root;
+    this.needs = needs;
+    this.state = state;
+    this.stageReady = false;
+    this.busy = false;
+    this.over = false;
+    /** @type {Phase | null} */
+    this.shown = null;
+    this.start = /** @type {HTMLButtonElement} */ (root.querySelector("#start"));
+    this.picks = /** @type {NodeListOf<HTMLButtonElement>} */ (root.querySelectorAll("[data-choice]"));
+    this.start.addEventListener("click", () => this.begin());
+    for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
+    this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
+    this.onHidden = () => this.visibility();
+    document.addEventListener("keydown", this.onKey);
+    document.addEventListener("visibilitychange", this.onHidden);
+    this.slow = setTimeout(() => this.stageReady || this.hint("preparing_slow"), SLOW_STAGE_MS);
+    this.show();
+  }
+
+  /** Takes the trial off the page. */
+  leave() {
+    this.over = true;
+    clearTimeout(this.slow);
+    document.removeEventListener("keydown", this.onKey);
+    document.removeEventListener("visibilitychange", this.onHidden);
+    this.needs.cover(null);
+  }
+
+  /** @param {TrialState} state as the server sees it now */
+  update(state) {
+    this.state = { ...this.state, ...state };
+    if (!this.busy) this.show();
+  }
+
+  /** @param {StageMessage} message */
+  hear(message) {
+    switch (message.type) {
+      case "state":
+        if (message.ready) this.setReady();
+        break;
+      case "ready":
+        this.setReady();
+        break;
+      case "progress":
+        if (typeof message.progress === "number") this.progress(message.progress);
+        break;
+      case "played":
+        this.seen(message.playback_id);
+        break;
+      case "disconnected":
+        this.stageReady = false;
+        this.needs.cover(this.needs.say("reconnecting"));
+        this.interrupted("connection");
+        break;
+      case "reconnected":
+        this.needs.cover(null);
+        this.needs.refresh();
+        break;
+      case "webgl-lost":
+      case "webgl-missing":
+        this.stageReady = false;
+        this.needs.cover(this.needs.say("picture_lost"));
+        this.interrupted("webgl_lost").then(() => this.needs.reloadStage());
+        break;
+      case "tab-hidden":
+        this.visibility();
+        break;
+    }
+  }
+
+  setReady() {
+    this.stageReady = true;
+    this.needs.cover(null);
+    if (!this.busy) this.show();
+  }
+
+  get playing() {
+    return this.state.phase === "playing_a" || this.state.phase === "playing_b";
+  }
+
+  async begin() {
+    if (this.busy || this.state.phase !== "ready") return;
+    if (!this.stageReady) {
+      this.needs.announce(this.needs.say("preparing"));
+      return;
+    }
+    await this.work(() => this.needs.post("start", { request_id: newRequestId() }));
+  }
+
+  /** The stage has played a drive to its end. @param {string} [playbackId] */
+  async seen(playbackId) {
+    const drive = this.state.phase === "playing_b" ? "b" : "a";
+    if (!this.playing) return;
+    await this.work(async () => {
+      for (let tries = 0; ; tries += 1) {
+        try {
+          return await this.needs.post("seen", { drive, playback_id: playbackId ?? null });
+        } catch (error) {
+          const early = error instanceof Refused && error.code === "too_early";
+          if (!early || tries >= EARLY_TRIES || this.over) throw error;
+          await pause(EARLY_WAIT_MS);
+        }
+      }
+    });
+  }
+
+  /** @param {"hidden" | "connection" | "webgl_lost"} reason */
+  async interrupted(reason) {
+    if (!this.playing) return;
+    await this.work(() => this.needs.post("interrupted", { reason }));
+  }
+
+  visibility() {
+    if (document.hidden) this.interrupted("hidden");
+  }
+
+  /** @param {HTMLButtonElement} pick */
+  async choose(pick) {
+    if (this.busy) return;
+    if (this.state.phase !== "choosing") {
+      this.needs.announce(this.needs.say("resting"));
+      return;
+    }
+    const choice = pick.dataset.choice ?? "";
+    this.busy = true;
+    pick.dataset.chosen = "";
+    this.rest(true);
+    this.part("sending");
+    this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
+    try {
+      await this.needs.answer({ choice });
+    } finally {
+      this.busy = false;
+      if (!this.over) {
+        delete pick.dataset.chosen;
+        this.show();
+      }
+    }
+  }
+
+  /** One request at a time; whatever it answers, the page then shows the server's state. @param {() => Promise<any>} request */
+  async work(request) {
+    this.busy = true;
+    try {
+      const answered = await request();
+      const trial = answered?.step?.trial ?? answered?.trial;
+      if (trial) this.state = { ...this.state, ...trial };
+      else await this.needs.refresh();
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      await this.needs.refresh();
+    } finally {
+      this.busy = false;
+      if (!this.over) this.show();
+    }
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
+    if (document.querySelector("dialog[open]")) return;
+    if (event.target instanceof HTMLTextAreaElement || event.target instanceof HTMLInputElement) return;
+    const letter = event.key.toLowerCase();
+    const pick = [...this.picks].find((button) => button.dataset.choice === letter);
+    if (pick) {
+      event.preventDefault();
+      this.choose(pick);
+    } else if ((event.key === "Enter" || event.key === " ") && event.target === document.body) {
+      // the focus was on nothing: the main button is meant
+      event.preventDefault();
+      this.begin();
+    }
+  }
+
+  /** Draws the phase. */
+  show() {
+    const { phase, duration_a_s: a, duration_b_s: b, restarts } = this.state;
+    const { say, announce } = this.needs;
+    const changed = phase !== this.shown;
+    this.shown = phase;
+    this.rest(phase !== "choosing");
+    if (phase === "ready") {
+      this.part("ready");
+      this.start.setAttribute("aria-disabled", String(!this.stageReady));
+      if (this.stageReady) {
+        const seconds = (/** @type {number} */ s) => Math.max(1, Math.round(s));
+        const what = a && b ? say("ready_durations", { a: seconds(a), b: seconds(b) }) : say("ready");
+        this.text("#start-hint-text", restarts ? `${say("restarted")} ${what}` : what);
+        if (changed && restarts) announce(say("restarted"));
+      } else {
+        this.hint("preparing");
+      }
+      if (changed || document.activeElement === document.body) this.start.focus({ preventScroll: true });
+    } else if (phase === "playing_a" || phase === "playing_b") {
+      const letter = phase === "playing_a" ? "A" : "B";
+      this.part("playing");
+      this.text("#playing-letter", letter);
+      this.text("#playing-text", say("playing", { letter }));
+      if (changed) {
+        this.progress(0);
+        announce(say("playing", { letter }));
+      }
+    } else if (phase === "choosing") {
+      this.part("choosing");
+      if (changed) {
+        // also takes the keyboard back from the stage, in which the participant may have looked around
+        window.focus();
+        /** @type {HTMLElement | null} */ (this.root.querySelector("#question"))?.focus({ preventScroll: true });
+        announce(say("choose"));
+      }
+    } else {
+      this.part("sending");
+    }
+  }
+
+  /** @param {"ready" | "playing" | "choosing" | "sending"} name */
+  part(name) {
+    for (const part of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-phase]"))) {
+      part.hidden = part.dataset.phase !== name;
+    }
+  }
+
+  /** @param {boolean} resting */
+  rest(resting) {
+    for (const pick of this.picks) {
+      pick.setAttribute("aria-disabled", String(resting));
+      if (resting) pick.setAttribute("aria-describedby", "resting");
+      else pick.removeAttribute("aria-describedby");
+    }
+  }
+
+  /** @param {number} share 0 to 1 */
+  progress(share) {
+    const bar = /** @type {HTMLProgressElement | null} */ (this.root.querySelector("#playing-progress"));
+    if (bar) bar.value = share;
+  }
+
+  /** @param {string} key */
+  hint(key) {
+    this.text("#start-hint-text", this.needs.say(key));
+  }
+
+  /** @param {string} selector @param {string} text */
+  text(selector, text) {
+    const element = this.root.querySelector(selector);
+    if (element && element.textContent !== text) element.textContent = text;
+  }
+}

@@ -1,0 +1,38 @@
+// @ts-check
+/**
+ * Shapes that the server and the scripts share; no code lives here.
+ *
+ * @typedef {"ready" | "playing_a" | "playing_b" | "choosing" | "answered"} Phase
+ *
+ * @typedef {object} TrialState
+ * @property {Phase} phase
+ * @property {number} [duration_a_s]
+ * @property {number} [duration_b_s]
+ * @property {number} [label_s]
+ * @property {number} [restarts] how often this trial had to begin again
+ * @property {string | null} [playback_id] what is playing now
+ *
+ * @typedef {object} StepState
+ * @property {string} key
+ * @property {string} kind
+ * @property {number} index counted from 0
+ * @property {number} total
+ * @property {TrialState | null} [trial]
+ *
+ * @typedef {object} SessionState what `GET /api/session/{token}` answers
+ * @property {"active" | "paused" | "completed" | "withdrawn" | "expired"} state
+ * @property {StepState | null} step
+ * @property {string} language
+ * @property {string} [stage_url]
+ *
+ * @typedef {{[key: string]: string | Table}} Table texts by key, nested
+ *
+ * @typedef {object} PageData the JSON block of the page
+ * @property {string} token
+ * @property {SessionState} state
+ * @property {string} stage_origin
+ * @property {Table} texts
+ * @property {string} language
+ */
+
+export {};
