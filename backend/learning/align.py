@@ -1,0 +1,226 @@
+"""Alignment: a base policy and a learned reward become a policy that drives as the answers asked for.
+
+Two recipes on the same TD3 update: `refine` (recipe B of spec 06, the default) and `thesis` (equation 6.5: relabel
+the replay buffer, no new interaction). The core reward is the setup's; base training's progress term never enters.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from backend.analysis.metrics import collision_rate, success_rate, timeout_rate
+from backend.learning.base import OnProgress, no_progress, policy_of
+from backend.learning.ensemble import agent_of
+from backend.learning.errors import LearningError
+from backend.learning.networks import use_one_thread
+from backend.learning.policy import Policy
+from backend.learning.replay import Explorer, ReplayBuffer, collect, concatenate
+from backend.learning.reward_model import RewardModel
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.td3 import Batch, Td3Config
+from backend.simulation.fast import EpisodeTable, FastEngine, evaluate
+from backend.simulation.setups import get_setup, require_same
+
+Floats = NDArray[np.float32]
+Recipe = Literal["refine", "thesis"]
+
+
+@dataclass(frozen=True)
+class AlignConfig:
+    """How a policy is aligned. Defaults are recipe B of spec 06; `thesis_config` gives the thesis's recipe."""
+
+    recipe: Recipe = "refine"
+    seed: int = 0
+    preference_weight: float = 1.0  # refine: r = r_core + weight * R'; thesis: lambda of equation 6.5
+    penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
+    updates: int = 8_000
+    checkpoints: int = 6
+    gamma: float | None = 0.99  # None: the setup's
+    learning_rate: float = 5e-4
+    tau: float = 0.005
+    batch_size: int = 128
+    online_share: float = 0.5  # of each batch, from steps made during alignment; 0 means none are made
+    online_envs: int = 64
+    updates_per_online_step: int = 16
+    replay_transitions: int = 150_000  # of the base policy's regenerated buffer
+    replay_exploration: tuple[float, float] = (0.05, 0.6)
+    online_exploration: tuple[float, float] = (0.05, 0.4)
+    selection_scenes: int = 300
+    min_success: float = 0.94  # a checkpoint below is not chosen, while another reaches it
+    gate_scenes: int = 500
+    gate_max_loss: float = 0.05  # may lose this much success against the base policy on the same scenes ...
+    gate_min_success: float = 0.90  # ... and must reach this
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def thesis_config(*, seed: int = 0, epochs: int = 3) -> AlignConfig:
+    """The thesis's recipe (6.4.5): lambda 0.06, 10,000 updates per epoch on the relabelled buffer, best epoch kept."""
+    return AlignConfig(
+        recipe="thesis",
+        seed=seed,
+        preference_weight=0.06,
+        updates=10_000 * epochs,
+        checkpoints=epochs,
+        gamma=None,
+        learning_rate=3e-4,  # ours
+        online_share=0.0,
+    )
+
+
+@dataclass(frozen=True)
+class Gate:
+    """May the policy be shown? Success of both policies on scenes that served nothing else."""
+
+    passed: bool
+    success_rate: float
+    base_success_rate: float
+    scenes: int
+
+
+@dataclass(frozen=True)
+class AlignResult:
+    """policy: the chosen checkpoint, without critic. chosen: its place in `history`, one entry per checkpoint."""
+
+    policy: Policy
+    gate: Gate
+    chosen: int
+    history: list[dict[str, float]]
+    replay_sha256: str
+
+
+class PreferenceReward:
+    """Turns a reward model's output into the reward of alignment, calibrated once on the replay buffer."""
+
+    def __init__(self, model: RewardModel, config: AlignConfig, replay: Batch) -> None:
+        self._model, self._config = model, config
+        raw = self._raw(replay)
+        self._mean, self._std = float(raw.mean()), float(raw.std()) + 1e-6
+        self._top = float(np.quantile(raw, 0.98))
+
+    def _raw(self, batch: Batch) -> Floats:
+        chunks = [
+            self._model.rewards(*(part[k : k + 16_384].numpy() for part in (batch[0], batch[1], batch[3])))
+            for k in range(0, len(batch.rewards), 16_384)
+        ]
+        return np.concatenate(chunks)
+
+    def combined(self, batch: Batch) -> torch.Tensor:
+        """r* of every transition, (n,).
+
+        refine: r + weight * clip((R - q98) / std, -cap, 0). A reward <= 0 does not pay for loitering (spec 06).
+        thesis, equation 6.5: lambda * (R - mean) / std + (1 - lambda) * r.
+        """
+        raw, weight = self._raw(batch), self._config.preference_weight
+        if self._config.recipe == "thesis":
+            return weight * torch.from_numpy((raw - self._mean) / self._std) + (1 - weight) * batch.rewards
+        penalty = np.clip((raw - self._top) / self._std, -self._config.penalty_cap, 0.0)
+        return batch.rewards + weight * torch.from_numpy(penalty)
+
+
+def align(
+    base: Policy,
+    model: RewardModel,
+    config: AlignConfig | None = None,
+    on_progress: OnProgress = no_progress,
+    checkpoint_folder: Path | None = None,
+) -> AlignResult:
+    """Align `base` with `model`; both must belong to one setup and `base` must carry its critic.
+
+    checkpoint_folder: where every checkpoint's policy is written as it comes, if anywhere.
+    The caller decides by `result.gate.passed` whether the policy may be shown. Raises SetupError, LearningError.
+    """
+    config = config or AlignConfig()
+    _check(config)
+    setup = get_setup(require_same(policy=base.setup, reward_model=model.setup))
+    use_one_thread()
+    td3 = Td3Config(
+        gamma=config.gamma or setup.gamma,
+        batch_size=config.batch_size,
+        learning_rate=config.learning_rate,
+        tau=config.tau,
+    )
+    agent = agent_of(base, td3, seed=config.seed)
+    replay = collect(base, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
+    replay_sha256 = replay.digest()
+    reward = PreferenceReward(model, config, replay.filled())
+    replay.filled().rewards.copy_(reward.combined(replay.filled()))
+
+    n_online = int(config.batch_size * config.online_share)
+    online = explorer = None
+    if n_online:
+        steps = -(-config.updates // config.updates_per_online_step)
+        online = ReplayBuffer(steps * config.online_envs, setup.observation_size)
+        engine = FastEngine(setup, config.online_envs, seed=config.seed + 1)
+        explorer = Explorer(engine, noise=config.online_exploration, seed=config.seed + 1)
+
+    scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
+    marks = {round(config.updates * (k + 1) / config.checkpoints) for k in range(config.checkpoints)}
+    sampler = torch.Generator().manual_seed(config.seed)
+    policies: list[Policy] = []
+    history: list[dict[str, float]] = []
+    for update in range(1, config.updates + 1):
+        if online is None or explorer is None:
+            batch = replay.sample(config.batch_size, sampler)
+        else:
+            if update % config.updates_per_online_step == 1:
+                explorer.step(agent.act, online)
+                latest = online.latest(config.online_envs)
+                latest.rewards.copy_(reward.combined(latest))
+            batch = concatenate(online.sample(n_online, sampler), replay.sample(config.batch_size - n_online, sampler))
+        agent.update(batch)
+        if update in marks:
+            policy = policy_of(agent, setup.name).without_critic()
+            policies.append(policy)
+            history.append({"updates": update} | _summary(evaluate(policy.act, setup, scenes)))
+            on_progress(update / config.updates, history[-1])
+            if checkpoint_folder is not None:
+                policy.save(checkpoint_folder / f"checkpoint_{len(policies)}.npz")
+        elif update % 200 == 0:
+            on_progress(update / config.updates, {"updates": update})
+    chosen = choose_checkpoint([entry["success_rate"] for entry in history], config)
+    return AlignResult(policies[chosen], check_gate(policies[chosen], base, config), chosen, history, replay_sha256)
+
+
+def _check(config: AlignConfig) -> None:
+    if config.recipe not in ("refine", "thesis"):
+        raise LearningError(f"recipe = {config.recipe!r}: known are refine, thesis")
+    if not 0.0 <= config.online_share < 1.0:
+        raise LearningError(f"online_share = {config.online_share}: a share of the batch, from 0 to below 1")
+    if not 1 <= config.checkpoints <= config.updates:
+        raise LearningError(f"checkpoints = {config.checkpoints}: between 1 and updates ({config.updates})")
+
+
+def _summary(table: EpisodeTable) -> dict[str, float]:
+    return {
+        "success_rate": success_rate(table.outcome),
+        "collision_rate": collision_rate(table.outcome),
+        "timeout_rate": timeout_rate(table.outcome),
+        "min_human_distance_m": float(table.min_human_distance.mean()),
+        "path_length_m": float(table.path_length.mean()),
+        "time_s": float(table.time.mean()),
+    }
+
+
+def choose_checkpoint(success_rates: list[float], config: AlignConfig) -> int:
+    """Refine: the last that reaches `min_success`. Thesis, and where none does: the one with most success."""
+    reaching = [k for k, rate in enumerate(success_rates) if rate >= config.min_success]
+    if config.recipe == "refine" and reaching:
+        return reaching[-1]
+    return int(np.argmax(success_rates))
+
+
+def check_gate(policy: Policy, base: Policy, config: AlignConfig) -> Gate:
+    """Drive both policies in the gate's scenes; passed if success is near the base policy's and above the floor."""
+    setup = get_setup(require_same(policy=policy.setup, base=base.setup))
+    scenes = scene_set(setup.name, config.gate_scenes, purpose=Purpose.GATE, seed=config.seed)
+    own, raw = (success_rate(evaluate(p.act, setup, scenes).outcome) for p in (policy, base))
+    passed = own >= raw - config.gate_max_loss and own >= config.gate_min_success
+    return Gate(passed, own, raw, config.gate_scenes)

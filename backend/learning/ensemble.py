@@ -1,0 +1,145 @@
+"""EnQuery's ensemble: four policies from one base policy, pushed apart by the goal-modulated diversity term.
+
+Thesis 6.4.1. What the ensemble is for (queries) lives in `queries.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from backend.analysis.metrics import action_diversity, success_rate
+from backend.learning.base import OnProgress, no_progress, policy_of
+from backend.learning.errors import LearningError
+from backend.learning.networks import ACTION_SIZE, actor_forward, use_one_thread
+from backend.learning.policy import Policy
+from backend.learning.replay import Explorer, ReplayBuffer, collect
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.td3 import Td3Agent, Td3Config
+from backend.simulation.fast import FastEngine, evaluate
+from backend.simulation.setups import get_setup, require_same
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class EnsembleConfig:
+    """How an ensemble is trained. Sources: table 6.1 unless marked ours."""
+
+    seed: int = 0
+    members: int = 4
+    kappa: float = 0.0625
+    steps: int = 25_000  # interactions and updates of each member
+    n_envs: int = 25  # ours: environments of one member, stepped together; 25 updates follow
+    gamma: float | None = None  # the setup's
+    learning_rate: float = 3e-4  # ours
+    tau: float = 0.005  # SB3's default
+    batch_size: int = 128  # ours
+    exploration: tuple[float, float] = (0.05, 0.3)  # ours
+    base_transitions: int = 200_000  # ours: of the regenerated base buffer that each member starts with
+    selection_scenes: int = 500  # ours: for the success rate on the card
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class EnsembleResult:
+    """The members with their measured success rates (selection scenes) and the ensemble's mean action diversity."""
+
+    members: list[Policy]
+    success_rates: list[float]
+    diversity: float
+    base_buffer_sha256: str
+
+
+def goal_modulation(goal_distance_m: Tensor) -> Tensor:
+    """alpha(d_g) = d_g / 8 + 1/4: far from the goal members may differ, near it they all should arrive."""
+    return goal_distance_m / 8 + 0.25
+
+
+def diversity_loss(actions: Tensor, others: Sequence[Tensor], goal_distance_m: Tensor, kappa: float) -> Tensor:
+    """Equation 6.2 for one member: L_i = -(kappa / |A|^2) alpha(d_g) sum_{j != i} ||a_i - a_j||^2, batch mean.
+
+    actions: (n, 2) of member i, with gradient. others: (n, 2) each, of the other members, constants for member i.
+    """
+    apart = torch.stack([((actions - other) ** 2).sum(1) for other in others]).sum(0)
+    return -(kappa / ACTION_SIZE**2) * (goal_modulation(goal_distance_m) * apart).mean()
+
+
+def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
+    """A learner that goes on from a policy's actor and critic. Raises LearningError if the policy has no critic."""
+    if not policy.critic:
+        raise LearningError("policy has no critic: training goes on only from a file that was saved with one")
+    agent = Td3Agent(policy.shape, config, seed=seed)
+    agent.actor.load_arrays(policy.actor)
+    agent.critic.load_arrays(policy.critic)
+    agent.synchronise_targets()
+    return agent
+
+
+def train_ensemble(
+    base: Policy, config: EnsembleConfig | None = None, on_progress: OnProgress = no_progress
+) -> EnsembleResult:
+    """Train all members side by side on the core reward, each on its own environments and buffer."""
+    config = config or EnsembleConfig()
+    if config.members < 2:
+        raise LearningError(f"members = {config.members}: diversity needs at least 2")
+    use_one_thread()
+    setup = get_setup(require_same(base=base.setup))
+    td3 = Td3Config(
+        gamma=config.gamma or setup.gamma,
+        batch_size=config.batch_size,
+        learning_rate=config.learning_rate,
+        tau=config.tau,
+    )
+    agents = [agent_of(base, td3, seed=config.seed * 1000 + k) for k in range(config.members)]
+    start = collect(base, config.base_transitions, noise=config.exploration, seed=config.seed)
+    buffers: list[ReplayBuffer] = []
+    explorers: list[Explorer] = []
+    for k in range(config.members):
+        buffer = ReplayBuffer(config.base_transitions + config.steps, setup.observation_size)
+        buffer.add_batch(start.filled())
+        buffers.append(buffer)
+        seed = config.seed * 1000 + 100 + k
+        explorers.append(Explorer(FastEngine(setup, config.n_envs, seed=seed), noise=config.exploration, seed=seed))
+    sampler = torch.Generator().manual_seed(config.seed)
+    done = 0
+    while done < config.steps:
+        for agent, explorer, buffer in zip(agents, explorers, buffers, strict=True):
+            explorer.step(agent.act, buffer)
+        for _ in range(config.n_envs):
+            for agent, buffer in zip(agents, buffers, strict=True):
+                _update_member(agent, agents, buffer, sampler, setup.distance_scale_m, config)
+        done += config.n_envs
+        if done % (40 * config.n_envs) == 0:
+            on_progress(done / config.steps, {"steps": done})
+    members = [policy_of(agent, setup.name).without_critic() for agent in agents]
+    scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    success = [success_rate(evaluate(member.act, setup, scenes).outcome) for member in members]
+    states = start.sample(1_000, sampler).observations.numpy()  # thesis 6.5.1.1: 1,000 states from the replay buffer
+    return EnsembleResult(
+        members, success, action_diversity([member.act(states) for member in members]), start.digest()
+    )
+
+
+def _update_member(
+    agent: Td3Agent,
+    agents: Sequence[Td3Agent],
+    buffer: ReplayBuffer,
+    sampler: torch.Generator,
+    distance_scale_m: float,
+    config: EnsembleConfig,
+) -> None:
+    def term(observations: Tensor, actions: Tensor) -> Tensor:
+        with torch.no_grad():
+            others = [actor_forward(observations, other.actor.layers) for other in agents if other is not agent]
+        return diversity_loss(actions, others, observations[:, 0] * distance_scale_m, config.kappa)
+
+    agent.update(buffer.sample(config.batch_size, sampler), term)

@@ -1,0 +1,7 @@
+"""What goes wrong in learning because of the data or settings somebody gave."""
+
+from __future__ import annotations
+
+
+class LearningError(ValueError):
+    """Data or a setting that cannot be learned from; names it and says what would work."""

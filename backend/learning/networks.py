@@ -1,0 +1,164 @@
+"""Actor and critic of chapter 6: two feature extractors (task part, lidar part), joined, then two hidden layers.
+
+Here live shapes, parameters and forward passes in torch. How they are trained lives in `td3.py`, how a finished
+actor is carried around lives in `policy.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from backend.simulation.setups import Setup
+
+ACTION_SIZE = 2
+THESIS_HEADS = (400, 300)  # ch. 6.3.2.1: 128 x 400 x 300 x (1, 2)
+FAST_HEADS = (128, 128)  # ours (spec 06): the fast default where the card shows equal success
+EXTRACTOR_WIDTH = 64  # ch. 6.3.2.1
+
+Layer = tuple[Tensor, Tensor]
+
+
+def use_one_thread() -> None:
+    """One torch thread for this process: these networks are so small that a second thread makes them slower."""
+    torch.set_num_threads(1)
+
+
+@dataclass(frozen=True)
+class NetworkShape:
+    """Sizes of the actor and the critic of one setup."""
+
+    task_inputs: int
+    lidar_inputs: int
+    extractor: int = EXTRACTOR_WIDTH
+    heads: tuple[int, int] = FAST_HEADS
+
+    @classmethod
+    def of(cls, setup: Setup, heads: tuple[int, int] = FAST_HEADS) -> NetworkShape:
+        """The shape that reads this setup's observation."""
+        return cls(task_inputs=setup.polar_size, lidar_inputs=setup.lidar.sectors, heads=heads)
+
+    @property
+    def observation_size(self) -> int:
+        return self.task_inputs + self.lidar_inputs
+
+    def _extractors(self) -> list[tuple[int, int]]:
+        width = self.extractor
+        return [(self.task_inputs, width), (width, width), (self.lidar_inputs, width), (width, width)]
+
+    def _head(self, inputs: int, outputs: int) -> list[tuple[int, int]]:
+        return [(inputs, self.heads[0]), (self.heads[0], self.heads[1]), (self.heads[1], outputs)]
+
+    def actor_layers(self) -> list[tuple[int, int]]:
+        """(inputs, outputs) of the actor's seven linear layers: task, task, lidar, lidar, three of the head."""
+        return self._extractors() + self._head(2 * self.extractor, ACTION_SIZE)
+
+    def critic_layers(self, n_heads: int = 2) -> list[tuple[int, int]]:
+        """The same for the critic: the action joins after the extractors, then `n_heads` heads with one output."""
+        return self._extractors() + n_heads * self._head(2 * self.extractor + ACTION_SIZE, 1)
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "task_inputs": self.task_inputs,
+            "lidar_inputs": self.lidar_inputs,
+            "extractor": self.extractor,
+            "heads": list(self.heads),
+        }
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> NetworkShape:
+        return cls(data["task_inputs"], data["lidar_inputs"], data["extractor"], (data["heads"][0], data["heads"][1]))
+
+
+class Parameters:
+    """All weights of one network in one flat vector, with a view per layer.
+
+    One vector makes Adam one fused call and the target update one `lerp_`. The layer views are autograd leaves whose
+    `.grad` are views of one flat gradient, so that `backward` accumulates straight into it.
+    `layers`: list of (weight (inputs, outputs), bias (outputs,)).
+    """
+
+    def __init__(self, sizes: Sequence[tuple[int, int]], *, trainable: bool) -> None:
+        self.sizes = list(sizes)
+        self.flat = torch.zeros(sum(i * o + o for i, o in self.sizes))
+        self.grad = torch.zeros_like(self.flat) if trainable else None
+        self.layers: list[Layer] = []
+        offset = 0
+        for inputs, outputs in self.sizes:
+            weight, offset = self._view(offset, (inputs, outputs))
+            bias, offset = self._view(offset, (outputs,))
+            self.layers.append((weight, bias))
+        if self.grad is not None:
+            self.flat.grad = self.grad
+
+    def _view(self, offset: int, shape: tuple[int, ...]) -> tuple[Tensor, int]:
+        end = offset + math.prod(shape)
+        view = self.flat.detach()[offset:end].view(shape)
+        if self.grad is not None:
+            view.requires_grad_(True)
+            view.grad = self.grad[offset:end].view(shape)
+        return view, end
+
+    def initialise(self, generator: torch.Generator) -> None:
+        """Uniform in +-1/sqrt(inputs), torch's own default for linear layers."""
+        with torch.no_grad():
+            for weight, bias in self.layers:
+                bound = 1.0 / math.sqrt(weight.shape[0])
+                for part in (weight, bias):
+                    part.copy_((torch.rand(part.shape, generator=generator) * 2 - 1) * bound)
+
+    def frozen(self) -> list[Layer]:
+        """The layers without gradient, for targets and for the critic inside the actor's loss."""
+        return [(weight.detach(), bias.detach()) for weight, bias in self.layers]
+
+    def zero_grad(self) -> None:
+        """Forget the accumulated gradient; frozen parameters have none."""
+        if self.grad is not None:
+            self.grad.zero_()
+
+    def to_arrays(self) -> list[NDArray[np.float32]]:
+        """Copies: weight, bias, weight, bias, ..."""
+        return [part.detach().numpy().copy() for layer in self.layers for part in layer]
+
+    def load_arrays(self, arrays: Sequence[NDArray[np.float32]]) -> None:
+        """Write arrays in the order of `to_arrays`. Raises ValueError on a shape that does not fit."""
+        parts: Iterator[Tensor] = (part for layer in self.layers for part in layer)
+        with torch.no_grad():
+            for part, array in zip(parts, arrays, strict=True):
+                if tuple(part.shape) != array.shape:
+                    raise ValueError(f"network layer has shape {array.shape}, this network needs {tuple(part.shape)}")
+                part.copy_(torch.from_numpy(np.ascontiguousarray(array)))
+
+
+def _linear(x: Tensor, layer: Layer) -> Tensor:
+    return torch.addmm(layer[1], x, layer[0])
+
+
+def _features(observations: Tensor, layers: list[Layer]) -> Tensor:
+    task_inputs = layers[0][0].shape[0]
+    task, lidar = observations[:, :task_inputs], observations[:, task_inputs:]
+    task = torch.relu(_linear(torch.relu(_linear(task, layers[0])), layers[1]))
+    lidar = torch.relu(_linear(torch.relu(_linear(lidar, layers[2])), layers[3]))
+    return torch.cat([task, lidar], 1)
+
+
+def _head(x: Tensor, layers: list[Layer]) -> Tensor:
+    return _linear(torch.relu(_linear(torch.relu(_linear(x, layers[0])), layers[1])), layers[2])
+
+
+def actor_forward(observations: Tensor, layers: list[Layer]) -> Tensor:
+    """observations (n, obs) -> actions (n, 2) in [-1, 1]."""
+    return torch.tanh(_head(_features(observations, layers), layers[4:7]))
+
+
+def critic_forward(observations: Tensor, actions: Tensor, layers: list[Layer], n_heads: int = 2) -> list[Tensor]:
+    """observations (n, obs), actions (n, 2) -> one (n,) value per head."""
+    joined = torch.cat([_features(observations, layers), actions], 1)
+    return [_head(joined, layers[4 + 3 * k : 7 + 3 * k])[:, 0] for k in range(n_heads)]

@@ -1,0 +1,180 @@
+"""A policy as it is stored, shown and compared: one actor bound to one setup, plain arrays, no optimiser.
+
+Training lives in the algorithms' files, exports to other formats in `export.py`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.networks import NetworkShape
+from backend.simulation.setups import Setup, SetupError, get_setup, require_same
+
+Floats = NDArray[np.float32]
+FORMAT = "desirepath-policy-1"
+
+
+class PolicyError(ValueError):
+    """A policy file or weights that cannot be used; says what was found and what would work."""
+
+
+def _check(sizes: list[tuple[int, int]], arrays: Sequence[Floats], what: str) -> None:
+    expected = [shape for inputs, outputs in sizes for shape in ((inputs, outputs), (outputs,))]
+    found = [array.shape for array in arrays]
+    if found != expected:
+        raise PolicyError(f"policy field '{what}' has layer shapes {found}; its network shape needs {expected}")
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise PolicyError(f"policy field '{what}' holds NaN or infinite weights; train again or take an earlier file")
+
+
+@dataclass(frozen=True)
+class Policy:
+    """A deterministic actor of one setup.
+
+    actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
+    critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06).
+    """
+
+    setup: str
+    shape: NetworkShape
+    actor: tuple[Floats, ...]
+    critic: tuple[Floats, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.shape.observation_size != get_setup(self.setup).observation_size:
+            raise SetupError(
+                f"policy reads {self.shape.observation_size} inputs, setup {self.setup} "
+                f"gives {get_setup(self.setup).observation_size}"
+            )
+        _check(self.shape.actor_layers(), self.actor, "actor")
+        if self.critic:
+            _check(self.shape.critic_layers(), self.critic, "critic")
+
+    def act(self, observations: Floats) -> Floats:
+        """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1].
+
+        Raises SetupError if the observation has another setup's size.
+        """
+        if observations.ndim != 2 or observations.shape[1] != self.shape.observation_size:
+            raise SetupError(
+                f"observations have shape {observations.shape}; "
+                f"a {self.setup} policy reads (n, {self.shape.observation_size})"
+            )
+        split = self.shape.task_inputs
+        task = self._relu_layers(observations[:, :split], 0, 2)
+        lidar = self._relu_layers(observations[:, split:], 2, 4)
+        hidden = self._relu_layers(np.concatenate([task, lidar], axis=1), 4, 6)
+        actions: Floats = np.tanh(hidden @ self.actor[12] + self.actor[13])
+        return actions
+
+    def _relu_layers(self, x: Floats, first: int, last: int) -> Floats:
+        for k in range(first, last):
+            x = x @ self.actor[2 * k]
+            x += self.actor[2 * k + 1]
+            np.maximum(x, 0, out=x)
+        return x
+
+    def require_setup(self, setup: Setup | str) -> None:
+        """Raise SetupError unless the policy belongs to that setup."""
+        require_same(policy=self.setup, needed=setup if isinstance(setup, str) else setup.name)
+
+    def commands(self, actions: Floats) -> Floats:
+        """actions (n, 2) in [-1, 1] -> (n, 2) linear velocity (m/s) and angular velocity (rad/s)."""
+        limits = get_setup(self.setup).limits
+        speed = limits.v_min + (actions[:, 0] + 1) / 2 * (limits.v_max - limits.v_min)
+        return np.stack([speed, actions[:, 1] * limits.w_max], axis=1).astype(np.float32)
+
+    def without_critic(self) -> Policy:
+        """The actor alone: all that driving needs."""
+        return Policy(self.setup, self.shape, self.actor)
+
+    def manifest(self) -> dict[str, object]:
+        """What a foreign program needs to run the exported policy: inputs in order with units, outputs with scaling."""
+        setup = get_setup(self.setup)
+        limits, lidar = setup.limits, setup.lidar
+        return {
+            "setup": self.setup,
+            "observation": {
+                "dtype": "float32",
+                "shape": [setup.observation_size],
+                "layout": setup.observation_layout(),
+            },
+            "lidar": {
+                "beams": lidar.beams,
+                "sectors": lidar.sectors,
+                "range_m": lidar.range_m,
+                "height_m": lidar.height_m,
+                "pooling": "minimum per sector",
+                "order": "from straight ahead, counter-clockwise",
+            },
+            "action": {
+                "dtype": "float32",
+                "range": [-1.0, 1.0],
+                "layout": [
+                    {"name": "linear_velocity", "unit": "m/s", "range": [limits.v_min, limits.v_max]},
+                    {"name": "angular_velocity", "unit": "rad/s", "range": [-limits.w_max, limits.w_max]},
+                ],
+                "scaling": "linear: -1 is the lower end of the range in units, +1 the upper",
+            },
+            "angles": "counter-clockwise positive, wrapped to (-pi, pi]",
+            "control_rate_hz": 5,
+            "bearing_range_rad": [-math.pi, math.pi],
+            "network": self.shape.as_dict(),
+            "policy_sha256": self.digest(),
+        }
+
+    def to_bytes(self) -> bytes:
+        """NPZ without pickled objects; the same policy always gives the same bytes."""
+        meta = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
+        arrays: dict[str, NDArray[Any]] = {
+            "meta": np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8)
+        }
+        arrays |= {f"actor_{k:02d}": array for k, array in enumerate(self.actor)}
+        arrays |= {f"critic_{k:02d}": array for k, array in enumerate(self.critic)}
+        out = io.BytesIO()
+        np.savez_compressed(out, allow_pickle=False, **arrays)
+        return out.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Policy:
+        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                meta = json.loads(arrays["meta"].tobytes())
+                if meta["format"] != FORMAT:
+                    raise PolicyError(f"policy format {meta['format']!r} is unknown; this version reads {FORMAT!r}")
+                names = sorted(arrays.files)
+                actor = tuple(arrays[name] for name in names if name.startswith("actor_"))
+                critic = tuple(arrays[name] for name in names if name.startswith("critic_"))
+        except PolicyError:
+            raise
+        except (ValueError, KeyError, OSError, EOFError) as problem:
+            raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic)
+
+    def save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.to_bytes())
+
+    @classmethod
+    def load(cls, path: Path) -> Policy:
+        """Raises PolicyError if the file is missing or no policy."""
+        try:
+            data = path.read_bytes()
+        except OSError as problem:
+            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
+        return cls.from_bytes(data)
+
+    def digest(self) -> str:
+        """sha256 of `to_bytes`, the policy's identity in lineages."""
+        return hashlib.sha256(self.to_bytes()).hexdigest()

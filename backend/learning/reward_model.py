@@ -1,0 +1,202 @@
+"""The linear Bradley-Terry reward model: R(s, a) = w . features, fitted in a tenth of a second to a few answers.
+
+MAP estimate with non-negative weights (spec 06). The thesis's neural model lives in `reward_mlp.py`; both are
+`RewardModel`s and are stored as NPZ by `save_reward_model` / `load_reward_model`.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.errors import LearningError
+from backend.learning.features import FEATURE_NAMES, step_features
+from backend.learning.preferences import Preference, usable
+from backend.simulation.setups import get_setup
+from backend.simulation.trajectory import Trajectory
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Reduction = Literal["sum", "mean"]
+FORMAT = "desirepath-reward-model-1"
+
+
+class RewardModel(Protocol):
+    """What alignment and evaluation need of a learned reward, whatever its kind."""
+
+    @property
+    def setup(self) -> str: ...
+
+    @property
+    def reduction(self) -> Reduction: ...
+
+    def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
+        """Predicted reward of n steps: (n,) float32."""
+        ...
+
+    def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
+        """JSON-ready description and weights, for storage."""
+        ...
+
+
+def trajectory_reward(model: RewardModel, trajectory: Trajectory) -> float:
+    """Sum or mean (the model's reduction) of the predicted rewards of a drive."""
+    steps = model.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
+    return float(steps.sum() if model.reduction == "sum" else steps.mean())
+
+
+def bradley_terry_loss(advantages: Doubles) -> float:
+    """Equation 6.4 as cross-entropy: sum of -log P[chosen > rejected], P = 1 / (1 + exp(-(R_chosen - R_rejected)))."""
+    return float(np.logaddexp(0.0, -advantages).sum())
+
+
+def bradley_terry_gradient(advantages: Doubles) -> Doubles:
+    """d loss / d advantage, one per pair."""
+    gradient: Doubles = -1.0 / (1.0 + np.exp(np.clip(advantages, -500, 500)))
+    return gradient
+
+
+@dataclass(frozen=True)
+class LinearConfig:
+    """Ours (spec 06): prior standard deviation of the standardised weights, and how a drive's steps are reduced."""
+
+    reduction: Reduction = "sum"
+    prior_std: float = 1.0
+    iterations: int = 3_000
+
+
+@dataclass(frozen=True)
+class LinearRewardModel:
+    """weights: (9,) float32 per feature, >= 0, in the order of FEATURE_NAMES; standardised: the same in units of the
+    features' typical differences between two drives, comparable with each other."""
+
+    setup: str
+    weights: Floats
+    standardised: Floats
+    reduction: Reduction = "sum"
+
+    def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
+        del observations  # features are read from the states that the steps led to
+        values: Floats = step_features(actions, next_observations, get_setup(self.setup)) @ self.weights
+        return values
+
+    def importance(self) -> dict[str, float]:
+        """Share of each feature in the standardised weights, by name: what the answers were about."""
+        total = float(self.standardised.sum()) or 1.0
+        return {name: float(w) / total for name, w in zip(FEATURE_NAMES, self.standardised, strict=True)}
+
+    def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
+        meta: dict[str, object] = {"kind": "linear", "setup": self.setup, "reduction": self.reduction}
+        return meta, {"weights": self.weights, "standardised": self.standardised}
+
+    @classmethod
+    def from_arrays(cls, meta: dict[str, str], arrays: dict[str, Floats]) -> LinearRewardModel:
+        reduction: Reduction = "mean" if meta["reduction"] == "mean" else "sum"
+        return cls(meta["setup"], arrays["weights"], arrays["standardised"], reduction)
+
+
+def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = None) -> LinearRewardModel:
+    """MAP weights: minimise sum -log P[chosen > rejected] + |w|^2 / (2 prior^2) over w >= 0, by projected gradient.
+
+    Features are scaled by their root-mean-square difference over the given pairs, so the prior treats them alike.
+    Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
+    """
+    config = config or LinearConfig()
+    setup, kept = usable(preferences)
+
+    def reduced(trajectory: Trajectory) -> Doubles:
+        steps = step_features(trajectory.actions, trajectory.next_observations, setup).astype(np.float64)
+        total: Doubles = steps.sum(0) if config.reduction == "sum" else steps.mean(0)
+        return total
+
+    differences = np.stack([reduced(p.chosen) - reduced(p.rejected) for p in kept])
+    # The summed features grow with a drive's length: the same floor in both reductions keeps unused ones at zero.
+    scale = np.sqrt(np.square(differences).mean(0)) + 1e-6
+    x = differences / scale
+    step = 1.0 / (0.25 * np.square(x).sum() + 1.0 / config.prior_std**2)
+    w = np.full(x.shape[1], 0.1)
+    for _ in range(config.iterations):
+        gradient = x.T @ bradley_terry_gradient(x @ w) + w / config.prior_std**2
+        w = np.maximum(w - step * gradient, 0.0)
+    return LinearRewardModel(
+        setup.name, (w / scale).astype(np.float32), w.astype(np.float32), reduction=config.reduction
+    )
+
+
+def accuracy(model: RewardModel, preferences: Sequence[Preference]) -> float:
+    """Share of pairs whose chosen drive gets the larger predicted reward; ties count half."""
+    if not preferences:
+        raise LearningError("preferences: none given to measure accuracy on")
+    gaps = [trajectory_reward(model, p.chosen) - trajectory_reward(model, p.rejected) for p in preferences]
+    return float(np.mean([1.0 if gap > 0 else 0.5 if gap == 0 else 0.0 for gap in gaps]))
+
+
+def held_out_accuracy(
+    preferences: Sequence[Preference],
+    fit: Callable[[Sequence[Preference]], RewardModel],
+    *,
+    folds: int = 5,
+    seed: int = 0,
+) -> float:
+    """Cross-validated accuracy: each answer is predicted by a model that never saw it."""
+    _, kept = usable(preferences)
+    folds = min(folds, len(kept))
+    order = np.random.default_rng([seed, 64]).permutation(len(kept))
+    hits = 0.0
+    for fold in range(folds):
+        test = set(order[fold::folds].tolist())
+        train = [p for k, p in enumerate(kept) if k not in test]
+        if len(train) < 2:
+            raise LearningError(f"preferences: {len(kept)} are too few for held-out accuracy; it needs at least 3")
+        held_out = [kept[k] for k in sorted(test)]
+        hits += accuracy(fit(train), held_out) * len(held_out)
+    return hits / len(kept)
+
+
+def reward_model_to_bytes(model: RewardModel) -> bytes:
+    """NPZ without pickled objects; same model, same bytes."""
+    meta, arrays = model.to_arrays()
+    out = io.BytesIO()
+    described = json.dumps({"format": FORMAT, **meta}, sort_keys=True).encode()
+    np.savez_compressed(out, allow_pickle=False, meta=np.frombuffer(described, dtype=np.uint8), **arrays)
+    return out.getvalue()
+
+
+def reward_model_from_bytes(data: bytes) -> RewardModel:
+    """Read `reward_model_to_bytes` back, never unpickling. Raises LearningError on anything else."""
+    from backend.learning.reward_mlp import MlpRewardModel  # imports torch, which the linear model does without
+
+    kinds: dict[str, Callable[[dict[str, str], dict[str, Floats]], RewardModel]] = {
+        "linear": LinearRewardModel.from_arrays,
+        "mlp": MlpRewardModel.from_arrays,
+    }
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        meta = json.loads(arrays.pop("meta").tobytes())
+    except (ValueError, KeyError, OSError, EOFError) as problem:
+        raise LearningError(f"not a desirepath reward model (.npz): {problem}") from None
+    if meta.get("format") != FORMAT or meta.get("kind") not in kinds:
+        raise LearningError(f"reward model format {meta.get('format')!r}, kind {meta.get('kind')!r} is unknown")
+    return kinds[meta["kind"]](meta, arrays)
+
+
+def save_reward_model(model: RewardModel, path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(reward_model_to_bytes(model))
+
+
+def load_reward_model(path: Path) -> RewardModel:
+    """Raises LearningError if the file is missing or no reward model."""
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise LearningError(f"cannot read reward model {path}: {problem.strerror}") from None
+    return reward_model_from_bytes(data)
