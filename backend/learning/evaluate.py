@@ -89,24 +89,29 @@ def evaluate_policy(
     could reach in these scenes.
     """
     table = episodes(policy, scene_set(policy.setup, n, purpose=purpose, seed=seed), engine)
+    return {**describe_table(policy.setup, table), "engine": engine, "seed": seed}
+
+
+def describe_table(setup: str, table: EpisodeTable) -> dict[str, Any]:
+    """What `evaluate_policy` says about episodes that were driven already, without engine and seed."""
+    n = len(table)
     estimates = {
         "success_rate": wilson(int((table.outcome == Outcome.SUCCESS).sum()), n),
         "collision_rate": wilson(int((table.outcome == Outcome.COLLISION).sum()), n),
         "timeout_rate": wilson(int((table.outcome == Outcome.TIMEOUT).sum()), n),
     }
-    estimates |= {name: mean_estimate(values) for name, values in _columns(table).items()}
+    estimates |= {name: mean_estimate(values) for name, values in episode_columns(table).items()}
     return {
-        "setup": policy.setup,
+        "setup": setup,
         "n": n,
         **{name: estimate.value for name, estimate in estimates.items()},
         "ceiling_m": float(table.ceiling.mean()),
-        "engine": engine,
-        "seed": seed,
         "intervals": {name: [estimate.low, estimate.high] for name, estimate in estimates.items()},
     }
 
 
-def _columns(table: EpisodeTable) -> dict[str, NDArray[Any]]:
+def episode_columns(table: EpisodeTable) -> dict[str, NDArray[Any]]:
+    """The numbers of an episode that are averaged, by their name in results: (episodes,) each, SI units."""
     return {
         "min_human_distance_m": table.min_human_distance,
         "path_length_m": table.path_length,
@@ -129,11 +134,16 @@ def compare_policies(
     """
     setup = require_same(first=first.setup, second=second.setup)
     scenes = scene_set(setup, n, purpose=Purpose.REPORT, seed=seed)
-    a, b = episodes(first, scenes, engine), episodes(second, scenes, engine)
+    tables = episodes(first, scenes, engine), episodes(second, scenes, engine)
+    return {"setup": setup, "n": n, "seed": seed, "engine": engine, **compare_tables(*tables)}
+
+
+def compare_tables(a: EpisodeTable, b: EpisodeTable) -> dict[str, Any]:
+    """What `compare_policies` says about episodes of the same scenes that were driven already."""
     both = a.success & b.success
     paired: dict[str, Any] = {}
-    columns_b = _columns(b)
-    for name, values in _columns(a).items():
+    columns_b = episode_columns(b)
+    for name, values in episode_columns(a).items():
         columns = np.stack([values[both], columns_b[name][both]], axis=1).astype(np.float64)
         entry = {"difference": bootstrap(columns, lambda means: means[:, 1] - means[:, 0]).as_dict()}
         if both.any() and columns[:, 0].mean() > 0 and name != "self_intersections":
@@ -141,10 +151,6 @@ def compare_policies(
         paired[name] = entry
     success = np.stack([a.success, b.success], axis=1).astype(np.float64)
     return {
-        "setup": setup,
-        "n": n,
-        "seed": seed,
-        "engine": engine,
         "both_succeed": int(both.sum()),
         "success_difference": bootstrap(success, lambda means: means[:, 1] - means[:, 0]).as_dict(),
         "ceiling_m": float(a.ceiling.mean()),

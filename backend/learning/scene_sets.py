@@ -24,6 +24,7 @@ class Purpose(IntEnum):
     GATE = 3  # may an aligned policy be shown to its participant?
     QUERIES = 4  # scenes that queries are made in
     BENCHMARK = 5  # when has a benchmarked learner reached 94 %?
+    COMPARISON = 6  # where a participant sees the base policy and their own
 
 
 def first_seed(purpose: Purpose, seed: int) -> int:
