@@ -343,6 +343,13 @@ class Tombstone(Base):
     counts: Mapped[dict[str, Any]] = mapped_column(JSON)
 
 
+class Erasing(Base):
+    """The key to the one way around the triggers: lives only inside an erasure's transaction, never committed."""
+
+    __tablename__ = "erasing"
+    participant_id: Mapped[str] = mapped_column(ForeignKey("participant.id"), primary_key=True)
+
+
 class SignIn(Base):
     """A signed-in browser of a user; the cookie's token is stored as sha256 only."""
 

@@ -1,0 +1,263 @@
+"""Keeps trajectories, models and snapshots as files named by the sha256 of their content, each with its row.
+
+Here live the file store, saving and loading, and lineage. What a snapshot or a query set holds lives in the modules of
+those names. Nothing here unpickles.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import uuid
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import fsspec
+from fsspec.implementations.local import LocalFileSystem
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from backend.simulation.trajectory import Trajectory
+from backend.store.database import StorageError
+from backend.store.models import (
+    Artefact,
+    ArtefactAnswer,
+    ArtefactParent,
+    Participant,
+    Response,
+    TrajectoryRow,
+)
+from backend.store.models import Session as SessionRow
+
+ARTEFACT_KINDS = ("policy", "reward_model", "query_set", "snapshot", "evaluation")
+SHA256 = re.compile(r"[0-9a-f]{64}")
+QUARANTINED = "answers it was made from have been erased; make it again from a new snapshot"
+
+
+class ArtefactError(ValueError):
+    """An artefact that is unknown, missing, damaged, quarantined or of the wrong kind."""
+
+
+class ArtefactStore:
+    """Content-addressed files below one fsspec URL (`file:///...`, `s3://...`): same bytes, same name, stored once."""
+
+    def __init__(self, url: str) -> None:
+        self.url = url
+        self._fs, root = fsspec.core.url_to_fs(url)
+        self._root = str(root).rstrip("/")
+
+    def put(self, content: bytes) -> str:
+        """Store `content` and return its sha256. On a local disk it has reached the disk when this returns."""
+        sha = hashlib.sha256(content).hexdigest()
+        path = self._path(sha)
+        if self._fs.exists(path) and self._fs.size(path) == len(content):
+            return sha
+        try:
+            if isinstance(self._fs, LocalFileSystem):
+                _write_durably(Path(path), content)
+            else:
+                self._fs.pipe_file(path, content)
+        except OSError as problem:
+            raise StorageError(
+                f"artefact store {self.url}: {problem.strerror or problem}; check free space and permissions"
+            ) from problem
+        return sha
+
+    def get(self, sha: str) -> bytes:
+        """The content of that name. Raises ArtefactError if it is not there or is not what its name says."""
+        try:
+            content: bytes = self._fs.cat_file(self._path(sha))
+        except FileNotFoundError:
+            raise ArtefactError(f"file {sha} is not in the artefact store {self.url}") from None
+        if hashlib.sha256(content).hexdigest() != sha:
+            raise ArtefactError(f"file {sha} in the artefact store is damaged (its sha256 differs); restore a backup")
+        return content
+
+    def exists(self, sha: str) -> bool:
+        return bool(self._fs.exists(self._path(sha)))
+
+    def delete(self, sha: str) -> None:
+        """Remove the file; nothing happens if there is none."""
+        if self._fs.exists(self._path(sha)):
+            self._fs.rm_file(self._path(sha))
+
+    def names(self) -> Iterator[str]:
+        """The sha256 of every file, sorted."""
+        if self._fs.exists(self._root):
+            found = (str(path).rsplit("/", 1)[-1] for path in self._fs.find(self._root))
+            yield from sorted(name for name in found if SHA256.fullmatch(name))
+
+    def age_s(self, sha: str, now: float) -> float:
+        """Seconds from the file's last change to `now` (Unix time)."""
+        return now - float(self._fs.modified(self._path(sha)).timestamp())
+
+    def _path(self, sha: str) -> str:
+        if not SHA256.fullmatch(sha):  # also keeps ids from requests out of path names
+            raise ArtefactError(f"{sha!r} is no sha256 (64 characters of 0-9a-f)")
+        return f"{self._root}/{sha[:2]}/{sha}"
+
+
+def _write_durably(path: Path, content: bytes) -> None:
+    """Write to a temporary name, sync, rename, sync the folder: a crash leaves the whole file or none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def save_trajectory(
+    s: Session, files: ArtefactStore, trajectory: Trajectory, made_by: str | None = None
+) -> TrajectoryRow:
+    """Store a trajectory once; saving it again returns the row there is. made_by: artefact id of the policy."""
+    sha = files.put(trajectory.to_bytes())
+    row = s.get(TrajectoryRow, sha)
+    if row is None:
+        row = TrajectoryRow(
+            id=sha,
+            setup=trajectory.scene.setup,
+            scene_hash=trajectory.scene.digest(),
+            steps=len(trajectory.actions),
+            duration_s=trajectory.duration_s,
+            outcome=int(trajectory.outcome),
+            made_by=made_by,
+        )
+        s.add(row)
+        s.flush()
+    return row
+
+
+def load_trajectory(files: ArtefactStore, trajectory_id: str) -> Trajectory:
+    """Read a stored trajectory. Raises ArtefactError if it is missing or damaged."""
+    return Trajectory.from_bytes(files.get(trajectory_id))
+
+
+def save_artefact(
+    s: Session,
+    files: ArtefactStore,
+    *,
+    kind: str,
+    name: str,
+    setup: str,
+    content: bytes,
+    card: dict[str, Any],
+    parents: Iterable[tuple[str, str]] = (),
+    answers: Iterable[str] = (),
+    study_id: str | None = None,
+    job_id: str | None = None,
+    simulated: bool = False,
+) -> Artefact:
+    """Store content with its card and lineage; the same content again returns the row there is, lineage added up.
+
+    parents: (artefact id, role) it was made from. answers: response ids it was made from. The mark `simulated` is
+    inherited from both. Raises ArtefactError if the kind, a parent or an answer is unknown, or a parent is quarantined.
+    """
+    if kind not in ARTEFACT_KINDS:
+        raise ArtefactError(f"artefact kind {kind!r} is unknown; known: {', '.join(ARTEFACT_KINDS)}")
+    parents, answers = sorted(set(parents)), sorted(set(answers))
+    sha = hashlib.sha256(content).hexdigest()
+    for parent_id, role in parents:
+        parent = s.get(Artefact, parent_id)
+        if parent is None or parent_id == sha:
+            raise ArtefactError(f"parent {parent_id} ({role}) of {kind} {name!r} is not in the store; was it erased?")
+        if parent.quarantined_at is not None:
+            raise ArtefactError(f"parent {parent_id} ({role}) of {kind} {name!r} is quarantined: {QUARANTINED}")
+        simulated = simulated or parent.simulated
+    simulated = _check_answers(s, answers, f"{kind} {name!r}") or simulated
+    artefact = s.get(Artefact, sha)
+    if artefact is None:
+        files.put(content)
+        artefact = Artefact(
+            id=sha, kind=kind, name=name, setup=setup, card=card, study_id=study_id, job_id=job_id, simulated=simulated
+        )
+        s.add(artefact)
+    elif artefact.kind != kind:
+        raise ArtefactError(f"{kind} {name!r}: the same content is stored as {artefact.kind} {artefact.name!r}")
+    s.flush()
+    for parent_id, role in parents:
+        s.merge(ArtefactParent(artefact_id=sha, parent_id=parent_id, role=role))
+    for response_id in answers:
+        s.merge(ArtefactAnswer(artefact_id=sha, response_id=response_id))
+    s.flush()
+    return artefact
+
+
+def load_artefact(
+    s: Session, files: ArtefactStore, artefact_id: str, *, kind: str | None = None
+) -> tuple[Artefact, bytes]:
+    """An artefact's row and content. Raises ArtefactError if unknown, not of the kind asked for, or quarantined."""
+    artefact = s.get(Artefact, artefact_id)
+    if artefact is None:
+        raise ArtefactError(f"no artefact with id {artefact_id!r}")
+    if kind is not None and artefact.kind != kind:
+        raise ArtefactError(f"artefact {artefact_id} ({artefact.name}) is a {artefact.kind}, not a {kind}")
+    if artefact.quarantined_at is not None:
+        raise ArtefactError(f"{artefact.kind} {artefact.name!r} is quarantined: {QUARANTINED}")
+    return artefact, files.get(artefact_id)
+
+
+@dataclass(frozen=True)
+class Lineage:
+    """An artefact and everything it was made from, down to the answers (response ids)."""
+
+    artefact: Artefact
+    role: str | None  # what it was for the one below it in the tree; None at the root
+    parents: tuple[Lineage, ...]
+    answers: tuple[str, ...]
+
+    def all_answers(self) -> tuple[str, ...]:
+        """The response ids of the whole tree, sorted."""
+        found = set(self.answers).union(*(parent.all_answers() for parent in self.parents))
+        return tuple(sorted(found))
+
+
+def lineage(s: Session, artefact_id: str, role: str | None = None) -> Lineage:
+    """The lineage of an artefact. Raises ArtefactError if there is none with that id."""
+    artefact = s.get(Artefact, artefact_id)
+    if artefact is None:
+        raise ArtefactError(f"no artefact with id {artefact_id!r}")
+    parents = s.execute(
+        select(ArtefactParent.parent_id, ArtefactParent.role)
+        .where(ArtefactParent.artefact_id == artefact_id)
+        .order_by(ArtefactParent.role, ArtefactParent.parent_id)
+    )
+    answers = s.scalars(
+        select(ArtefactAnswer.response_id)
+        .where(ArtefactAnswer.artefact_id == artefact_id)
+        .order_by(ArtefactAnswer.response_id)
+    )
+    return Lineage(
+        artefact=artefact,
+        role=role,
+        parents=tuple(lineage(s, parent_id, parent_role) for parent_id, parent_role in parents.all()),
+        answers=tuple(answers),
+    )
+
+
+def _check_answers(s: Session, answers: Sequence[str], what: str) -> bool:
+    """Whether any of the answers was simulated. Raises ArtefactError if one does not exist."""
+    if not answers:
+        return False
+    rows = s.execute(
+        select(Response.id, Participant.simulated)
+        .join(SessionRow, SessionRow.id == Response.session_id)
+        .join(Participant, Participant.id == SessionRow.participant_id)
+        .where(Response.id.in_(answers))
+    ).all()
+    missing = set(answers) - {row.id for row in rows}
+    if missing:
+        raise ArtefactError(f"{what}: {len(missing)} of its answers do not exist (any more), e.g. {min(missing)}")
+    return any(row.simulated for row in rows)

@@ -1,0 +1,226 @@
+"""Opens the database and hands out transactions. The tables live in `models.py`, their history in `migrations`.
+
+One way in for SQLite (a file, the default) and PostgreSQL (by URL): writers queue instead of deadlocking, and a commit
+that returned is on disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import sqlite3
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from alembic import command
+from alembic.config import Config
+from sqlalchemy import Connection, create_engine, event, make_url, text
+from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.orm import Session
+
+from backend.store.models import Setting
+
+MIGRATIONS = Path(__file__).with_name("migrations")
+BUSY_TIMEOUT_S = 10.0  # how long a writer waits for the one before it
+MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vacuum would fill the disk
+PROBE_BYTES = 64 * 1024
+MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
+COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
+COMPACT_TRIES_S = 15.0
+
+
+class StorageError(OSError):
+    """The data folder or the database cannot be used; the message says what to do."""
+
+
+def check_writable(folder: Path, *, min_free_bytes: int = MIN_FREE_BYTES) -> None:
+    """Make sure that data can be kept in `folder` (made if missing) before anything starts.
+
+    Raises StorageError if the folder is read-only, is no folder, or its disk is (nearly) full.
+    """
+    probe = folder / f".probe-{os.getpid()}-{time.monotonic_ns()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+        if free < min_free_bytes:
+            raise StorageError(
+                f"data folder {folder}: only {free / 2**20:.0f} MB free on its disk, at least "
+                f"{min_free_bytes / 2**20:.0f} MB are needed; free some space or set DESIREPATH_DATA to another folder"
+            )
+        with probe.open("wb") as file:
+            file.write(b"\0" * PROBE_BYTES)
+            file.flush()
+            os.fsync(file.fileno())
+    except StorageError:
+        raise
+    except OSError as problem:
+        raise StorageError(
+            f"data folder {folder} cannot be written ({problem.strerror or problem}); "
+            "make it writable for this user, free some space, or set DESIREPATH_DATA to another folder"
+        ) from problem
+    finally:
+        with contextlib.suppress(OSError):
+            probe.unlink(missing_ok=True)
+
+
+class Database:
+    """The database behind one URL: `sqlite:///path` or `postgresql://...`.
+
+    `engine` begins writing transactions; `transaction()` and `session()` are what the other rooms use.
+    """
+
+    def __init__(self, url: str) -> None:
+        parsed = make_url(url)
+        if parsed.drivername in ("postgresql", "postgres"):
+            parsed = parsed.set(drivername="postgresql+psycopg")
+        self.url = parsed
+        self.is_sqlite = parsed.get_backend_name() == "sqlite"
+        if self.is_sqlite:
+            if not parsed.database or parsed.database == ":memory:":
+                raise StorageError(f"database url {url!r}: name a file, as in sqlite:///data/desirepath.sqlite")
+            self.file: Path | None = Path(parsed.database)
+            engine = create_engine(
+                parsed, connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}, pool_size=20
+            )
+            event.listen(engine, "connect", _set_up_sqlite)
+            event.listen(engine, "begin", _begin_sqlite)
+            reading: dict[str, Any] = {"reads_only": True}
+        elif parsed.get_backend_name() == "postgresql":
+            self.file = None
+            engine = create_engine(parsed, pool_pre_ping=True, pool_size=20)
+            reading = {"postgresql_readonly": True, "isolation_level": "REPEATABLE READ"}
+        else:
+            raise StorageError(f"database url {url!r}: known are sqlite:///FILE and postgresql://USER@HOST/NAME")
+        self.engine = engine
+        self._reading = engine.execution_options(**reading)
+
+    def migrate(self) -> None:
+        """Bring the tables to the newest revision; does nothing where they are. Safe from several processes at once."""
+        with self._explained():
+            if self.file is not None:
+                self.file.parent.mkdir(parents=True, exist_ok=True)
+            with self.engine.begin() as connection:
+                if not self.is_sqlite:
+                    connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
+                command.upgrade(migration_config(connection), "head")
+            with self.session() as s:
+                pending = s.get(Setting, COMPACT_PENDING) is not None
+        if pending:
+            self.compact()
+
+    @contextlib.contextmanager
+    def transaction(self) -> Iterator[Session]:
+        """A session that may write; commits when the block ends, rolls back on any exception.
+
+        On SQLite the write lock is taken at the first statement, so what was read in here is still true at the commit.
+        On PostgreSQL lock what you are about to change (`with_for_update`) or compare and set.
+        """
+        with self._explained(), Session(self.engine, expire_on_commit=False) as s, s.begin():
+            yield s
+
+    @contextlib.contextmanager
+    def session(self) -> Iterator[Session]:
+        """A session that only reads, one consistent view; the database refuses writes in it."""
+        with self._explained(), Session(self._reading, expire_on_commit=False) as s:
+            yield s
+
+    def compact(self) -> bool:
+        """Make sure that deleted rows are in no file any more: truncate the write-ahead log and rewrite the file.
+
+        Returns False if somebody kept reading all the while; an erasure's is then done at the next start. PostgreSQL's server
+        looks after its own files: there the tables are vacuumed (its write-ahead log is the administrator's).
+        """
+        if not self.is_sqlite:
+            with self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+                connection.execute(text("VACUUM FULL"))
+            self._forget_pending()
+            return True
+        deadline = time.monotonic() + COMPACT_TRIES_S
+        while not self._vacuum_sqlite():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(0.2)
+        self._forget_pending()
+        return True
+
+    def close(self) -> None:
+        """Give all connections back."""
+        self.engine.dispose()
+
+    def _vacuum_sqlite(self) -> bool:
+        raw = self.engine.raw_connection()
+        try:
+            cursor = raw.cursor()
+            cursor.execute("PRAGMA query_only = OFF")
+            cursor.execute("VACUUM")
+            busy, _, _ = cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+            return not busy
+        except sqlite3.OperationalError as problem:
+            if "locked" in str(problem) or "busy" in str(problem):
+                return False
+            raise
+        finally:
+            raw.close()
+
+    def _forget_pending(self) -> None:
+        with self.transaction() as s:
+            row = s.get(Setting, COMPACT_PENDING)
+            if row is not None:
+                s.delete(row)
+
+    @contextlib.contextmanager
+    def _explained(self) -> Iterator[None]:
+        """Turn what the disk or the connection did into a StorageError with a sentence; other errors pass."""
+        try:
+            yield
+        except DBAPIError as problem:
+            message = str(problem.orig)
+            where = self.file or self.url.render_as_string(hide_password=True)
+            if "disk is full" in message or "disk I/O error" in message:
+                said = "the disk is full or broken; nothing of this change was stored. Free some space and try again"
+            elif "readonly database" in message and "query_only" not in message:
+                said = "the database was opened for reading or its file is read-only; nothing was stored"
+            elif "unable to open database file" in message:
+                said = "the file cannot be opened; check that its folder exists and is writable"
+            elif "file is not a database" in message or "malformed" in message:
+                said = "the file is damaged or no database; restore a backup (`desirepath restore`)"
+            elif "database is locked" in message:
+                said = f"another process kept writing for more than {BUSY_TIMEOUT_S:.0f} s; nothing was stored"
+            elif isinstance(problem, OperationalError) and problem.connection_invalidated:
+                said = "the connection was lost; nothing of this change was stored"
+            else:
+                raise
+            raise StorageError(f"database {where}: {said} ({message})") from problem
+
+
+def migration_config(connection: Connection) -> Config:
+    """Alembic's configuration for our scripts, running inside `connection`'s transaction."""
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    config.attributes["connection"] = connection
+    return config
+
+
+def _set_up_sqlite(connection: sqlite3.Connection, _record: object) -> None:
+    connection.isolation_level = None  # we say BEGIN ourselves, below
+    cursor = connection.cursor()
+    for pragma in (
+        f"busy_timeout = {int(BUSY_TIMEOUT_S * 1000)}",
+        "journal_mode = WAL",
+        "synchronous = FULL",  # an acknowledged answer survives a power cut
+        "foreign_keys = ON",
+        "secure_delete = ON",
+        "temp_store = MEMORY",  # no copies of answers in temporary files
+    ):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    # IMMEDIATE: a transaction that first reads and then writes would otherwise fail when two do so at once.
+    reads_only = connection.get_execution_options().get("reads_only", False)
+    connection.exec_driver_sql(f"PRAGMA query_only = {'ON' if reads_only else 'OFF'}")
+    connection.exec_driver_sql("BEGIN" if reads_only else "BEGIN IMMEDIATE")

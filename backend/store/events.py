@@ -1,0 +1,45 @@
+"""Writes to the append-only log: what happened, when, in which session. Reading it is a plain select."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from backend.store.models import Event
+from backend.store.models import Session as SessionRow
+
+# What identifies a person or opens a door never enters the log, so that it cannot leave with it either.
+FORBIDDEN_KEYS = frozenset(
+    {"token", "ip", "ip_address", "cookie", "password", "csrf", "external_id", "prolific_pid", "email", "user_agent"}
+)
+
+
+def log_event(
+    s: Session,
+    kind: str,
+    *,
+    study_id: str | None = None,
+    session_id: str | None = None,
+    trial_id: str | None = None,
+    client_time: datetime | None = None,
+    **data: Any,
+) -> Event:
+    """Add one event to the transaction; the study is filled in from the session.
+
+    data: plain JSON values. Raises ValueError if a key names something that must not be logged (FORBIDDEN_KEYS).
+    """
+    forbidden = sorted(FORBIDDEN_KEYS & {key.lower() for key in data})
+    if forbidden:
+        raise ValueError(
+            f"event {kind!r}: {', '.join(forbidden)} must not be logged; leave it out or log a neutral word"
+        )
+    if session_id is not None and study_id is None:
+        session = s.get(SessionRow, session_id)
+        study_id = session.study_id if session else None
+    event = Event(
+        kind=kind, study_id=study_id, session_id=session_id, trial_id=trial_id, client_time=client_time, data=data
+    )
+    s.add(event)
+    return event

@@ -1,0 +1,86 @@
+"""Query sets in the store: brought in once, then looked up by artefact. How queries are made lives in `learning`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from backend.learning.queries import QuerySet
+from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectory
+from backend.store.models import Artefact
+
+
+@dataclass(frozen=True)
+class StoredQuery:
+    """A query whose two trajectories are in the store. `id` is the query's digest, the same wherever it is asked."""
+
+    id: str
+    setup: str
+    scene_hash: str
+    trajectory_a: str
+    trajectory_b: str
+    duration_a_s: float
+    duration_b_s: float
+
+
+def save_query_set(
+    s: Session,
+    files: ArtefactStore,
+    query_set: QuerySet,
+    *,
+    name: str,
+    card: dict[str, Any],
+    parents: list[tuple[str, str]] | None = None,
+    job_id: str | None = None,
+    content: bytes | None = None,
+) -> Artefact:
+    """Store a query set and each of its trajectories once; idempotent.
+
+    content: the set's bytes where they came from a file, so that the artefact's id is the file's sha256. The stored
+    card gets `stored_queries`: where each query's trajectories lie. Raises ArtefactError for an empty set.
+    """
+    if not query_set.queries:
+        raise ArtefactError(f"query set {name!r} holds no queries; a study needs at least one")
+    content = query_set.to_bytes() if content is None else content
+    stored: list[dict[str, Any]] = []
+    for query in query_set.queries:
+        row_a, row_b = (save_trajectory(s, files, t) for t in (query.trajectory_a, query.trajectory_b))
+        stored.append(
+            {
+                "id": query.digest(),
+                "setup": query.scene.setup,
+                "scene_hash": row_a.scene_hash,
+                "trajectory_a": row_a.id,
+                "trajectory_b": row_b.id,
+                "duration_a_s": row_a.duration_s,
+                "duration_b_s": row_b.duration_s,
+            }
+        )
+    return save_artefact(
+        s,
+        files,
+        kind="query_set",
+        name=name,
+        setup=query_set.setup,
+        content=content,
+        card={**card, "stored_queries": stored},
+        parents=parents or (),
+        job_id=job_id,
+    )
+
+
+def queries_of(s: Session, files: ArtefactStore, artefact_id: str) -> list[StoredQuery]:
+    """The queries of a stored set, in its order. Raises ArtefactError if it is none or a drive's file is gone."""
+    artefact = s.get(Artefact, artefact_id)
+    if artefact is None or artefact.kind != "query_set":
+        raise ArtefactError(f"{artefact_id!r} is not a query set in this store")
+    queries = [StoredQuery(**entry) for entry in artefact.card["stored_queries"]]
+    for query in queries:
+        for trajectory_id in (query.trajectory_a, query.trajectory_b):
+            if not files.exists(trajectory_id):
+                raise ArtefactError(
+                    f"query set {artefact.name!r}: the file of drive {trajectory_id} is missing; restore a backup"
+                )
+    return queries

@@ -1,0 +1,220 @@
+"""Takes dataset snapshots: the answers that a job trains on, frozen, hashed, each traceable to its row.
+
+Who counts is decided here and nowhere else: learning trials and excluded or withdrawn participants never do. What is
+learned from them lives in `learning`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from backend.simulation.setups import require_same
+from backend.store.artefacts import ArtefactStore, load_artefact, save_artefact
+from backend.store.models import Artefact, Participant, Response, Study, TrajectoryRow, Trial
+from backend.store.models import Session as SessionRow
+
+FORMAT = "desirepath-snapshot-1"
+MIN_ANSWERS = 2  # one pair cannot say which of two reasons it was chosen for
+PROBE_ROLES = ("repeat", "swap")
+
+
+class SnapshotError(ValueError):
+    """There is nothing to learn from; the message counts what was left out and why."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One usable answer. `source`: human or simulated. `probe`: asked again to measure consistency, not independent."""
+
+    response: str
+    trial: str
+    participant: str  # pseudonymous code
+    view: str
+    query: str | None
+    trajectory_a: str
+    trajectory_b: str
+    choice: str  # "a" or "b"
+    source: str
+    probe: bool
+
+    @property
+    def chosen(self) -> str:
+        return self.trajectory_a if self.choice == "a" else self.trajectory_b
+
+    @property
+    def rejected(self) -> str:
+        return self.trajectory_b if self.choice == "a" else self.trajectory_a
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The content of a snapshot: answers of one setup in the order they were given, and what was left out."""
+
+    setup: str
+    study: str
+    protocol_hash: str
+    session: str | None
+    answers: tuple[Answer, ...]
+    left_out: dict[str, int]
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any answer came from an oracle."""
+        return any(answer.source == "simulated" for answer in self.answers)
+
+    def training_answers(self) -> tuple[Answer, ...]:
+        """The answers that are independent: all but probes."""
+        return tuple(answer for answer in self.answers if not answer.probe)
+
+    def to_bytes(self) -> bytes:
+        """Canonical JSON: the same answers always give the same bytes, so the same snapshot."""
+        return json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True, ensure_ascii=False, indent=1).encode()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Snapshot:
+        """Read `to_bytes` back. Raises SnapshotError on anything else."""
+        try:
+            data = json.loads(content)
+            if data.pop("format") != FORMAT:
+                raise KeyError("format")
+            return cls(**{**data, "answers": tuple(Answer(**answer) for answer in data["answers"])})
+        except (ValueError, KeyError, TypeError) as problem:
+            raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
+
+
+def take_snapshot(
+    s: Session,
+    files: ArtefactStore,
+    *,
+    session_id: str | None = None,
+    study_id: str | None = None,
+    participant_ids: Sequence[str] | None = None,
+) -> Artefact:
+    """Freeze the usable answers of a session, or of a study (or some of its participants) as a snapshot artefact.
+
+    Raises SnapshotError if fewer than two usable answers are left, LookupError if the session or study is unknown.
+    """
+    if (session_id is None) == (study_id is None):
+        raise SnapshotError("take_snapshot: name either a session or a study")
+    if session_id is not None:
+        session = s.get(SessionRow, session_id)
+        if session is None:
+            raise LookupError(f"no session with id {session_id!r}")
+        study_id = session.study_id
+    study = s.get(Study, study_id)
+    if study is None:
+        raise LookupError(f"no study with id {study_id!r}")
+    chosen = _answers_of(study.id)
+    if session_id is not None:
+        chosen = chosen.where(SessionRow.id == session_id)
+    if participant_ids is not None:
+        chosen = chosen.where(Participant.id.in_(participant_ids))
+    return _freeze(s, files, study, session_id, s.execute(chosen).all())
+
+
+def retake_snapshot(s: Session, files: ArtefactStore, old: Snapshot) -> Artefact:
+    """The same snapshot from those of its answers that still exist and count. Raises SnapshotError if too few do."""
+    study = s.get(Study, old.study)
+    if study is None:
+        raise LookupError(f"no study with id {old.study!r}")
+    still = _answers_of(study.id).where(Response.id.in_([answer.response for answer in old.answers]))
+    return _freeze(s, files, study, old.session, s.execute(still).all())
+
+
+def load_snapshot(s: Session, files: ArtefactStore, artefact_id: str) -> Snapshot:
+    """Read a snapshot. Raises ArtefactError if it is unknown, no snapshot, or quarantined by an erasure."""
+    _, content = load_artefact(s, files, artefact_id, kind="snapshot")
+    return Snapshot.from_bytes(content)
+
+
+def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
+    return (
+        select(Response, Trial, Participant, TrajectoryRow.setup)
+        .join(Trial, Trial.id == Response.trial_id)
+        .join(SessionRow, SessionRow.id == Response.session_id)
+        .join(Participant, Participant.id == SessionRow.participant_id)
+        .join(TrajectoryRow, TrajectoryRow.id == Trial.trajectory_a)
+        .where(SessionRow.study_id == study_id, Trial.kind == "query")
+        .order_by(Participant.code, Response.created_at, Trial.index, Response.id)
+    )
+
+
+def _freeze(s: Session, files: ArtefactStore, study: Study, session_id: str | None, rows: Sequence[Any]) -> Artefact:
+    left_out = dict.fromkeys(("learning", "excluded", "withdrawn", "no_choice"), 0)
+    answers: list[Answer] = []
+    setups: dict[str, str] = {}
+    for response, trial, participant, setup in rows:
+        reason = _reason_to_leave_out(response, trial, participant)
+        if reason:
+            left_out[reason] += 1
+            continue
+        setups[f"answer {response.id}"] = setup
+        answers.append(
+            Answer(
+                response=response.id,
+                trial=trial.id,
+                participant=participant.code,
+                view=trial.view,
+                query=trial.query_id,
+                trajectory_a=trial.trajectory_a,
+                trajectory_b=trial.trajectory_b,
+                choice=response.value["choice"],
+                source="simulated" if participant.simulated else "human",
+                probe=trial.role in PROBE_ROLES,
+            )
+        )
+    usable = [answer for answer in answers if not answer.probe]
+    if len(usable) < MIN_ANSWERS:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count) or "nothing"
+        raise SnapshotError(
+            f"only {len(usable)} usable answers, at least {MIN_ANSWERS} are needed "
+            f"(left out: {reasons}; probes: {len(answers) - len(usable)})"
+        )
+    snapshot = Snapshot(
+        setup=require_same(**setups),
+        study=study.id,
+        protocol_hash=study.protocol_hash,
+        session=session_id,
+        answers=tuple(answers),
+        left_out=left_out,
+    )
+    of = "session" if session_id else "study"
+    return save_artefact(
+        s,
+        files,
+        kind="snapshot",
+        name=f"{study.name}, {len(answers)} answers of a {of}",
+        setup=snapshot.setup,
+        content=snapshot.to_bytes(),
+        card={
+            "study": study.id,
+            "session": session_id,
+            "protocol_hash": study.protocol_hash,
+            "answers": len(answers),
+            "probes": len(answers) - len(usable),
+            "participants": len({answer.participant for answer in answers}),
+            "human": sum(answer.source == "human" for answer in answers),
+            "left_out": left_out,
+        },
+        answers=[answer.response for answer in answers],
+        study_id=study.id,
+        simulated=snapshot.simulated,
+    )
+
+
+def _reason_to_leave_out(response: Response, trial: Trial, participant: Participant) -> str | None:
+    if participant.excluded_at is not None:
+        return "excluded"
+    if participant.withdrawn_at is not None:
+        return "withdrawn"
+    if trial.role == "learning":
+        return "learning"
+    if response.value.get("choice") not in ("a", "b"):
+        return "no_choice"
+    return None
