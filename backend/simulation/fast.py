@@ -215,7 +215,8 @@ class FastEngine:
         return self._state.paths[i, : self._state.steps[i] + 1].copy()
 
 
-def _act(act: ActFunction, observations: Floats) -> Floats:
+def act_on(act: ActFunction, observations: Floats) -> Floats:
+    """The actions of a policy, checked for shape. Raises ActionError."""
     actions = np.asarray(act(observations), dtype=np.float32)
     if actions.shape != (len(observations), 2):
         raise ActionError(f"the policy gave actions of shape {actions.shape} for {len(observations)} observations")
@@ -241,7 +242,7 @@ def rollout(
         if not len(running):
             break
         before = engine.observations[running]
-        actions[running] = np.clip(_act(act, before), -1.0, 1.0)
+        actions[running] = np.clip(act_on(act, before), -1.0, 1.0)
         engine.step(actions)
         rewards, dones = engine.rewards[running], engine.dones[running]
         after, here, taken = engine.next_observations[running], engine.poses[running], actions[running]
@@ -312,7 +313,7 @@ def evaluate(act: ActFunction, setup: Setup, scenes: Sequence[Scene]) -> Episode
     total = np.zeros(len(scenes), dtype=np.float64)
     while not engine.dones.all():
         running = np.flatnonzero(~engine.dones)
-        actions[running] = _act(act, engine.observations[running])
+        actions[running] = act_on(act, engine.observations[running])
         engine.step(actions)
         total += engine.rewards
     return EpisodeTable(
