@@ -1,0 +1,92 @@
+"""Cards: what every stored artefact says about itself, beside its file. Where shipped ones lie: `shipped.py`."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from backend.learning.errors import LearningError
+
+ROOT = Path(__file__).resolve().parents[2]
+
+DEPARTURES = {
+    "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
+    "alignment reward, no ensemble training and no evaluation.",
+    "heads": "Actor and critic heads are 128, 128 instead of 400, 300: as successful here and three times as fast.",
+    "environments": "Many environments in a fast kinematic engine instead of one in iGibson; updates per step differ.",
+    "average": "The kept weights are the best of several checkpoints, as they are or averaged over recent updates, "
+    "chosen on scenes that no reported number uses.",
+    "ensemble_start": "Members start from a buffer regenerated from the base policy and the seed, not from the one of "
+    "its training.",
+    "pair_filters": "Besides collisions, self-intersections and timeouts, pairs are dropped that are too long to watch "
+    "or that a person could hardly tell apart.",
+    "study_room_reward": "The thesis trains the study's policies for 500,000 steps with heads unknown; ours as stated "
+    "in the configuration.",
+}
+
+
+@dataclass(frozen=True)
+class Card:
+    """Everything needed to judge an artefact and to make it again.
+
+    command: what made it. commit: the source's git commit, `-dirty` if simulation or learning differed from it.
+    scenes: which scene seeds chose it and which reported on it. results: numbers on the reporting scenes.
+    parents: names and sha256 of the artefacts it was made from. departures: from the thesis, in sentences.
+    """
+
+    kind: str
+    name: str
+    setup: str
+    file: str
+    sha256: str
+    command: str
+    seed: int
+    commit: str
+    config: dict[str, Any]
+    scenes: dict[str, Any]
+    results: dict[str, Any]
+    parents: dict[str, str] = field(default_factory=dict)
+    departures: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def save(self, path: Path) -> None:
+        path.write_text(json.dumps(asdict(self), indent=2, sort_keys=True) + "\n", encoding="utf-8")
+
+    @classmethod
+    def load(cls, path: Path) -> Card:
+        """Raises LearningError for a missing or incomplete card."""
+        try:
+            return cls(**json.loads(path.read_text(encoding="utf-8")))
+        except OSError as problem:
+            raise LearningError(f"cannot read card {path}: {problem.strerror}") from None
+        except (TypeError, json.JSONDecodeError) as problem:
+            raise LearningError(f"card {path} is incomplete or no card: {problem}") from None
+
+
+def file_sha256(path: Path) -> str:
+    """sha256 of a file's bytes."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def card_path(artefact: Path) -> Path:
+    """`base.npz` -> `base.card.json`."""
+    return artefact.with_suffix(".card.json")
+
+
+def source_commit() -> str:
+    """The git commit of this source tree, with `-dirty` where simulation or learning differ; `unknown` without git."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    try:
+        commit = git("rev-parse", "HEAD")
+        changed = git("status", "--porcelain", "--", "backend/simulation", "backend/learning")
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return f"{commit}-dirty" if changed else commit
