@@ -130,8 +130,8 @@ class Database:
     def compact(self) -> bool:
         """Make sure that deleted rows are in no file any more: truncate the write-ahead log and rewrite the file.
 
-        Returns False if somebody kept reading all the while; an erasure's is then done at the next start. PostgreSQL's server
-        looks after its own files: there the tables are vacuumed (its write-ahead log is the administrator's).
+        Returns False if somebody kept reading all the while; an erasure's is then done at the next start. On PostgreSQL
+        the tables are vacuumed; the server's own write-ahead log and backups are its administrator's.
         """
         if not self.is_sqlite:
             with self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:

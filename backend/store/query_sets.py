@@ -1,15 +1,20 @@
 """Query sets in the store: brought in once, then looked up by artefact. How queries are made lives in `learning`."""
+# torch comes with `learning` and takes seconds to import, so it is imported where a set is read, not with the server.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import hashlib
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy.orm import Session
 
-from backend.learning.queries import QuerySet
 from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectory
 from backend.store.models import Artefact
+from backend.store.shipped import register_parents
+
+if TYPE_CHECKING:
+    from backend.learning.queries import QuerySet
 
 
 @dataclass(frozen=True)
@@ -23,6 +28,33 @@ class StoredQuery:
     trajectory_b: str
     duration_a_s: float
     duration_b_s: float
+
+
+def import_query_set(s: Session, files: ArtefactStore, name_or_path: str) -> Artefact:
+    """Bring a shipped query set (`study_room/queries_200`) or a `.npz` file into the store; idempotent and then fast.
+
+    Raises LearningError if there is none or it is damaged, ArtefactError if it is empty.
+    """
+    from backend.learning.artefacts import Card, card_path
+    from backend.learning.queries import QuerySet
+    from backend.learning.shipped import resolve
+
+    path = resolve(name_or_path)
+    content = path.read_bytes()
+    stored = s.get(Artefact, hashlib.sha256(content).hexdigest())
+    if stored is not None:
+        return stored
+    query_set = QuerySet.from_bytes(content)
+    card = Card.load(card_path(path)) if card_path(path).exists() else None
+    return save_query_set(
+        s,
+        files,
+        query_set,
+        name=card.name if card else path.stem,
+        card=asdict(card) if card else {},
+        parents=register_parents(s, files, card) if card else [],
+        content=content,
+    )
 
 
 def save_query_set(

@@ -1,0 +1,74 @@
+"""Makes the policies that come with the product known to the database, with their cards and lineage.
+
+Finding and checking the shipped files lives in `learning/shipped.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact
+from backend.store.models import Artefact
+
+if TYPE_CHECKING:
+    from backend.learning.artefacts import Card
+
+
+def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
+    """Store every shipped policy that is not stored yet; returns all of them. Raises LearningError for a damaged file."""
+    from backend.learning.shipped import load_card, shipped_names
+
+    names = [name for name in shipped_names() if load_card(name).kind == "policy"]
+    return [_register(s, files, name) for name in names]
+
+
+def policy_artefact(s: Session, name: str) -> Artefact:
+    """The artefact of a shipped policy, e.g. `study_room/base`. Raises ArtefactError if it is not registered."""
+    from backend.learning.shipped import load_card
+
+    sha = load_card(name).sha256
+    artefact = s.get(Artefact, sha)
+    if artefact is None:
+        known = s.scalars(select(Artefact.name).where(Artefact.kind == "policy").order_by(Artefact.name)).all()
+        raise ArtefactError(f"policy {name!r} is not registered; registered are: {', '.join(known) or 'none'}")
+    return artefact
+
+
+def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple[str, str]]:
+    """The (artefact id, role) of what a card names as its parents; shipped ones are registered on the way.
+
+    A parent that is neither stored nor shipped stays on the card only.
+    """
+    from backend.learning.shipped import load_card, shipped_names
+
+    found = []
+    for name, sha in card.parents.items():
+        if s.get(Artefact, sha) is None and name in shipped_names() and load_card(name).sha256 == sha:
+            _register(s, files, name)
+        if s.get(Artefact, sha) is not None:
+            found.append((sha, name))
+    return found
+
+
+def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:
+    from backend.learning.shipped import load_card, load_shipped, resolve
+
+    card = load_card(name)
+    artefact = s.get(Artefact, card.sha256)
+    if artefact is not None:
+        return artefact
+    load_shipped(name)  # checks the file against its card
+    return save_artefact(
+        s,
+        files,
+        kind="policy",
+        name=name,
+        setup=card.setup,
+        content=resolve(name).read_bytes(),
+        card=asdict(card),
+        parents=register_parents(s, files, card),
+    )
