@@ -33,7 +33,7 @@ WHEEL_RADIUS_M = 0.035  # spec 01
 WHEEL_SEPARATION_M = 0.23  # spec 01
 WHEEL_TORQUE_NM = 10.0
 TOUCH_M = {"velocity": 0.0, "wheels": 0.001}  # with contact forces, touching bodies rest at small positive distances
-_SOLID, _ROBOT, _FLOOR = 1, 2, 4  # collision groups; rays see solids only
+_RAY, _ROBOT, _FLOOR, _SOLID = 1, 2, 4, 8  # collision groups; PyBullet's rays are in 1, and ours see solids only
 _URDF = Path(__file__).with_name("turtlebot.urdf")
 
 
@@ -123,7 +123,7 @@ class ReferenceEngine:
         where = [person.pose.x, person.pose.y, person.height / 2]
         self._solids.append(p.createMultiBody(0, shape, -1, where, **on))
         for body in self._solids:
-            p.setCollisionFilterGroupMask(body, -1, _SOLID, _ROBOT, **on)
+            p.setCollisionFilterGroupMask(body, -1, _SOLID, _ROBOT | _RAY, **on)
         if self.drive_mode == "velocity":
             shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=ROBOT_RADIUS_M, height=BODY_HEIGHT_M, **on)
             self._robot, self._rest_height = p.createMultiBody(6.0, shape, -1, **on), BODY_HEIGHT_M / 2
