@@ -18,6 +18,8 @@ from babel.dates import format_date, format_datetime
 from babel.numbers import format_decimal, format_percent
 
 DEFAULT_LANGUAGE = "en"
+# Where a language alone leaves the notation open, e.g. whether the month or the day comes first.
+LOCALES = {"en": "en_GB"}
 PLURAL_CATEGORIES = frozenset({"zero", "one", "two", "few", "many", "other"})
 _PLACEHOLDER = re.compile(r"\{([a-z_][a-z0-9_]*)\}")
 
@@ -34,7 +36,7 @@ class Catalogue:
     def __init__(self, language: str, entries: dict[str, Any]) -> None:
         self.language = language
         self._entries = entries
-        self._locale = Locale.parse(language)
+        self._locale = Locale.parse(LOCALES.get(language, language))
 
     def __call__(self, key: str, **values: object) -> str:
         """The text of `key` with its `{placeholders}` filled.

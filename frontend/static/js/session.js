@@ -38,6 +38,10 @@ let stream = null;
 let elsewhere = false;
 /** Counts arrivals of steps, so that a slow page never overwrites a newer one. */
 let arrival = 0;
+/** Counts what was sent: a state asked for before that is old news. */
+let sent = 0;
+/** @type {Promise<void> | null} */
+let refreshing = null;
 
 const stage = new StageFrame($("stage-frame"), data.stage_origin, (message) => trial?.hear(message));
 
@@ -55,12 +59,34 @@ async function follow(state) {
   else if (state.step?.trial) trial?.update(state.step.trial);
 }
 
-async function refresh() {
+/** Asks the server where the session stands, and shows it. Calls that come meanwhile share the answer. */
+function refresh() {
+  refreshing ??= askState().finally(() => {
+    refreshing = null;
+  });
+  return refreshing;
+}
+
+async function askState() {
   try {
-    await follow(await ask(api));
+    for (;;) {
+      const before = sent;
+      const state = await ask(api);
+      if (before === sent) return await follow(state);
+    }
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
     location.reload(); // the link no longer counts: the server's page says why
+  }
+}
+
+/** Sends something that may change the session. @param {string} url @param {object} body @returns {Promise<any>} */
+async function send(url, body) {
+  sent += 1;
+  try {
+    return await ask(url, body);
+  } finally {
+    sent += 1;
   }
 }
 
@@ -99,7 +125,7 @@ function mount() {
   if (onStage && current.step) {
     const key = current.step.key;
     trial = new Trial($("trial"), current.step.trial ?? { phase: "ready" }, {
-      post: (path, sent) => ask(`${api}/trials/${encodeURIComponent(key)}/${path}`, sent),
+      post: (path, body) => send(`${api}/trials/${encodeURIComponent(key)}/${path}`, body),
       answer: (value) => answer(key, value),
       refresh,
       say,
@@ -181,7 +207,7 @@ async function answer(key, value) {
 /** @param {string} url @param {Record<string, unknown>} body */
 async function deliver(url, body) {
   try {
-    const answered = await ask(url, body);
+    const answered = await send(url, body);
     keep.release();
     if (answered.step) await follow({ ...current, state: answered.state ?? current.state, step: answered.step });
     await refresh();
@@ -195,13 +221,13 @@ async function deliver(url, body) {
 
 async function pauseSession() {
   for (const dialog of document.querySelectorAll("dialog")) dialog.close();
-  await ask(`${api}/pause`, { request_id: newRequestId() }).catch(ignoreRefusal);
+  await send(`${api}/pause`, { request_id: newRequestId() }).catch(ignoreRefusal);
   await refresh();
 }
 
 async function withdraw() {
   try {
-    await ask(`${api}/withdraw`, { request_id: newRequestId() });
+    await send(`${api}/withdraw`, { request_id: newRequestId() });
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
     $("leave-result").textContent = say("refused");
@@ -223,7 +249,7 @@ document.addEventListener("click", async (event) => {
   else if ("withdraw" in button.dataset) await once(button, withdraw);
   else if ("resume" in button.dataset) {
     await once(button, async () => {
-      await ask(`${api}/resume`, { request_id: newRequestId() }).catch(ignoreRefusal);
+      await send(`${api}/resume`, { request_id: newRequestId() }).catch(ignoreRefusal);
       await refresh();
     });
   } else if ("reload" in button.dataset) location.reload();
@@ -307,7 +333,7 @@ function moveOut() {
 
 // ---- begin ---------------------------------------------------------------------------------------------------------
 
-watchConnection((lost) => showBanner(lost ? say("offline") : null));
+watchConnection((lost) => showBanner(lost ? say(keep.held() ? "offline_answer" : "offline") : null));
 readyDialogs();
 mount();
 listen();
