@@ -74,9 +74,7 @@ class AlignParams(Params):
 
     snapshot: str = _artefact("snapshot")
     setup: SetupName | None = _from("from_snapshot", None, advanced=True)
-    base: str | None = Field(
-        None, json_schema_extra={"source": "from_setup", "artefact": "policy", "advanced": True}
-    )
+    base: str | None = Field(None, json_schema_extra={"source": "from_setup", "artefact": "policy", "advanced": True})
     recipe: Literal["refine", "thesis"] = _from("spec_06_recipe_b", "refine")
     model: Literal["linear", "mlp"] | None = _from("from_recipe_model", None, advanced=True)
     reward_weight: float | None = _from("from_recipe_weight", None, gt=0, le=10)

@@ -38,7 +38,6 @@ def main(job_id: str, worker_pid: int) -> ExitCode:
             job = s.get(Job, job_id)
             if job is None or job.state in FINAL_STATES:
                 return ExitCode.DONE
-            s.expunge(job)
         os.nice(NICENESS["participant" if job.session_id else "analyst"])
         print(f"{job.kind} {job_id} begins", flush=True)
         progress = Progress(database, job_id)

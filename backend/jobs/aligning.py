@@ -1,0 +1,256 @@
+"""Jobs that learn from answers: a snapshot becomes a reward model, the reward model a policy that may be shown.
+
+The algorithms are `backend.learning`'s; here the answers are loaded, everything made is kept with its lineage, and the
+drives for the participant's comparison are prepared, so that no page has to wait for them.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from backend.jobs.artefacts import find_artefact, keep, keep_trajectory, load_policy
+from backend.jobs.context import JobContext
+from backend.jobs.kinds import AlignParams, Params, RewardModelParams
+from backend.learning.align import AlignConfig, thesis_config
+from backend.learning.align import align as learn_policy
+from backend.learning.errors import LearningError
+from backend.learning.evaluate import wilson
+from backend.learning.policy import Policy
+from backend.learning.preferences import Preference
+from backend.learning.queries import QueryConfig, flaw, look_alike
+from backend.learning.reward_mlp import MlpConfig, fit_mlp
+from backend.learning.reward_model import (
+    LinearConfig,
+    LinearRewardModel,
+    Reduction,
+    RewardModel,
+    accuracy,
+    fit_linear,
+    reward_model_to_bytes,
+)
+from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.setups import get_setup, require_same
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import load_trajectory
+from backend.store.models import Artefact
+from backend.store.snapshots import Answer, Snapshot, load_snapshot
+
+FEWEST_TO_HOLD_OUT = 3  # one is predicted by a model of at least two others
+COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
+COMPARISON_SECONDS = 20.0  # ours: people watch both drives of every comparison
+
+Fit = Callable[[Sequence[Preference]], RewardModel]
+
+
+def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[str, Any]:
+    """A reward model of all answers, and per participant how well such models predict answers they did not see."""
+    artefact, snapshot = _load_snapshot(context, params.snapshot)
+    of_participant = _preferences(context, snapshot)
+    everything = [preference for preferences in of_participant.values() for preference in preferences]
+    fit = _fit(params.model, params.reduction, params.seed)
+    context.progress(0.1)
+    model = fit(everything)
+    held_out: list[dict[str, Any]] = []
+    for number, (code, preferences) in enumerate(of_participant.items()):
+        held_out.append({"participant": code, **held_out_accuracy(preferences, fit, params.folds, params.seed)})
+        measured = {"held_out_accuracy": held_out[-1]["accuracy"]} if "accuracy" in held_out[-1] else {}
+        context.progress(0.2 + 0.7 * (number + 1) / len(of_participant), {"step": number + 1, **measured})
+    result = {
+        "training_accuracy": accuracy(model, everything),
+        "answers": len(everything),
+        "held_out": held_out,
+        **_weights(model),
+    }
+    kept = _keep_reward_model(context, params, artefact, snapshot, model, params.model, params.reduction, result)
+    return {"reward_model": kept, **result}
+
+
+def held_out_accuracy(preferences: Sequence[Preference], fit: Fit, folds: int, seed: int) -> dict[str, Any]:
+    """How often a model of some of a participant's answers predicts the others, with the 95 % Wilson interval.
+
+    Leave-one-out where there are fewer than two answers per fold, else `folds` folds in a seeded order. With fewer than
+    three answers nothing can be held out: `reason` says so instead.
+    """
+    n = len(preferences)
+    if n < FEWEST_TO_HOLD_OUT:
+        return {"n": n, "reason": "too_few_answers"}
+    parts = n if n < 2 * folds else folds
+    order = np.random.default_rng([seed, 64]).permutation(n)
+    hits = 0.0
+    for part in range(parts):
+        test = set(order[part::parts].tolist())
+        model = fit([preference for k, preference in enumerate(preferences) if k not in test])
+        hits += sum(accuracy(model, [preferences[k]]) for k in sorted(test))
+    estimate = wilson(math.floor(hits), n)  # a tie counts half for the value and not at all for the interval
+    return {
+        "n": n,
+        "method": "leave_one_out" if parts == n else f"{parts}_folds",
+        "accuracy": hits / n,
+        "low": estimate.low,
+        "high": max(estimate.high, hits / n),
+    }
+
+
+def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
+    """A policy aligned with the answers, its gate, and drives of it and the base policy for a blind comparison.
+
+    The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
+    `scene` a hash, `base` and `own` ids of stored trajectories; empty where the gate was not passed.
+    """
+    began = time.monotonic()
+    snapshot_artefact, snapshot = _load_snapshot(context, params.snapshot)
+    setup = require_same(snapshot=snapshot.setup, asked_for=params.setup or snapshot.setup)
+    base_artefact, base = load_policy(context, params.base or f"{setup}/base")
+    require_same(base=base.setup, snapshot=setup)
+    preferences = [p for of_one in _preferences(context, snapshot).values() for p in of_one]
+    config = align_config(params)
+    model_name = params.model or ("linear" if params.recipe == "refine" else "mlp")
+    model = _fit(model_name, "sum", params.seed)(preferences)
+    fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **_weights(model)}
+    reward_model = _keep_reward_model(context, params, snapshot_artefact, snapshot, model, model_name, "sum", fitted)
+    context.progress(0.03)
+    aligned = learn_policy(base, model, config, context.progress.part(0.03, 0.9))
+    gate = {
+        "passed": aligned.gate.passed,
+        "success_rate": aligned.gate.success_rate,
+        "base_success_rate": aligned.gate.base_success_rate,
+        "scenes": aligned.gate.scenes,
+    }
+    with context.database.session() as s:
+        reward_model_artefact = find_artefact(s, reward_model, "reward_model")
+    policy = keep(
+        context,
+        kind="policy",
+        name=f"aligned with {snapshot_artefact.name}",
+        setup=setup,
+        content=aligned.policy.to_bytes(),
+        params=params,
+        config={**config.as_dict(), "replay_sha256": aligned.replay_sha256},
+        result={"gate": gate, "chosen_checkpoint": aligned.chosen, "history": aligned.history},
+        parents=[(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")],
+        scenes=[
+            describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed),
+            describe(Purpose.GATE, config.gate_scenes, params.seed),
+        ],
+    )
+    context.progress(0.93)
+    comparisons = []
+    if aligned.gate.passed and params.comparisons:
+        comparisons = _comparisons(context, params, (base, base_artefact.id), (aligned.policy, policy))
+    return {
+        "policy": policy,
+        "reward_model": reward_model,
+        "passed": aligned.gate.passed,
+        "gate": gate,
+        "comparisons": comparisons,
+        "seconds": round(time.monotonic() - began, 2),
+    }
+
+
+def align_config(params: AlignParams) -> AlignConfig:
+    """The recipe's configuration with what the parameters change."""
+    config = AlignConfig(seed=params.seed) if params.recipe == "refine" else thesis_config(seed=params.seed)
+    changes: dict[str, Any] = {
+        "gate_scenes": params.gate_scenes,
+        "gate_min_success": params.gate_least_success,
+        "gate_max_loss": params.gate_most_loss,
+    }
+    if params.reward_weight is not None:
+        if params.recipe == "thesis" and params.reward_weight > 1:
+            raise LearningError(f"reward_weight = {params.reward_weight}: the thesis's lambda is a share from 0 to 1")
+        changes["preference_weight"] = params.reward_weight
+    if params.updates is not None:
+        changes |= {"updates": params.updates, "checkpoints": min(config.checkpoints, params.updates)}
+    return replace(config, **changes)
+
+
+def _load_snapshot(context: JobContext, reference: str) -> tuple[Artefact, Snapshot]:
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "snapshot")
+        snapshot = load_snapshot(s, context.files, artefact.id)
+    return artefact, snapshot
+
+
+def _preferences(context: JobContext, snapshot: Snapshot) -> dict[str, list[Preference]]:
+    """The independent answers by participant. Probes ask the same again: they measure, they do not teach."""
+    drives: dict[str, Trajectory] = {}
+
+    def drive(trajectory_id: str) -> Trajectory:
+        if trajectory_id not in drives:
+            drives[trajectory_id] = load_trajectory(context.files, trajectory_id)
+        return drives[trajectory_id]
+
+    def preference(answer: Answer) -> Preference:
+        return Preference(drive(answer.chosen), drive(answer.rejected), answer.source)
+
+    found: dict[str, list[Preference]] = {}
+    for answer in snapshot.training_answers():
+        found.setdefault(answer.participant, []).append(preference(answer))
+    return found
+
+
+def _fit(model: str, reduction: Reduction, seed: int) -> Fit:
+    if model == "linear":
+        return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
+    return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
+
+
+def _weights(model: RewardModel) -> dict[str, Any]:
+    """What the answers were about, where the model can say so."""
+    return {"importance": model.importance()} if isinstance(model, LinearRewardModel) else {}
+
+
+def _keep_reward_model(
+    context: JobContext,
+    params: Params,
+    snapshot_artefact: Artefact,
+    snapshot: Snapshot,
+    model: RewardModel,
+    model_name: str,
+    reduction: str,
+    result: dict[str, Any],
+) -> str:
+    return keep(
+        context,
+        kind="reward_model",
+        name=f"{model_name} reward model of {snapshot_artefact.name}",
+        setup=snapshot.setup,
+        content=reward_model_to_bytes(model),
+        params=params,
+        config={"model": model_name, "reduction": reduction},
+        result=result,
+        parents=[(snapshot_artefact, "answers")],
+    )
+
+
+def _comparisons(
+    context: JobContext, params: AlignParams, base: tuple[Policy, str], own: tuple[Policy, str]
+) -> list[dict[str, Any]]:
+    """Drives of both policies in fresh scenes in which both arrive soon; pairs that look different come first."""
+    setup = get_setup(base[0].setup)
+    scenes = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
+    rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
+    different: list[tuple[Trajectory, Trajectory]] = []
+    alike: list[tuple[Trajectory, Trajectory]] = []
+    drives = [rollout(setup, policy.act, scenes) for policy, _ in (base, own)]
+    for of_base, of_own in zip(*drives, strict=True):
+        if flaw(of_base, rules) is None and flaw(of_own, rules) is None:
+            (alike if look_alike(of_base, of_own, rules) else different).append((of_base, of_own))
+    chosen = (different + alike)[: params.comparisons]
+    return [
+        {
+            "scene": of_base.scene.digest(),
+            "scene_seed": of_base.scene.seed,
+            "base": keep_trajectory(context, of_base, base[1]),
+            "own": keep_trajectory(context, of_own, own[1]),
+            "look_alike": look_alike(of_base, of_own, rules),
+        }
+        for of_base, of_own in chosen
+    ]

@@ -1,0 +1,139 @@
+"""Jobs that measure policies on fresh scenes, alone or side by side. The numbers are `backend.learning.evaluate`'s."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from backend.jobs.artefacts import keep, keep_trajectory, load_policy
+from backend.jobs.context import JobContext
+from backend.jobs.kinds import CompareParams, EvaluateParams
+from backend.learning.evaluate import compare_tables, describe_table, episode_columns, episodes
+from backend.learning.policy import Policy
+from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.simulation.fast import EpisodeTable, rollout
+from backend.simulation.scene import Scene
+from backend.simulation.setups import get_setup, require_same
+
+SCENES_AT_ONCE = 500  # the bar moves, and a cancel is heeded between two batches
+
+
+def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
+    """One policy on `params.scenes` fresh scenes; keeps an evaluation with one row per scene."""
+    artefact, policy = load_policy(context, params.policy)
+    scenes = _scenes(policy.setup, params.scenes, params.seed)
+    table = _drive(context, policy, scenes, 0.0, 0.95)
+    measured = {**describe_table(policy.setup, table), "engine": "fast", "seed": params.seed}
+    content = {
+        "format": "desirepath-evaluation-1",
+        "setup": policy.setup,
+        "policies": [{"id": artefact.id, "name": artefact.name, "measured": measured}],
+        "scenes": _rows(scenes, [table]),
+    }
+    kept = keep(
+        context,
+        kind="evaluation",
+        name=f"{artefact.name}, {params.scenes} scenes",
+        setup=policy.setup,
+        content=_json(content),
+        params=params,
+        config=params.model_dump(mode="json"),
+        result=measured,
+        parents=[(artefact, "policy")],
+        scenes=[describe(Purpose.REPORT, params.scenes, params.seed)],
+    )
+    return {"evaluation": kept, "measured": measured}
+
+
+def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
+    """Two policies on the same fresh scenes; keeps rows, paired differences, and some drives to look at."""
+    artefact_a, policy_a = load_policy(context, params.policy_a)
+    artefact_b, policy_b = load_policy(context, params.policy_b)
+    setup = require_same(policy_a=policy_a.setup, policy_b=policy_b.setup)
+    scenes = _scenes(setup, params.scenes, params.seed)
+    a = _drive(context, policy_a, scenes, 0.0, 0.45)
+    b = _drive(context, policy_b, scenes, 0.45, 0.9)
+    compared = compare_tables(a, b)
+    sides = [(artefact_a, policy_a, a), (artefact_b, policy_b, b)]
+    shown = scenes[: params.replays]
+    drives = [rollout(get_setup(setup), policy.act, shown) if shown else [] for _, policy, _ in sides]
+    content = {
+        "format": "desirepath-comparison-1",
+        "setup": setup,
+        "seed": params.seed,
+        "engine": "fast",
+        "policies": [
+            {"id": artefact.id, "name": artefact.name, "measured": describe_table(setup, table)}
+            for artefact, _, table in sides
+        ],
+        "compared": compared,
+        "scenes": _rows(scenes, [a, b]),
+        "replays": [
+            {
+                "scene_seed": scene.seed,
+                "trajectories": [
+                    keep_trajectory(context, drive[k], artefact.id)
+                    for (artefact, _, _), drive in zip(sides, drives, strict=True)
+                ],
+            }
+            for k, scene in enumerate(shown)
+        ],
+    }
+    context.progress(0.98)
+    kept = keep(
+        context,
+        kind="evaluation",
+        name=f"{artefact_b.name} against {artefact_a.name}, {params.scenes} scenes",
+        setup=setup,
+        content=_json(content),
+        params=params,
+        config=params.model_dump(mode="json"),
+        result=compared,
+        parents=[(artefact_a, "policy_a"), (artefact_b, "policy_b")],
+        scenes=[describe(Purpose.REPORT, params.scenes, params.seed)],
+    )
+    return {"evaluation": kept, "compared": compared}
+
+
+def _scenes(setup: str, n: int, seed: int) -> list[Scene]:
+    return scene_set(setup, n, purpose=Purpose.REPORT, seed=seed)
+
+
+def _drive(context: JobContext, policy: Policy, scenes: list[Scene], first: float, last: float) -> EpisodeTable:
+    """Every scene once, in batches."""
+    part = context.progress.part(first, last)
+    tables = []
+    for start in range(0, len(scenes), SCENES_AT_ONCE):
+        tables.append(episodes(policy, scenes[start : start + SCENES_AT_ONCE]))
+        done = min(len(scenes), start + SCENES_AT_ONCE)
+        part(done / len(scenes), {"scenes": done})
+    return concatenated(tables)
+
+
+def concatenated(tables: list[EpisodeTable]) -> EpisodeTable:
+    """The tables' episodes in one table, in order."""
+    if len(tables) == 1:
+        return tables[0]
+    names = [name for name in EpisodeTable.__dataclass_fields__ if name != "dt"]
+    arrays = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
+    return EpisodeTable(**arrays, dt=tables[0].dt)
+
+
+def _rows(scenes: list[Scene], tables: list[EpisodeTable]) -> dict[str, Any]:
+    """Columns, one value per scene: the scene's seed, and per policy what happened. Rounded to the micrometre."""
+    return {
+        "scene_seed": [scene.seed for scene in scenes],
+        "policies": [
+            {
+                "outcome": table.outcome.tolist(),
+                **{name: np.round(column.astype(float), 6).tolist() for name, column in episode_columns(table).items()},
+            }
+            for table in tables
+        ],
+    }
+
+
+def _json(content: dict[str, Any]) -> bytes:
+    return json.dumps(content, sort_keys=True).encode()

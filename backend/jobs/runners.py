@@ -1,0 +1,29 @@
+"""Which function does which kind of job. Imports torch and numba: only training processes come here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from backend.jobs import aligning, comparing, kinds, training
+from backend.jobs.context import JobContext
+from backend.jobs.kinds import Params
+
+
+def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
+    """Do the work that the parameters ask for; returns the job's result."""
+    match params:
+        case kinds.AlignParams():
+            return aligning.align(context, params)
+        case kinds.RewardModelParams():
+            return aligning.learn_reward_model(context, params)
+        case kinds.EvaluateParams():
+            return comparing.evaluate_one(context, params)
+        case kinds.CompareParams():
+            return comparing.compare_two(context, params)
+        case kinds.TrainBaseParams():
+            return training.train_base(context, params)
+        case kinds.EnsembleParams():
+            return training.train_ensemble(context, params)
+        case kinds.QueriesParams():
+            return training.make_query_set(context, params)
+    raise TypeError(f"no runner for {type(params).__name__}")

@@ -1,0 +1,84 @@
+"""Jobs that train without answers: base policies, ensembles, and the queries made from an ensemble's drives."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from backend.jobs.artefacts import card_of, keep, load_policy
+from backend.jobs.context import JobContext
+from backend.jobs.kinds import EnsembleParams, QueriesParams, TrainBaseParams
+from backend.learning.base import BaseConfig
+from backend.learning.base import train_base as learn_base
+from backend.learning.ensemble import EnsembleConfig
+from backend.learning.ensemble import train_ensemble as learn_ensemble
+from backend.learning.queries import QueryConfig
+from backend.learning.queries import generate_queries as make_queries
+from backend.learning.scene_sets import Purpose, describe
+from backend.store.query_sets import save_query_set
+
+PROGRESS_TERM = "a progress term (+{weight:g} per metre towards the goal) during base training, ours"
+
+
+def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
+    """A new base policy of a setup."""
+    config = BaseConfig(**params.model_dump())
+    trained = learn_base(config, context.progress)
+    result = {"selection_success": trained.selection_success, "transitions": trained.transitions}
+    kept = keep(
+        context,
+        kind="policy",
+        name=f"base, seed {params.seed}",
+        setup=params.setup,
+        content=trained.policy.to_bytes(),
+        params=params,
+        config=config.as_dict(),
+        result=result,
+        scenes=[describe(Purpose.SELECT, params.selection_scenes, params.seed)],
+        departures=[PROGRESS_TERM.format(weight=params.progress_weight)] if params.progress_weight else [],
+    )
+    return {"policy": kept, **result}
+
+
+def train_ensemble(context: JobContext, params: EnsembleParams) -> dict[str, Any]:
+    """Members that start from one base policy; one artefact each."""
+    base_artefact, base = load_policy(context, params.base)
+    config = EnsembleConfig(**params.model_dump(exclude={"base"}))
+    trained = learn_ensemble(base, config, context.progress)
+    kept = [
+        keep(
+            context,
+            kind="policy",
+            name=f"ensemble member {k}, seed {params.seed}",
+            setup=base.setup,
+            content=member.to_bytes(),
+            params=params,
+            config={**config.as_dict(), "base_buffer_sha256": trained.base_buffer_sha256},
+            result={"selection_success": success, "diversity": trained.diversity},
+            parents=[(base_artefact, "base")],
+            scenes=[describe(Purpose.SELECT, config.selection_scenes, params.seed)],
+        )
+        for k, (member, success) in enumerate(zip(trained.members, trained.success_rates, strict=True))
+    ]
+    return {"policies": kept, "success_rates": trained.success_rates, "diversity": trained.diversity}
+
+
+def make_query_set(context: JobContext, params: QueriesParams) -> dict[str, Any]:
+    """A query set of the members' drives."""
+    members = [load_policy(context, reference) for reference in params.members]
+    config = QueryConfig(**params.model_dump(exclude={"members"}))
+    made = make_queries([policy for _, policy in members], config, context.progress)
+    result = {"queries": len(made), "filtered": made.filtered}
+    name = f"{len(made)} queries, seed {params.seed}"
+    parents = [(artefact, f"member_{k}") for k, (artefact, _) in enumerate(members)]
+    scenes = [describe(Purpose.QUERIES, made.filtered["scenes"], params.seed)]
+    with context.database.transaction() as s:
+        kept = save_query_set(
+            s,
+            context.files,
+            made,
+            name=name,
+            card=card_of(context, params, config=config.as_dict(), result=result, parents=parents, scenes=scenes),
+            parents=[(artefact.id, role) for artefact, role in parents],
+            job_id=context.job.id,
+        ).id
+    return {"query_set": kept, **result}
