@@ -64,6 +64,14 @@ def public_url(request: Request) -> str:
     return (stored or parts.settings.public_url or str(request.base_url)).rstrip("/")
 
 
+def contact(request: Request) -> str:
+    """Whom participants can ask for help: the setting made in the browser, else the environment's."""
+    parts = house(request)
+    with parts.database.session() as s:
+        row = s.get(Setting, "contact")
+        return (str(row.value.get("text", "")) if row else "") or parts.settings.contact
+
+
 def stage_origin(request: Request) -> str:
     """Origin of the 3D stage: the environment's, else the next port of the host the browser asked for."""
     settings = house(request).settings
