@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from app.shapes import Colour, Shape, ball, box, disc, limb, merged, turned
+from app.shapes import Colour, Shape, ball, box, disc, flat, limb, merged, turned
 from backend.simulation.setups import ROBOT_RADIUS_M
 
 PERSON_DISC_RADIUS_M = 0.25  # spec 01, scene 3
@@ -16,8 +16,8 @@ _EYE_SHARE = 0.93  # eyes at this share of body height
 
 _GRAPHITE: Colour = (58, 60, 64)
 _GRAPHITE_LIGHT: Colour = (92, 95, 100)
-_STEEL: Colour = (176, 178, 180)
-_LAMP: Colour = (255, 236, 150)
+_PLATE: Colour = (196, 196, 192)
+_LAMP: Colour = (206, 244, 255)
 _BEECH: Colour = (214, 174, 126)
 _BEECH_DARK: Colour = (176, 134, 90)
 _BLUE: Colour = (52, 120, 214)
@@ -44,52 +44,38 @@ def eye_height_m(person_height: float) -> float:
 def robot(colours: RobotColours = NEUTRAL) -> Shape:
     """A TurtleBot 2: base, three plates on posts, a sensor bar, and a lamp arc at its front (+x). Opaque parts."""
     r = ROBOT_RADIUS_M
-    base = [(0, 0.015), (r * 0.94, 0.015), (r, 0.03), (r, 0.085), (r * 0.93, 0.105), (0, 0.105)]
-    parts = [turned(base, _GRAPHITE, segments=32)]
-    lamp_arc = math.radians(52)
-    parts.append(
-        turned(
-            [(r * 1.005, 0.045), (r * 1.012, 0.045), (r * 1.012, 0.088), (r * 0.94, 0.108), (r * 0.86, 0.110)],
-            colours.lamp,
-            segments=16,
-            start=-lamp_arc,
-            stop=lamp_arc,
-        )
-    )
-    for height, colour in ((0.17, _GRAPHITE), (0.27, _GRAPHITE), (0.385, colours.top)):
-        plate = [
-            (0, height),
-            (r * 0.9, height),
-            (r * 0.92, height + 0.006),
-            (r * 0.9, height + 0.014),
-            (0, height + 0.014),
-        ]
-        parts.append(turned(plate, colour, segments=32))
-    for angle in (0.7, 2.3, -2.3, -0.7):
-        x, y = 0.72 * r * math.cos(angle), 0.72 * r * math.sin(angle)
-        parts.append(turned([(0.008, 0.1), (0.008, 0.39)], _STEEL, segments=8).moved(x, y))
-    top = 0.399
-    front = turned(
-        [(r * 0.46, top + 0.002), (r * 0.9, top + 0.002)][::-1], _GRAPHITE, segments=14, start=-0.62, stop=0.62
-    )
-    bar = turned(
-        [(r * 0.62, top + 0.004), (r * 0.86, top + 0.004)][::-1], colours.lamp, segments=14, start=-0.52, stop=0.52
-    )
+    base = [(0, 0.012), (r * 0.92, 0.012), (r, 0.03), (r, 0.08), (r * 0.95, 0.098)]
+    parts = [turned(base, _GRAPHITE, segments=32), turned([(r * 0.95, 0.098), (0, 0.1)], _GRAPHITE_LIGHT, segments=32)]
+    arc = math.radians(55)
+    lamp = [(r * 1.01, 0.036), (r * 1.015, 0.08), (r * 0.955, 0.101), (r * 0.80, 0.103)]
+    parts.append(turned(lamp, colours.lamp, segments=16, start=-arc, stop=arc))
+    for height in (0.245, 0.405):
+        top = colours.top if height > 0.4 else _PLATE
+        parts.append(turned([(0, height), (r * 0.88, height)], _GRAPHITE, segments=32))
+        parts.append(turned([(r * 0.88, height), (r * 0.88, height + 0.013)], _GRAPHITE, segments=32))
+        parts.append(turned([(r * 0.88, height + 0.013), (0, height + 0.013)], top, segments=32))
+    for angle in (0.75, 2.35, -2.35, -0.75):
+        x, y = 0.74 * r * math.cos(angle), 0.74 * r * math.sin(angle)
+        parts.append(turned([(0.011, 0.1), (0.011, 0.41)], _GRAPHITE, segments=8).moved(x, y))
+    lid = 0.420
+    cap = turned([(r * 0.88, lid), (r * 0.34, lid)], _GRAPHITE, segments=16, start=-0.75, stop=0.75)
+    bar = turned([(r * 0.84, lid + 0.002), (r * 0.58, lid + 0.002)], colours.lamp, segments=16, start=-0.62, stop=0.62)
     sensor = [
-        box((0.05, 0.20, 0.045), (0.035, 0, 0.345), _GRAPHITE_LIGHT),
-        box((0.01, 0.16, 0.022), (0.062, 0, 0.346), _GRAPHITE),
+        box((0.055, 0.23, 0.045), (0.045, 0, 0.345), _GRAPHITE),
+        box((0.01, 0.19, 0.024), (0.074, 0, 0.346), _GRAPHITE_LIGHT),
+        box((0.03, 0.05, 0.065), (0.02, 0, 0.29), _GRAPHITE),
     ]
-    return merged([*parts, front, bar, *sensor]).lit(turning=True)
+    return merged([*parts, cap, bar, *sensor]).lit(turning=True)
 
 
 def robot_glow(colours: RobotColours = NEUTRAL) -> Shape:
     """What lies on the floor under the robot: its contact shadow and the light of its lamp ahead. Translucent."""
     shade = disc(0.25, 0.006, (38, 26, 18), alpha=0.62, rim_alpha=0.0)
-    reach, half = 0.62, 0.52
+    reach, half = 0.58, 0.5
     rays = 14
     light = turned([(reach, 0.008), (ROBOT_RADIUS_M * 0.9, 0.008)], colours.lamp, segments=rays, start=-half, stop=half)
     light.colours[: rays + 1, 3] = 0.0
-    light.colours[rays + 1 :, 3] = 0.75
+    light.colours[rays + 1 :, 3] = 0.85
     return merged([shade, light])
 
 
@@ -123,9 +109,13 @@ def mannequin(height: float = 1.7) -> Shape:
     return Shape(figure.positions * s, figure.normals, figure.colours, figure.faces).lit()
 
 
-def person_place() -> Shape:
-    """The translucent blue disc that marks a person's place. Spec 01, scene 3."""
+def person_place(*, facing: bool) -> Shape:
+    """The translucent blue disc that marks a person's place (spec 01, scene 3); `facing` adds a point towards +x."""
     plate = disc(PERSON_DISC_RADIUS_M, 0.010, _BLUE, alpha=0.46, rim_alpha=0.46, segments=48)
     r = PERSON_DISC_RADIUS_M
     rim = turned([(r, 0.012), (r * 0.93, 0.012)], _BLUE, segments=48, alpha=0.85)
-    return merged([plate, rim])
+    parts = [plate, rim]
+    if facing:
+        side = (r * 1.03 * math.cos(0.42), r * 1.03 * math.sin(0.42))
+        parts.append(flat([(side[0], -side[1]), (r * 1.55, 0.0), side], 0.011, _BLUE, alpha=0.9))
+    return merged(parts)

@@ -13,6 +13,7 @@ from backend.simulation.scene import Obstacle, Room
 CUT_WALL_HEIGHT_M = 0.30  # seen from above, walls are cut low as in a plan, so that they hide nothing
 
 _OAK: Colour = (186, 146, 104)
+_OAK_WARM: Colour = (178, 138, 98)
 _OAK_DARK: Colour = (150, 112, 76)
 _OAK_LIGHT: Colour = (206, 170, 128)
 _LINEN: Colour = (232, 226, 214)
@@ -37,12 +38,17 @@ def sideboard(length: float, width: float, height: float) -> Shape:
     body_height = height - leg - top
     parts = [
         box((length - 0.04, width - 0.04, body_height), (0, 0, leg + body_height / 2), _OAK),
-        box((length, width, top), (0, 0, height - top / 2), _OAK_DARK),
+        box((length, width, top - 0.004), (0, 0, height - top / 2 - 0.002), _OAK_DARK),
+        *(
+            box((length - 0.07, (width - 0.10) / 4, 0.004), (0, (i - 1.5) * (width - 0.07) / 4, height - 0.002), tone)
+            for i, tone in enumerate((_OAK, _OAK_WARM, _OAK, _OAK_WARM))
+        ),
         box((length - 0.16, width - 0.16, 0.02), (0, 0, leg - 0.01), _OAK_DARK),
     ]
-    for x in (-1, 1):
-        for y in (-1, 1):
-            parts.append(box((0.06, 0.06, leg), (x * (length / 2 - 0.08), y * (width / 2 - 0.08), leg / 2), _OAK_DARK))
+    for along in (-1, 1):
+        for across in (-1, 1):
+            foot = (along * (length / 2 - 0.08), across * (width / 2 - 0.08), leg / 2)
+            parts.append(box((0.06, 0.06, leg), foot, _OAK_DARK))
     doors = max(2, round(length / 0.55))
     door_width = (length - 0.08) / doors
     drawer = 0.24 * body_height
@@ -79,7 +85,7 @@ def crate(length: float, width: float, height: float) -> Shape:
     """A wooden crate: boards behind a frame, a brace across each side."""
     frame = min(0.07, 0.14 * min(length, width, height))
     inset = 0.018
-    parts = []
+    parts: list[Shape] = []
     boards = max(3, round(height / 0.14))
     board = (height - 0.02) / boards
     for i in range(boards):

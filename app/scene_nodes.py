@@ -15,10 +15,10 @@ from app import figures, furniture, surfaces
 from app.glb import Surface, to_glb
 from app.shapes import Shape, box, disc, merged
 from app.views import Camera, View
-from backend.simulation.scene import Pose, Scene
+from backend.simulation.scene import Scene
 
-FIELD_RADIUS_M = 26.0  # open ground fades out here
-_FIELD_SOLID_M = 12.0  # and is fully there up to here
+FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
+FIELD_RADIUS_M = 26.0  # and gone here
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def build(
     person = scene.person
     turn = _about_z(person.pose.yaw)
     spot = (person.pose.x, person.pose.y, 0.0)
-    marks = [Surface(figures.person_place(), translucent=True)]
+    marks = [Surface(figures.person_place(facing=view == "top_down"), translucent=True)]
     if view == "top_down":  # in the other two the participant stands there
         marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
         marks.append(Surface(figures.mannequin(person.height)))
@@ -82,41 +82,29 @@ def _standing(scene: Scene, view: View) -> Surface:
 
 
 def _ground(scene: Scene, camera: Camera) -> list[Surface]:
-    """The floor and the shadow picture that lies on it."""
+    """The floor with its shadows; in the open, ground around it that fades out."""
+    indoors = scene.room is not None
     if scene.room is not None:
         half_x, half_y = scene.room.length / 2, scene.room.width / 2
         bounds = (-half_x, -half_y, half_x, half_y)
-        floor = _rectangle(bounds, 0.0)
-        image = surfaces.wood_tile()
     else:
         bounds = camera.frame
-        middle = Pose((bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2)
-        floor = _fading_disc().moved(middle.x, middle.y)
-        image = surfaces.concrete_tile()
-    x_min, y_min, x_max, y_max = bounds
-    shade = _rectangle(bounds, 0.004)
-    spread = (shade.positions[:, :2] - [x_min, y_min]) / [x_max - x_min, y_max - y_min]
-    return [
-        Surface(
-            floor,
-            uv=(floor.positions[:, :2] / surfaces.TILE_M).astype(np.float32),
-            image=image,
-            repeat=True,
-            translucent=scene.room is None,
-        ),
-        Surface(
-            shade,
-            uv=np.stack([spread[:, 0], 1.0 - spread[:, 1]], axis=1).astype(np.float32),
-            image=surfaces.shadow(scene.solids(), bounds),
-            translucent=True,
-        ),
-    ]
+    picture = surfaces.floor("wood" if indoors else "concrete", scene.solids(), bounds)
+    ground = [Surface(_rectangle(bounds), uv=_RECTANGLE_UV, image=picture)]
+    if not indoors:
+        around = _fading_ground(bounds)
+        uv = (around.positions[:, :2] * [1, -1] / surfaces.TILE_M).astype(np.float32)
+        ground.append(Surface(around, uv=uv, image=surfaces.concrete_tile(), repeat=True, translucent=True))
+    return ground
 
 
-def _rectangle(bounds: tuple[float, float, float, float], height: float) -> Shape:
+_RECTANGLE_UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)  # glTF counts rows from the top
+
+
+def _rectangle(bounds: tuple[float, float, float, float]) -> Shape:
     """A white rectangle on the floor, facing up."""
     x_min, y_min, x_max, y_max = bounds
-    corners = [[x_min, y_min, height], [x_max, y_min, height], [x_max, y_max, height], [x_min, y_max, height]]
+    corners = [[x_min, y_min, 0.0], [x_max, y_min, 0.0], [x_max, y_max, 0.0], [x_min, y_max, 0.0]]
     return Shape(
         np.asarray(corners, np.float32),
         np.tile(np.array([0, 0, 1], np.float32), (4, 1)),
@@ -125,24 +113,30 @@ def _rectangle(bounds: tuple[float, float, float, float], height: float) -> Shap
     )
 
 
-def _fading_disc() -> Shape:
-    """White ground about the origin that turns transparent towards its rim, so that it has no edge."""
-    segments = 48
-    angles = np.linspace(0, 2 * math.pi, segments, endpoint=False)
-    ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(segments)], axis=1).astype(np.float32)
-    positions = np.concatenate([np.zeros((1, 3), np.float32), ring * _FIELD_SOLID_M, ring * FIELD_RADIUS_M])
-    colours = np.ones((len(positions), 4), np.float32)
-    colours[segments + 1 :, 3] = 0.0
-    row = np.arange(segments)
-    following = (row + 1) % segments
-    inner, outer = row + 1, row + 1 + segments
-    inner_next, outer_next = following + 1, following + 1 + segments
-    faces = np.concatenate(
-        [
-            np.stack([np.zeros(segments, int), inner, inner_next], axis=1),
-            np.stack([inner, outer, outer_next], axis=1),
-            np.stack([inner, outer_next, inner_next], axis=1),
-        ]
-    )
+def _fading_ground(bounds: tuple[float, float, float, float]) -> Shape:
+    """White ground outside `bounds` that turns transparent far away, so that it has no edge."""
+    x_min, y_min, x_max, y_max = bounds
+    middle = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2])
+    half = np.array([(x_max - x_min) / 2, (y_max - y_min) / 2])
+    corners = [math.atan2(sy * half[1], sx * half[0]) for sx in (-1, 1) for sy in (-1, 1)]
+    angles = np.unique(np.concatenate([np.linspace(-math.pi, math.pi, 48, endpoint=False), corners]))
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    to_edge = np.min(half / np.maximum(np.abs(directions), 1e-9), axis=1, keepdims=True)
+    solid, far = np.maximum(FIELD_SOLID_M, to_edge), np.maximum(FIELD_RADIUS_M, to_edge + 5.0)
+    rings = [middle + directions * reach for reach in (to_edge, solid, far)]
+    count = len(angles)
+    positions = np.concatenate([np.concatenate(rings), np.zeros((3 * count, 1))], axis=1).astype(np.float32)
+    colours = np.ones((3 * count, 4), np.float32)
+    colours[2 * count :, 3] = 0.0
+    row = np.arange(count)
+    following = (row + 1) % count
+    faces = [
+        face
+        for first in (0, count)
+        for face in (
+            np.stack([first + row, first + count + row, first + count + following], axis=1),
+            np.stack([first + row, first + count + following, first + following], axis=1),
+        )
+    ]
     normals = np.tile(np.array([0, 0, 1], np.float32), (len(positions), 1))
-    return Shape(positions, normals, colours, faces.astype(np.uint32))
+    return Shape(positions, normals, colours, np.concatenate(faces).astype(np.uint32))

@@ -46,13 +46,14 @@ class Shape:
         turning: for things that rotate while they are watched; leaves out the light's direction about z.
         """
         up = self.normals[:, 2] * 0.5 + 0.5
-        light = 0.66 + 0.34 * up
+        light = 0.70 + 0.30 * up
         if not turning:
-            light = 0.60 + 0.26 * up + 0.16 * np.clip(self.normals @ _SUN, 0.0, 1.0)
+            light = 0.76 + 0.15 * up + 0.12 * np.clip(self.normals @ _SUN, 0.0, 1.0)
         near_floor = np.clip(self.positions[:, 2] / _CONTACT_M, 0.0, 1.0)
         light = light * (0.80 + 0.20 * near_floor)
         colours = self.colours.copy()
-        colours[:, :3] = np.clip(colours[:, :3] * light[:, None], 0.0, 1.0)
+        # What the light misses turns a little warmer, not grey: the floor throws its colour back.
+        colours[:, :3] = np.clip(colours[:, :3] * light[:, None] ** np.array([0.82, 1.0, 1.22]), 0.0, 1.0)
         return replace(self, colours=colours)
 
 
@@ -87,8 +88,7 @@ def box(size: Point, centre: Point, colour: Colour, alpha: float = 1.0) -> Shape
             first = len(positions)
             positions += [normal + a * u * sign + b * v for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
             normals += [normal] * 4
-            second, fourth = (first + 1, first + 3) if sign > 0 else (first + 3, first + 1)
-            faces += [[first, second, first + 2], [first, first + 2, fourth]]
+            faces += [[first, first + 1, first + 2], [first, first + 2, first + 3]]
     corners = np.asarray(positions) * np.asarray(size) / 2 + np.asarray(centre)
     return _coloured(corners, np.asarray(normals), np.asarray(faces), colour, alpha)
 
@@ -166,3 +166,12 @@ def disc(radius: float, height: float, colour: Colour, *, alpha: float, rim_alph
     flat = _coloured(positions, normals, faces, colour, rim_alpha)
     flat.colours[0, 3] = alpha
     return flat
+
+
+def flat(corners: Sequence[tuple[float, float]], height: float, colour: Colour, *, alpha: float = 1.0) -> Shape:
+    """A convex polygon at `height` (m) facing up; corners (x, y) counter-clockwise."""
+    count = len(corners)
+    positions = np.array([(x, y, height) for x, y in corners])
+    row = np.arange(1, count - 1)
+    faces = np.stack([np.zeros(count - 2, int), row, row + 1], axis=1)
+    return _coloured(positions, np.tile([0.0, 0.0, 1.0], (count, 1)), faces, colour, alpha)

@@ -44,6 +44,8 @@ class Stage:
         """key: what the connection's path said. close: drops the connection."""
         self.key = key
         self._client = client
+        client.scene.configure_default_lights(False, cast_shadow=False)  # light is baked into the colours
+        client.scene.configure_environment_map(None)
         self._close = close
         self._lock = threading.RLock()
         self._showing: _Showing | None = None

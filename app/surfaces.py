@@ -9,6 +9,7 @@ import io
 import math
 from collections.abc import Sequence
 from functools import cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,11 @@ from PIL import Image
 from backend.simulation.scene import Obstacle
 
 TILE_M = 4.0  # side of one floor tile before it repeats; a multiple of the 1 m grid
-_PIXELS_PER_M = 128
+_PIXELS_PER_M = 96
 _PLANKS_PER_TILE = 25  # 16 cm boards
-_SHADOW_PIXELS_PER_M = 24
-_SHADOW_COLOUR = (38, 26, 18)
+_SHADOW_PIXELS_PER_M = 20
 
+Material = Literal["wood", "concrete"]
 Image2D = NDArray[np.float32]
 
 
@@ -33,26 +34,26 @@ def _noise(rng: np.random.Generator, rows: int, columns: int, size: int) -> Imag
         ((columns + 4) * size // columns, (rows + 4) * size // rows), Image.Resampling.BICUBIC
     )
     top, left = 2 * size // rows, 2 * size // columns
-    noise: Image2D = np.asarray(picture, np.float32)[top : top + size, left : left + size]
+    noise: Image2D = np.array(picture, np.float32)[top : top + size, left : left + size]
     return noise
 
 
 def _grid_lines(size: int, strength: float) -> Image2D:
     """A faint line every metre: 0 off the lines, -strength on them."""
     across = np.arange(size) % _PIXELS_PER_M
-    line = (across < 2).astype(np.float32) * -strength
+    line = (across < 1).astype(np.float32) * -strength
     return np.minimum(line[:, None], line[None, :])
 
 
 def _jpeg(picture: NDArray[np.float32]) -> bytes:
     out = io.BytesIO()
-    Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(out, "JPEG", quality=86)
+    Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(out, "JPEG", quality=88)
     return out.getvalue()
 
 
 @cache
-def wood_tile() -> bytes:
-    """JPEG of oak boards along x, 4 x 4 m, tileable, with a faint 1 m grid."""
+def _wood() -> Image2D:
+    """(384, 384, 3) oak boards along x, 4 x 4 m, tileable, with a faint 1 m grid; 0 to 255."""
     size = int(TILE_M * _PIXELS_PER_M)
     rng = np.random.default_rng(20)
     board_of_row = np.arange(size) * _PLANKS_PER_TILE // size
@@ -66,24 +67,32 @@ def wood_tile() -> bytes:
         which = (((columns - ends[0]) % size) >= ((ends[1] - ends[0]) % size)).astype(int)
         tone[rows] = rng.uniform(-1, 1, 2).astype(np.float32)[which]
         for end in ends:
-            gap[np.ix_(rows, (end + np.arange(2)) % size)] = 1.0
+            gap[rows, end % size] = 1.0
     first_row = np.flatnonzero(np.diff(board_of_row, prepend=-1))
     gap[first_row] = 1.0
-    grain = 0.65 * _noise(rng, 256, 8, size) + 0.35 * _noise(rng, 512, 16, size)
-    light = 1.0 + 0.042 * tone + 0.030 * grain - 0.17 * gap + _grid_lines(size, 0.07)
+    grain = 0.65 * _noise(rng, 192, 8, size) + 0.35 * _noise(rng, 384, 16, size)
+    light = 1.0 + 0.036 * tone + 0.026 * grain - 0.15 * gap + _grid_lines(size, 0.10)
     warmth = np.stack([1.0 + 0.006 * tone, np.ones_like(tone), 1.0 - 0.02 * tone], axis=-1)
-    return _jpeg(np.array([214, 184, 148], np.float32) * light[..., None] * warmth)
+    picture: Image2D = (np.array([216, 188, 154], np.float32) * light[..., None] * warmth).astype(np.float32)
+    return picture
+
+
+@cache
+def _concrete() -> Image2D:
+    """(384, 384, 3) matte concrete, 4 x 4 m, tileable, with a faint 1 m grid of joints; 0 to 255."""
+    size = int(TILE_M * _PIXELS_PER_M)
+    rng = np.random.default_rng(21)
+    cloud = 0.6 * _noise(rng, 4, 4, size) + 0.4 * _noise(rng, 16, 16, size)
+    speck = _noise(rng, 192, 192, size)
+    light = 1.0 + 0.022 * cloud + 0.016 * speck + _grid_lines(size, 0.12)
+    slab: Image2D = (np.array([208, 202, 192], np.float32) * light[..., None]).astype(np.float32)
+    return slab
 
 
 @cache
 def concrete_tile() -> bytes:
-    """JPEG of matte concrete, 4 x 4 m, tileable, with a faint 1 m grid of joints."""
-    size = int(TILE_M * _PIXELS_PER_M)
-    rng = np.random.default_rng(21)
-    cloud = 0.6 * _noise(rng, 4, 4, size) + 0.4 * _noise(rng, 16, 16, size)
-    speck = _noise(rng, 256, 256, size)
-    light = 1.0 + 0.022 * cloud + 0.016 * speck + _grid_lines(size, 0.10)
-    return _jpeg(np.array([206, 200, 190], np.float32) * light[..., None])
+    """JPEG of 4 x 4 m of concrete, tileable, its lower left corner on a whole multiple of 4 m."""
+    return _jpeg(_concrete())
 
 
 def _distance_to(solid: Obstacle, x: Image2D, y: Image2D) -> Image2D:
@@ -95,21 +104,38 @@ def _distance_to(solid: Obstacle, x: Image2D, y: Image2D) -> Image2D:
     return np.hypot(np.maximum(along, 0), np.maximum(across, 0)).astype(np.float32)
 
 
-def shadow(solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> bytes:
-    """PNG with alpha over `bounds` (x_min, y_min, x_max, y_max in metres): dark where solids keep the light away.
+def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> bytes:
+    """JPEG of the floor over `bounds` (x_min, y_min, x_max, y_max in metres), shadows included. Row 0 is y_max.
 
-    A tight dark edge around every footprint, and a soft longer one away from the light (the same light that
-    `shapes.Shape.lit` bakes). Row 0 is y_max, as texture coordinates in `scene_nodes.py` expect.
+    One opaque picture, because a second, blended layer over the whole floor costs software rendering as much again.
     """
     x_min, y_min, x_max, y_max = bounds
-    columns = max(8, int((x_max - x_min) * _SHADOW_PIXELS_PER_M))
-    rows = max(8, int((y_max - y_min) * _SHADOW_PIXELS_PER_M))
+    tile = _wood() if material == "wood" else _concrete()
+    columns, rows = (max(8, round(side * _PIXELS_PER_M)) for side in (x_max - x_min, y_max - y_min))
+    x = np.linspace(x_min, x_max, columns, dtype=np.float32)
+    y = np.linspace(y_max, y_min, rows, dtype=np.float32)
+    across = (np.floor(x * _PIXELS_PER_M).astype(int)) % tile.shape[1]
+    down = (np.floor(-y * _PIXELS_PER_M).astype(int)) % tile.shape[0]
+    lit = Image.fromarray(_light_left(solids, bounds)).resize((columns, rows), Image.Resampling.BILINEAR)
+    light = np.asarray(lit, np.float32)[..., None]
+    # Shadow takes blue first, so that it stays warm.
+    return _jpeg(tile[down[:, None], across[None, :]] * light ** np.array([0.94, 1.0, 1.06], np.float32))
+
+
+def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> Image2D:
+    """How much light reaches the floor, 0 to 1, on a coarse grid over `bounds`, row 0 at y_max.
+
+    A tight dark edge around every footprint, and a soft longer one away from the light (the same light that
+    `shapes.Shape.lit` bakes).
+    """
+    x_min, y_min, x_max, y_max = bounds
+    columns, rows = (max(8, round(side * _SHADOW_PIXELS_PER_M)) for side in (x_max - x_min, y_max - y_min))
     x, y = np.meshgrid(
         np.linspace(x_min, x_max, columns, dtype=np.float32), np.linspace(y_max, y_min, rows, dtype=np.float32)
     )
     light_left = np.ones_like(x)
     for solid in solids:
-        light_left *= 1.0 - 0.42 * np.exp(-_distance_to(solid, x, y) / 0.11)
+        light_left *= 1.0 - 0.40 * np.exp(-_distance_to(solid, x, y) / 0.10)
         if solid.kind == "wall":
             continue  # walls stand around everything: their long shadow would only dim one side of the room
         reach = min(0.55 * solid.height, 0.6)
@@ -119,10 +145,4 @@ def shadow(solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]
             distance = _distance_to(solid, x - np.float32(0.78 * gone), y - np.float32(0.63 * gone))
             cast += np.exp(-((distance / (0.05 + 0.10 * step)) ** 2)) * (1.1 - step)
         light_left *= 1.0 - 0.16 * np.minimum(cast, 1.5)
-    alpha = np.clip(1.0 - light_left, 0.0, 0.72)
-    picture = np.empty((rows, columns, 4), np.uint8)
-    picture[..., :3] = _SHADOW_COLOUR
-    picture[..., 3] = (alpha * 255).astype(np.uint8)
-    out = io.BytesIO()
-    Image.fromarray(picture).save(out, "PNG")
-    return out.getvalue()
+    return np.clip(light_left, 0.3, 1.0).astype(np.float32)

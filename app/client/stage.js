@@ -22,7 +22,7 @@
         requestAnimationFrame(whenStanding);
         return;
       }
-      viser.plainColours();
+      viser.plainPicture();
       camera.use(order.camera);
       for (const robot of order.robots) viser.pose(robot, ...order.start);
       // Two more frames, so that what is called ready has been drawn.

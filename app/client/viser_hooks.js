@@ -98,12 +98,20 @@
       mutable().requestRender();
     },
 
-    /** Colours leave the renderer as they were baked: no film curve over them. */
-    plainColours() {
-      let root = mutable().scene;
+    /** Colours as they were baked, without any conversion; and not the empty background that viser draws over all. */
+    plainPicture() {
+      const { scene, backgroundMaterial } = mutable();
+      let root = scene;
       while (root.parent) root = root.parent;
       const renderer = root.__r3f?.root?.getState().gl;
-      if (renderer) renderer.toneMapping = 0;
+      if (renderer) Object.assign(renderer, { toneMapping: 0, outputColorSpace: "srgb-linear" });
+      root.traverse((/** @type {any} */ part) => {
+        if (part.material?.map?.colorSpace) {
+          part.material.map.colorSpace = "";
+          part.material.map.needsUpdate = part.material.needsUpdate = true;
+        }
+        if (part.material === backgroundMaterial) part.visible = false;
+      });
     },
 
     /** After another connection took over: stay away. */
