@@ -52,7 +52,7 @@ class QueryConfig:
     count: int = 200
     seed: int = 0
     max_duration_s: float = 12.0  # ours: people watch both drives of every query
-    min_duration_s: float = 2.0  # ours: a drive that is over at once shows nothing
+    min_duration_s: float = 3.0  # ours: a drive that is over at once shows nothing
     min_gap_m: float = 0.5  # ours: two drives closer than this everywhere, and about equally long, look the same
     min_duration_ratio: float = 1.3  # ours: ... unless one takes this much longer
     scenes_per_round: int = 256

@@ -1,0 +1,177 @@
+"""Making the shipped artefacts and their cards: `python -m backend.learning.ship base|ensemble|queries SETUP`.
+
+The science lives in the algorithms' files; finding what was shipped lives in `shipped.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
+from backend.learning.base import BaseConfig, OnProgress, no_progress, train_base
+from backend.learning.ensemble import EnsembleConfig, train_ensemble
+from backend.learning.evaluate import evaluate_policy
+from backend.learning.policy import Policy
+from backend.learning.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
+from backend.learning.scene_sets import Purpose, describe
+from backend.learning.shipped import DATASETS
+from backend.simulation.setups import SETUPS
+
+REPORT_SCENES = 2_000
+REPORT_SEEDS = (0, 1, 2, 3, 4)
+SHIPPED_QUERIES = 200
+
+
+def report(policy: Policy) -> dict[str, Any]:
+    """The policy on every set of reporting scenes: the first in full, of the others the success rates."""
+    results = [evaluate_policy(policy, n=REPORT_SCENES, seed=seed) for seed in REPORT_SEEDS]
+    rates = [result["success_rate"] for result in results]
+    return {"first": results[0], "success_rate_per_seed": rates, "worst_success_rate": min(rates)}
+
+
+def report_scenes() -> dict[str, Any]:
+    """The reporting scenes in words, for a card."""
+    return {"report": [describe(Purpose.REPORT, REPORT_SCENES, seed) for seed in REPORT_SEEDS]}
+
+
+def ship_base(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Train, measure and store one base policy, critic included: alignment starts from it."""
+    config = BaseConfig(setup=setup, seed=seed)
+    result = train_base(config, on_progress)
+    return store_base(result.policy, config, result.selection_success, folder)
+
+
+def store_base(policy: Policy, config: BaseConfig, selection_success: float, folder: Path) -> Card:
+    """Write a trained base policy with its card."""
+    path = folder / config.setup / "base.npz"
+    policy.save(path)
+    card = Card(
+        kind="policy",
+        name=f"{config.setup}/base",
+        setup=config.setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.learning.ship base {config.setup} --seed {config.seed}",
+        seed=config.seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={"select": describe(Purpose.SELECT, config.selection_scenes, config.seed)} | report_scenes(),
+        results=report(policy) | {"selection_success_rate": selection_success},
+        departures=[DEPARTURES[key] for key in ("progress", "heads", "environments", "average")],
+        notes=["The file also holds the critic, from which ensembles and alignment go on."],
+    )
+    card.save(card_path(path))
+    return card
+
+
+def ship_ensemble(
+    setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress
+) -> list[Card]:
+    """Train, measure and store the four members that start from the base policy in the same folder."""
+    base_path = folder / setup / "base.npz"
+    config = EnsembleConfig(seed=seed)
+    result = train_ensemble(Policy.load(base_path), config, on_progress)
+    return store_ensemble(result.members, config, result.diversity, result.base_buffer_sha256, folder)
+
+
+def store_ensemble(
+    members: list[Policy], config: EnsembleConfig, diversity: float, base_buffer_sha256: str, folder: Path
+) -> list[Card]:
+    """Write trained members, each with its card."""
+    setup = members[0].setup
+    base_path = folder / setup / "base.npz"
+    cards = []
+    for k, member in enumerate(members):
+        path = folder / setup / "ensemble" / f"{k}.npz"
+        member.save(path)
+        card = Card(
+            kind="policy",
+            name=f"{setup}/ensemble/{k}",
+            setup=setup,
+            file=path.name,
+            sha256=file_sha256(path),
+            command=f"python -m backend.learning.ship ensemble {setup} --seed {config.seed}",
+            seed=config.seed,
+            commit=source_commit(),
+            config=config.as_dict(),
+            scenes={"select": describe(Purpose.SELECT, config.selection_scenes, config.seed)} | report_scenes(),
+            results=report(member) | {"ensemble_action_diversity": diversity},
+            parents={f"{setup}/base": file_sha256(base_path), "regenerated base buffer": base_buffer_sha256},
+            departures=[DEPARTURES[key] for key in ("heads", "environments", "ensemble_start")],
+            notes=[f"Member {k} of {len(members)}; the last weights of training, none chosen by success."],
+        )
+        card.save(card_path(path))
+        cards.append(card)
+    return cards
+
+
+def ship_queries(
+    setup: str,
+    seed: int = 0,
+    folder: Path = DATASETS,
+    on_progress: OnProgress = no_progress,
+    count: int = SHIPPED_QUERIES,
+) -> Card:
+    """Make, describe and store queries by the ensemble in the same folder."""
+    config = QueryConfig(count=count, seed=seed)
+    files = sorted((folder / setup / "ensemble").glob("*.npz"))
+    queries = generate_queries([Policy.load(path) for path in files], config, on_progress)
+    path = folder / setup / f"queries_{count}.npz"
+    queries.save(path)
+    scenes = describe(Purpose.QUERIES, queries.filtered["scenes"], seed)
+    card = Card(
+        kind="query_set",
+        name=f"{setup}/{path.stem}",
+        setup=setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.learning.ship queries {setup} --seed {seed}",
+        seed=seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={"drawn": scenes},
+        results=describe_queries(queries),
+        parents={f"{setup}/ensemble/{file.stem}": file_sha256(file) for file in files},
+        departures=[DEPARTURES["pair_filters"]],
+        notes=["Observations are stored rounded to float16 and were rounded before anything was made from them."],
+    )
+    card.save(card_path(path))
+    return card
+
+
+def describe_queries(queries: QuerySet) -> dict[str, Any]:
+    """Numbers of a query set for its card."""
+    drives = [drive for query in queries.queries for drive in (query.trajectory_a, query.trajectory_b)]
+    durations = np.array([drive.duration_s for drive in drives])
+    gaps = np.array([path_gap_m(query.trajectory_a, query.trajectory_b) for query in queries.queries])
+    return {
+        "queries": len(queries),
+        "filtered": queries.filtered,
+        "duration_s": {"min": durations.min(), "mean": durations.mean(), "max": durations.max()},
+        "path_gap_m": {"min": float(gaps.min()), "median": float(np.median(gaps)), "max": float(gaps.max())},
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
+    parser.add_argument("what", choices=("base", "ensemble", "queries"))
+    parser.add_argument("setup", choices=tuple(SETUPS))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
+    arguments = parser.parse_args()
+
+    def show(fraction: float, metrics: dict[str, float]) -> None:
+        numbers = ", ".join(f"{name} {value:.4g}" for name, value in metrics.items())
+        print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
+
+    ship = {"base": ship_base, "ensemble": ship_ensemble, "queries": ship_queries}[arguments.what]
+    ship(arguments.setup, arguments.seed, arguments.out, show)
+
+
+if __name__ == "__main__":
+    main()
