@@ -15,15 +15,11 @@ export function localTimes(root) {
  * @param {HTMLElement} source @returns {Promise<boolean>}
  */
 export async function copyText(source) {
-  const range = document.createRange();
-  range.selectNodeContents(source);
-  const selection = getSelection();
-  selection?.removeAllRanges();
-  selection?.addRange(range);
   try {
     await navigator.clipboard.writeText(source.textContent?.trim() ?? "");
     return true;
   } catch {
+    getSelection()?.selectAllChildren(source);
     return false;
   }
 }

@@ -1,5 +1,8 @@
 // @ts-check
-/** Opening, turning and closing the page's dialogs; native `<dialog>` keeps the focus inside and gives it back. */
+/**
+ * Opening, turning and closing the page's dialogs; native `<dialog>` keeps the focus inside and gives it back. A dialog
+ * tells with the event `opened` that it now lies over the page.
+ */
 
 export function readyDialogs() {
   document.addEventListener("click", (event) => {
@@ -7,8 +10,9 @@ export function readyDialogs() {
     if (!target) return;
     if (target.dataset.opens) {
       const dialog = /** @type {HTMLDialogElement} */ (document.getElementById(target.dataset.opens));
-      turn(dialog, target.dataset.pageTo ?? "choose");
       dialog.showModal();
+      turn(dialog, target.dataset.pageTo ?? "choose");
+      dialog.dispatchEvent(new CustomEvent("opened", { bubbles: true }));
     } else if ("closes" in target.dataset) {
       target.closest("dialog")?.close();
     } else if (target.dataset.turn) {
@@ -23,6 +27,7 @@ function turn(dialog, name) {
   const pages = /** @type {NodeListOf<HTMLElement>} */ (dialog.querySelectorAll("[data-page]"));
   for (const page of pages) {
     page.hidden = page.dataset.page !== name;
-    if (!page.hidden) /** @type {HTMLElement | null} */ (page.querySelector("h2"))?.focus();
   }
+  // the heading first, so that a screen reader begins with what this is about
+  /** @type {HTMLElement | null} */ (dialog.querySelector("[data-page]:not([hidden]) h2, :scope > h2"))?.focus();
 }

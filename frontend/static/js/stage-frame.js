@@ -6,10 +6,9 @@
 
 /**
  * @typedef {object} StageMessage
- * @property {string} type ready, state, label, playing, progress, played, interrupted, disconnected, reconnected, ...
+ * @property {string} type as app/page.py lists them: ready, state, playing, played, disconnected, reconnected, ...
  * @property {string} [playback_id]
  * @property {boolean} [ready]
- * @property {number} [progress]
  */
 
 export class StageFrame {

@@ -39,6 +39,7 @@ export class Trial {
     this.stageReady = false;
     this.busy = false;
     this.over = false;
+    this.cutting = false;
     /** @type {Phase | null} */
     this.shown = null;
     this.start = /** @type {HTMLButtonElement} */ (root.querySelector("#start"));
@@ -46,11 +47,18 @@ export class Trial {
     this.start.addEventListener("click", () => this.begin());
     for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
     this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
-    this.onHidden = () => this.visibility();
+    this.onHidden = () => document.hidden && this.interrupted("hidden");
+    // behind a dialog nobody sees the drive
+    this.onDialog = () => this.interrupted("hidden");
     document.addEventListener("keydown", this.onKey);
     document.addEventListener("visibilitychange", this.onHidden);
+    document.addEventListener("opened", this.onDialog);
     this.slow = setTimeout(() => this.stageReady || this.hint("preparing_slow"), SLOW_STAGE_MS);
+    /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
+    this.clock = undefined;
     this.show();
+    // A drive that was playing when the page was loaded is not seen by anybody any more.
+    this.interrupted("connection");
   }
 
   /** Takes the trial off the page. */
@@ -59,6 +67,8 @@ export class Trial {
     clearTimeout(this.slow);
     document.removeEventListener("keydown", this.onKey);
     document.removeEventListener("visibilitychange", this.onHidden);
+    document.removeEventListener("opened", this.onDialog);
+    clearInterval(this.clock);
     this.needs.cover(null);
   }
 
@@ -77,8 +87,8 @@ export class Trial {
       case "ready":
         this.setReady();
         break;
-      case "progress":
-        if (typeof message.progress === "number") this.progress(message.progress);
+      case "playing":
+        this.run();
         break;
       case "played":
         this.seen(message.playback_id);
@@ -97,9 +107,6 @@ export class Trial {
         this.stageReady = false;
         this.needs.cover(this.needs.say("picture_lost"));
         this.interrupted("webgl_lost").then(() => this.needs.reloadStage());
-        break;
-      case "tab-hidden":
-        this.visibility();
         break;
     }
   }
@@ -142,12 +149,13 @@ export class Trial {
 
   /** @param {"hidden" | "connection" | "webgl_lost"} reason */
   async interrupted(reason) {
-    if (!this.playing) return;
-    await this.work(() => this.needs.post("interrupted", { reason }));
-  }
-
-  visibility() {
-    if (document.hidden) this.interrupted("hidden");
+    if (!this.playing || this.cutting) return;
+    this.cutting = true;
+    try {
+      await this.work(() => this.needs.post("interrupted", { reason }));
+    } finally {
+      this.cutting = false;
+    }
   }
 
   /** @param {HTMLButtonElement} pick */
@@ -188,6 +196,8 @@ export class Trial {
     } finally {
       this.busy = false;
       if (!this.over) this.show();
+      // hidden while the request was under way: the drive that began meanwhile was not seen
+      if (!this.over && document.hidden) this.interrupted("hidden");
     }
   }
 
@@ -233,7 +243,7 @@ export class Trial {
       this.text("#playing-letter", letter);
       this.text("#playing-text", say("playing", { letter }));
       if (changed) {
-        this.progress(0);
+        this.rewind();
         announce(say("playing", { letter }));
       }
     } else if (phase === "choosing") {
@@ -265,10 +275,22 @@ export class Trial {
     }
   }
 
-  /** @param {number} share 0 to 1 */
-  progress(share) {
-    const bar = /** @type {HTMLProgressElement | null} */ (this.root.querySelector("#playing-progress"));
-    if (bar) bar.value = share;
+  /** The robot has begun to move: the bar follows the drive's own length. */
+  run() {
+    const length = this.state.phase === "playing_b" ? this.state.duration_b_s : this.state.duration_a_s;
+    if (!length) return;
+    const bar = /** @type {HTMLProgressElement} */ (this.root.querySelector("#playing-progress"));
+    const began = performance.now();
+    clearInterval(this.clock);
+    this.clock = setInterval(() => {
+      bar.value = Math.min(1, (performance.now() - began) / 1000 / length);
+    }, 100);
+  }
+
+  /** The bar at its beginning. */
+  rewind() {
+    clearInterval(this.clock);
+    /** @type {HTMLProgressElement} */ (this.root.querySelector("#playing-progress")).value = 0;
   }
 
   /** @param {string} key */
