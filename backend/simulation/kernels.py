@@ -56,7 +56,7 @@ def compiled_parallel(function: Compiled) -> Compiled:
 
 def inlined(function: Compiled) -> Compiled:
     """Compile into the caller: handing a tuple of arrays to a function costs as much as half a lidar scan."""
-    return cast(Compiled, numba.njit(inline="always")(function))
+    return cast(Compiled, numba.njit(forceinline=True, **_FAST)(function))
 
 
 def compiled_exactly(function: Compiled) -> Compiled:
@@ -394,7 +394,7 @@ class Beams(NamedTuple):
     directions: NDArray[np.float64]
 
 
-@compiled
+@inlined
 def _see_face(
     out: NDArray[np.float64],
     beams: Beams,
@@ -405,7 +405,7 @@ def _see_face(
     low: float,
     high: float,
 ) -> None:
-    """Shorten `out` by a flat face seen from the robot.
+    """Note a flat face in `out` (sectors,), which holds 1 / range: no division per beam.
 
     The face lies `away` metres off in direction `bearing` (its normal, also given as a unit vector in the robot's
     frame) and spans [low, high] metres to the left of that direction. Along a face the range grows with the angle from
@@ -429,13 +429,15 @@ def _see_face(
     if first > last:
         return
     nearest = math.floor(centre + 0.5)
+    normal_x, normal_y = normal_x / away, normal_y / away
     per_sector = beams.number // beams.sectors
     first_sector = first // per_sector
     start, index = first_sector * per_sector, first_sector % beams.sectors
     while start <= last:
         beam = min(max(nearest, first, start), last, start + per_sector - 1)
-        cosine = beams.directions[beam, 0] * normal_x + beams.directions[beam, 1] * normal_y
-        out[index] = min(out[index], away / max(cosine, 1e-9))
+        nearness = beams.directions[beam, 0] * normal_x + beams.directions[beam, 1] * normal_y
+        if nearness > out[index]:
+            out[index] = nearness
         start += per_sector
         index = index + 1 if index + 1 < beams.sectors else 0
 
@@ -443,7 +445,23 @@ def _see_face(
 @compiled
 def scan(row: Row, x: float, y: float, yaw: float, beams: Beams, out: NDArray[np.float64]) -> None:
     """The lidar seen from a pose: out (sectors,) metres, minimum over each sector's beams, at most the range."""
-    out[:] = beams.range_m
+    dx, dy = row[PERSON_X] - x, row[PERSON_Y] - y
+    scan_knowing(row, x, y, yaw, math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - yaw), beams, out)
+
+
+@compiled
+def scan_knowing(
+    row: Row,
+    x: float,
+    y: float,
+    yaw: float,
+    person: float,
+    bearing: float,
+    beams: Beams,
+    out: NDArray[np.float64],
+) -> None:
+    """`scan` for a caller who has the person's distance (m) and bearing (rad) already."""
+    out[:] = 1 / beams.range_m
     quarter = math.pi / 2
     cr, sr = math.cos(yaw), math.sin(yaw)
     if row[ROOM_HALF_X] > 0.0:
@@ -471,32 +489,30 @@ def scan(row: Row, x: float, y: float, yaw: float, beams: Beams, out: NDArray[np
             _see_face(out, beams, turned + 3 * quarter, st, -ct, across - width, -length - along, length - along)
         elif across < -width:
             _see_face(out, beams, turned + quarter, -st, ct, -width - across, along - length, along + length)
-    _see_person(row, x, y, cr, sr, beams, out)
+    _see_person(row[PERSON_RADIUS], person, bearing, beams, out)
+    for sector in range(beams.sectors):
+        out[sector] = 1 / out[sector]
 
 
-@compiled
-def _see_person(row: Row, x: float, y: float, cr: float, sr: float, beams: Beams, out: NDArray[np.float64]) -> None:
-    """Shorten `out` by the person's circle; in each sector the beam nearest to its centre sees it closest."""
-    dx, dy, radius = row[PERSON_X] - x, row[PERSON_Y] - y, row[PERSON_RADIUS]
-    squared = dx * dx + dy * dy
-    reach = beams.range_m + radius
-    if squared >= reach * reach or squared <= radius * radius:
+@inlined
+def _see_person(radius: float, person: float, bearing: float, beams: Beams, out: NDArray[np.float64]) -> None:
+    """Note the person's circle in `out` likewise; in each sector the beam nearest to its centre sees it closest."""
+    if person >= beams.range_m + radius or person <= radius:
         return
-    local_x, local_y = dx * cr + dy * sr, dy * cr - dx * sr
-    bearing = math.atan2(local_y, local_x)
-    half = math.asin(radius / math.sqrt(squared))
+    half = math.asin(radius / person)
     per_radian = beams.number / (2 * math.pi)
     centre = bearing * per_radian + beams.number
     first, last = math.ceil(centre - half * per_radian), math.floor(centre + half * per_radian)
     nearest = math.floor(centre + 0.5)
+    local_x, local_y = person * math.cos(bearing), person * math.sin(bearing)
     per_sector = beams.number // beams.sectors
     for sector in range(first // per_sector, last // per_sector + 1):
         beam = min(max(nearest, first, sector * per_sector), last, sector * per_sector + per_sector - 1)
         along = beams.directions[beam, 0] * local_x + beams.directions[beam, 1] * local_y
-        inside = along * along - squared + radius * radius
+        inside = along * along - person * person + radius * radius
         if inside >= 0.0:
             index = sector % beams.sectors
-            out[index] = min(out[index], along - math.sqrt(inside))
+            out[index] = max(out[index], 1 / (along - math.sqrt(inside)))
 
 
 # --- driving --------------------------------------------------------------------------------------------------------
@@ -595,22 +611,31 @@ def drive(
 
 
 @compiled
-def crosses_itself(path: NDArray[np.float64], steps: int, age: int) -> bool:
-    """Whether the newest segment of a path (positions 0..steps) crosses a segment more than `age` steps older."""
+def crosses_itself(path: NDArray[np.float64], steps: int, age: int, longest: float) -> bool:
+    """Whether the newest segment of a path (positions 0..steps) crosses a segment more than `age` steps older.
+
+    No segment is longer than `longest` metres, so a block of them that begins far away is skipped unseen.
+    """
     ax, ay, bx, by = path[steps - 1, 0], path[steps - 1, 1], path[steps, 0], path[steps, 1]
     ex, ey = bx - ax, by - ay
     if ex * ex + ey * ey < 1e-12:
         return False
-    was_left = ex * (path[0, 1] - ay) - ey * (path[0, 0] - ax) >= 0.0
-    for k in range(1, steps - age):
-        dx, dy = path[k, 0], path[k, 1]
-        is_left = ex * (dy - ay) - ey * (dx - ax) >= 0.0
-        if is_left != was_left:
-            cx, cy = path[k - 1, 0], path[k - 1, 1]
-            fx, fy = dx - cx, dy - cy
-            if (fx * (ay - cy) - fy * (ax - cx) >= 0.0) != (fx * (by - cy) - fy * (bx - cx) >= 0.0):
-                return True
-        was_left = is_left
+    block = 16
+    reach = (block + 1) * longest
+    for begin in range(0, steps - age - 1, block):
+        px, py = path[begin, 0] - ax, path[begin, 1] - ay
+        if px * px + py * py > reach * reach:
+            continue
+        was_left = ex * py - ey * px >= 0.0
+        for k in range(begin + 1, min(begin + block + 1, steps - age)):
+            dx, dy = path[k, 0], path[k, 1]
+            is_left = ex * (dy - ay) - ey * (dx - ax) >= 0.0
+            if is_left != was_left:
+                cx, cy = path[k - 1, 0], path[k - 1, 1]
+                fx, fy = dx - cx, dy - cy
+                if (fx * (ay - cy) - fy * (ax - cx) >= 0.0) != (fx * (by - cy) - fy * (bx - cx) >= 0.0):
+                    return True
+            was_left = is_left
     return False
 
 
@@ -631,14 +656,15 @@ def observe(
     out[0] = math.sqrt(dx * dx + dy * dy) / rules.distance_scale
     out[1] = wrap(math.atan2(dy, dx) - yaw) / math.pi
     dx, dy = row[PERSON_X] - x, row[PERSON_Y] - y
-    out[2] = math.sqrt(dx * dx + dy * dy) / rules.distance_scale
-    out[3] = wrap(math.atan2(dy, dx) - yaw) / math.pi
+    person, bearing = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - yaw)
+    out[2] = person / rules.distance_scale
+    out[3] = bearing / math.pi
     first = 4
     if rules.with_velocity:
         out[4] = v / rules.v_max
         out[5] = w / rules.w_max
         first = 6
-    scan(row, x, y, yaw, beams, scratch)
+    scan_knowing(row, x, y, yaw, person, bearing, beams, scratch)
     for k in range(beams.sectors):
         out[first + k] = scratch[k] / beams.range_m
 
@@ -691,7 +717,7 @@ def _step_one(
     reward = rules.time_per_step + jerk_penalty(state.commands, state.largest_jerk, i, v, w, rules.jerk_weight)
     goal_after = math.sqrt((row[GOAL_X] - pose[0]) ** 2 + (row[GOAL_Y] - pose[1]) ** 2)
     reward += rules.progress_weight * (goal_before - goal_after)
-    crossed = crosses_itself(state.paths[i], steps, rules.loop_age)
+    crossed = crosses_itself(state.paths[i], steps, rules.loop_age, rules.v_max * rules.dt)
     if crossed:
         reward += rules.self_intersection
     outcome = RUNNING

@@ -273,7 +273,7 @@ class ReferenceEngine:
         goal_after = float(np.linalg.norm(goal - self.pose[:2]))
         jerk = k.jerk_penalty(self._commands, self._largest_jerk, 0, v, w, rules.jerk_weight)
         self.reward = rules.time_per_step + jerk + rules.progress_weight * (goal_before - goal_after)
-        if k.crosses_itself(self._path, self.steps, rules.loop_age):
+        if k.crosses_itself(self._path, self.steps, rules.loop_age, rules.v_max * rules.dt):
             self.self_intersections += 1
             self.reward += rules.self_intersection
         if hit:
