@@ -133,12 +133,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         content=aligned.policy.to_bytes(),
         params=params,
         config={**config.as_dict(), "replay_sha256": aligned.replay_sha256},
-        result={"gate": gate, "chosen_checkpoint": aligned.chosen, "history": aligned.history},
+        results={"gate": gate, "chosen_checkpoint": aligned.chosen, "history": aligned.history},
         parents=[(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")],
-        scenes=[
-            describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed),
-            describe(Purpose.GATE, config.gate_scenes, params.seed),
-        ],
+        scenes={
+            "select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed),
+            "gate": describe(Purpose.GATE, config.gate_scenes, params.seed),
+        },
     )
     context.progress(0.93)
     comparisons = []
@@ -225,7 +225,7 @@ def _keep_reward_model(
         content=reward_model_to_bytes(model),
         params=params,
         config={"model": model_name, "reduction": reduction},
-        result=result,
+        results=result,
         parents=[(snapshot_artefact, "answers")],
     )
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from importlib import metadata
-from pathlib import Path
 from typing import Any
 
 from sqlalchemy.orm import Session as DbSession
 
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
+from backend.learning.artefacts import source_commit
 from backend.learning.policy import Policy
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectory
@@ -54,9 +51,9 @@ def keep(
     content: bytes,
     params: Params,
     config: Mapping[str, Any],
-    result: Mapping[str, Any],
+    results: Mapping[str, Any],
     parents: Sequence[Parent] = (),
-    scenes: Sequence[Mapping[str, Any]] = (),
+    scenes: Mapping[str, Any] | None = None,
     departures: Sequence[str] = (),
 ) -> str:
     """Store an artefact of this job with its card; returns its id.
@@ -67,10 +64,10 @@ def keep(
         for parent, _ in parents:
             find_artefact(s, parent.id, parent.kind)
         card = {
-            "name": name,
             "kind": kind,
+            "name": name,
             "setup": setup,
-            **card_of(context, params, config=config, result=result, parents=parents, scenes=scenes),
+            **card_of(context, params, config=config, results=results, parents=parents, scenes=scenes),
             "departures": list(departures),
         }
         made = save_artefact(
@@ -93,20 +90,20 @@ def card_of(
     params: Params,
     *,
     config: Mapping[str, Any],
-    result: Mapping[str, Any],
+    results: Mapping[str, Any],
     parents: Sequence[Parent] = (),
-    scenes: Sequence[Mapping[str, Any]] = (),
+    scenes: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """How an artefact came to be: enough to make it again."""
+    """How an artefact came to be, enough to make it again; the keys are those of `backend.learning.artefacts.Card`."""
     return {
         "command": command_of(context.job.kind, params),
         "job": context.job.id,
         "seed": params.model_dump().get("seed"),
-        "commit": code_version(),
+        "commit": source_commit(),
         "config": dict(config),
-        "scenes": [dict(one) for one in scenes],
-        "result": dict(result),
-        "parents": [{"role": role, "name": parent.name, "sha256": parent.id} for parent, role in parents],
+        "scenes": dict(scenes or {}),
+        "results": dict(results),
+        "parents": {f"{role}: {parent.name}": parent.id for parent, role in parents},
     }
 
 
@@ -123,21 +120,3 @@ def command_of(kind: str, params: Params) -> str:
         given = ",".join(value) if isinstance(value, list) else value
         settings += ["--set", f"{name}={given}"]
     return shlex.join(["desirepath", "jobs", "start", kind, *settings])
-
-
-@lru_cache
-def code_version() -> str:
-    """The commit that this code runs from, with `-dirty` where it was changed; outside a checkout the version."""
-    here = Path(__file__).resolve().parents[2]
-    try:
-        described = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
-            cwd=here,
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=20,
-        )
-    except (OSError, subprocess.SubprocessError):
-        return f"desirepath {metadata.version('desirepath')}"
-    return described.stdout.strip()

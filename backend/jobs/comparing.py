@@ -40,9 +40,9 @@ def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
         content=_json(content),
         params=params,
         config=params.model_dump(mode="json"),
-        result=measured,
+        results=measured,
         parents=[(artefact, "policy")],
-        scenes=[describe(Purpose.REPORT, params.scenes, params.seed)],
+        scenes={"report": describe(Purpose.REPORT, params.scenes, params.seed)},
     )
     return {"evaluation": kept, "measured": measured}
 
@@ -90,9 +90,9 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
         content=_json(content),
         params=params,
         config=params.model_dump(mode="json"),
-        result=compared,
+        results=compared,
         parents=[(artefact_a, "policy_a"), (artefact_b, "policy_b")],
-        scenes=[describe(Purpose.REPORT, params.scenes, params.seed)],
+        scenes={"report": describe(Purpose.REPORT, params.scenes, params.seed)},
     )
     return {"evaluation": kept, "compared": compared}
 

@@ -7,6 +7,7 @@ from typing import Any
 from backend.jobs.artefacts import card_of, keep, load_policy
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import EnsembleParams, QueriesParams, TrainBaseParams
+from backend.learning.artefacts import DEPARTURES
 from backend.learning.base import BaseConfig
 from backend.learning.base import train_base as learn_base
 from backend.learning.ensemble import EnsembleConfig
@@ -16,7 +17,7 @@ from backend.learning.queries import generate_queries as make_queries
 from backend.learning.scene_sets import Purpose, describe
 from backend.store.query_sets import save_query_set
 
-PROGRESS_TERM = "a progress term (+{weight:g} per metre towards the goal) during base training, ours"
+BASE_DEPARTURES = [DEPARTURES[name] for name in ("progress", "heads", "environments", "average")]
 
 
 def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
@@ -32,9 +33,9 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
         content=trained.policy.to_bytes(),
         params=params,
         config=config.as_dict(),
-        result=result,
-        scenes=[describe(Purpose.SELECT, params.selection_scenes, params.seed)],
-        departures=[PROGRESS_TERM.format(weight=params.progress_weight)] if params.progress_weight else [],
+        results=result,
+        scenes={"select": describe(Purpose.SELECT, params.selection_scenes, params.seed)},
+        departures=BASE_DEPARTURES if params.progress_weight else BASE_DEPARTURES[1:],
     )
     return {"policy": kept, **result}
 
@@ -53,9 +54,10 @@ def train_ensemble(context: JobContext, params: EnsembleParams) -> dict[str, Any
             content=member.to_bytes(),
             params=params,
             config={**config.as_dict(), "base_buffer_sha256": trained.base_buffer_sha256},
-            result={"selection_success": success, "diversity": trained.diversity},
+            results={"selection_success": success, "diversity": trained.diversity},
             parents=[(base_artefact, "base")],
-            scenes=[describe(Purpose.SELECT, config.selection_scenes, params.seed)],
+            scenes={"select": describe(Purpose.SELECT, config.selection_scenes, params.seed)},
+            departures=[DEPARTURES["ensemble_start"]],
         )
         for k, (member, success) in enumerate(zip(trained.members, trained.success_rates, strict=True))
     ]
@@ -70,14 +72,14 @@ def make_query_set(context: JobContext, params: QueriesParams) -> dict[str, Any]
     result = {"queries": len(made), "filtered": made.filtered}
     name = f"{len(made)} queries, seed {params.seed}"
     parents = [(artefact, f"member_{k}") for k, (artefact, _) in enumerate(members)]
-    scenes = [describe(Purpose.QUERIES, made.filtered["scenes"], params.seed)]
+    scenes = {"queries": describe(Purpose.QUERIES, made.filtered["scenes"], params.seed)}
     with context.database.transaction() as s:
         kept = save_query_set(
             s,
             context.files,
             made,
             name=name,
-            card=card_of(context, params, config=config.as_dict(), result=result, parents=parents, scenes=scenes),
+            card=card_of(context, params, config=config.as_dict(), results=result, parents=parents, scenes=scenes),
             parents=[(artefact.id, role) for artefact, role in parents],
             job_id=context.job.id,
         ).id

@@ -1,0 +1,257 @@
+"""Figures as SVG from plain numbers: curves, intervals, histograms of differences, drives seen from above.
+
+Every figure carries its colours twice: as attributes (a file opened on white paper) and as classes that analyst.css
+colours by the page's scheme. Texts are given by the caller; nothing is read from the store here.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from backend.simulation.scene import Obstacle, Scene
+from backend.simulation.trajectory import Trajectory
+
+INK, SOFT, LINE, PAPER = "#211f1a", "#575247", "#d9d1c0", "#fffdf8"
+SIDES = ("#2f6a3d", "#b5541c")  # tokens.css: --data-1, --data-2
+PERSON = "#3b5f9e"
+FONT = "system-ui, sans-serif"
+
+Number = Callable[[float], str]
+
+
+@dataclass(frozen=True)
+class Interval:
+    """One row of `intervals`: a value in [0, 1] with its bounds, and what is said at its end."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    told: str
+
+
+def ticks(low: float, high: float, about: int = 5) -> list[float]:
+    """Round numbers from `low` to `high`, roughly `about` of them."""
+    if not high > low:
+        return [low]
+    raw = (high - low) / about
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(m * power for m in (1, 2, 2.5, 5, 10) if m * power >= raw * 0.999)
+    first = math.ceil(low / step - 1e-9)
+    return [round(k * step, 10) for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+class _Drawing:
+    """Collects SVG elements; coordinates are pixels of the view box."""
+
+    def __init__(self, width: float, height: float, title: str) -> None:
+        self._head = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" class="plot" viewBox="0 0 {width:g} {height:g}" '
+            f'width="{width:g}" height="{height:g}" role="img" aria-label="{escape(title)}" font-family="{FONT}" '
+            f'font-size="12"><title>{escape(title)}</title>'
+        )
+        self._parts: list[str] = []
+        self.rect(0, 0, width, height, fill=PAPER, css="paper")
+
+    def rect(self, x: float, y: float, w: float, h: float, *, fill: str, css: str) -> None:
+        self._parts.append(
+            f'<rect class="{css}" x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" fill="{fill}"/>'
+        )
+
+    def line(self, x1: float, y1: float, x2: float, y2: float, *, stroke: str, css: str, width: float = 1.0) -> None:
+        self._parts.append(
+            f'<line class="{css}" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{stroke}" '
+            f'stroke-width="{width:g}"/>'
+        )
+
+    def path(self, points: Sequence[tuple[float, float]], *, stroke: str, css: str, width: float = 2.0) -> None:
+        told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        self._parts.append(
+            f'<polyline class="{css}" points="{told}" fill="none" stroke="{stroke}" stroke-width="{width:g}" '
+            'stroke-linejoin="round" stroke-linecap="round"/>'
+        )
+
+    def polygon(self, points: Sequence[tuple[float, float]], *, fill: str, css: str) -> None:
+        told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        self._parts.append(f'<polygon class="{css}" points="{told}" fill="{fill}"/>')
+
+    def circle(self, x: float, y: float, r: float, *, fill: str, css: str, stroke: str = "none") -> None:
+        self._parts.append(
+            f'<circle class="{css}" cx="{x:.1f}" cy="{y:.1f}" r="{r:.1f}" fill="{fill}" stroke="{stroke}"/>'
+        )
+
+    def text(
+        self, x: float, y: float, told: str, *, anchor: str = "start", fill: str = SOFT, css: str = "soft"
+    ) -> None:
+        self._parts.append(
+            f'<text class="{css}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{fill}">{escape(told)}</text>'
+        )
+
+    def svg(self) -> str:
+        return self._head + "".join(self._parts) + "</svg>"
+
+
+def _number(value: float) -> str:
+    return f"{value:g}"
+
+
+def curve(
+    points: Sequence[tuple[float, float]], *, title: str, x_label: str, number: Number = _number, width: int = 420
+) -> str:
+    """A line through (step, value) points, with its last value written at its end."""
+    height, left, right, top, bottom = 200, 56, 16, 14, 40
+    drawing = _Drawing(width, height, title)
+    xs, ys = [p[0] for p in points], [p[1] for p in points]
+    x_low, x_high = min(xs), max(max(xs), min(xs) + 1)
+    y_low, y_high = min(ys), max(ys)
+    spare = (y_high - y_low) * 0.08 or abs(y_high) * 0.05 or 0.5
+    y_low, y_high = y_low - spare, y_high + spare
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return (
+            left + (x - x_low) / (x_high - x_low) * (width - left - right),
+            height - bottom - (y - y_low) / (y_high - y_low) * (height - top - bottom),
+        )
+
+    for tick in ticks(y_low, y_high, 4):
+        _, y = at(x_low, tick)
+        drawing.line(left, y, width - right, y, stroke=LINE, css="grid")
+        drawing.text(left - 6, y + 4, number(tick), anchor="end")
+    for tick in ticks(x_low, x_high, 4):
+        x, _ = at(tick, y_low)
+        drawing.text(x, height - bottom + 16, number(tick), anchor="middle")
+    drawing.text((left + width - right) / 2, height - 6, x_label, anchor="middle")
+    drawing.path([at(*point) for point in points], stroke=SIDES[0], css="line-1")
+    drawing.circle(*at(*points[-1]), 3.5, fill=SIDES[0], css="fill-1")
+    return drawing.svg()
+
+
+def intervals(rows: Sequence[Interval], *, title: str, x_label: str, chance: float | None = None) -> str:
+    """Shares from 0 to 1 with their intervals, one row each; `chance` is a line to compare with."""
+    width, left, right, row_height, top, bottom = 640, 130, 130, 26, 10, 44
+    height = top + row_height * len(rows) + bottom
+    drawing = _Drawing(width, height, title)
+
+    def at(share: float) -> float:
+        return left + share * (width - left - right)
+
+    for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
+        css = "chance" if tick == chance else "grid"
+        drawing.line(at(tick), top, at(tick), height - bottom, stroke=SOFT if tick == chance else LINE, css=css)
+        drawing.text(at(tick), height - bottom + 16, f"{tick:.0%}", anchor="middle")
+    drawing.text(at(0.5), height - 6, x_label, anchor="middle")
+    for k, row in enumerate(rows):
+        y = top + row_height * (k + 0.5)
+        drawing.text(left - 10, y + 4, row.name, anchor="end", fill=INK, css="ink")
+        drawing.line(at(row.low), y, at(row.high), y, stroke=SIDES[0], css="line-1", width=2)
+        drawing.circle(at(row.value), y, 4.5, fill=SIDES[0], css="fill-1")
+        drawing.text(width - right + 12, y + 4, row.told, fill=INK, css="ink")
+    return drawing.svg()
+
+
+def differences(
+    values: ArrayLike,
+    *,
+    mean: tuple[float, float, float],
+    title: str,
+    x_label: str,
+    y_label: str,
+    number: Number = _number,
+    bins: int = 41,
+) -> str:
+    """A histogram of paired differences around zero, with their mean and its interval (mean, low, high) above."""
+    width, height, left, right, top, bottom = 640, 260, 56, 16, 34, 44
+    data = np.asarray(values, dtype=float)
+    drawing = _Drawing(width, height, title)
+    reach = float(np.quantile(np.abs(data), 0.99)) if len(data) else 1.0
+    reach = max(reach, *(abs(bound) for bound in mean)) * 1.05 or 1.0
+    counts, edges = np.histogram(np.clip(data, -reach, reach), bins=bins, range=(-reach, reach))
+    highest = max(1, int(counts.max()))
+
+    def at(x: float) -> float:
+        return left + (x + reach) / (2 * reach) * (width - left - right)
+
+    def up(count: float) -> float:
+        return height - bottom - count / highest * (height - top - bottom)
+
+    for tick in ticks(0, highest, 4):
+        drawing.line(left, up(tick), width - right, up(tick), stroke=LINE, css="grid")
+        drawing.text(left - 6, up(tick) + 4, number(tick), anchor="end")
+    for count, first, last in zip(counts, edges[:-1], edges[1:], strict=True):
+        if count:
+            better = int((first + last) / 2 > 0)
+            drawing.rect(
+                at(first) + 0.5, up(count), at(last) - at(first) - 1, up(0) - up(count),
+                fill=SIDES[better], css=f"fill-{better + 1}",
+            )  # fmt: skip
+    drawing.line(at(0), top, at(0), height - bottom, stroke=INK, css="ink-line")
+    for tick in ticks(-reach, reach, 6):
+        drawing.text(at(tick), height - bottom + 16, number(tick), anchor="middle")
+    drawing.line(at(mean[1]), 20, at(mean[2]), 20, stroke=INK, css="ink-line", width=2)
+    drawing.circle(at(mean[0]), 20, 4.5, fill=INK, css="ink-fill")
+    drawing.text((left + width - right) / 2, height - 6, x_label, anchor="middle")
+    drawing.text(left, 12, y_label, anchor="start")
+    return drawing.svg()
+
+
+def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[str], title: str) -> str:
+    """One scene from above with up to two drives in it: what the 3D stage shows, for print and without WebGL."""
+    spare = 0.8
+    points = np.concatenate(
+        [
+            *(np.asarray(t.poses, float)[:, :2] for t in trajectories),
+            [[p.x, p.y] for p in (scene.start, scene.goal, scene.person.pose, *(o.pose for o in scene.obstacles))],
+            *([_corners(wall) for wall in scene.room.walls()] if scene.room else []),
+        ]
+    )
+    if scene.room is not None:
+        spare = 0.05
+    (x_low, y_low), (x_high, y_high) = points.min(0) - spare, points.max(0) + spare
+    scale = min(600 / (x_high - x_low), 440 / (y_high - y_low))
+    legend = 26
+    width, height = (x_high - x_low) * scale, (y_high - y_low) * scale + legend
+    drawing = _Drawing(width, height, title)
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return (x - x_low) * scale, (y_high - y) * scale
+
+    for solid in scene.solids():
+        drawing.polygon([at(*corner) for corner in _corners(solid)], fill="#b9ae97", css=f"solid {solid.kind}")
+    drawing.circle(*at(scene.goal.x, scene.goal.y), scene.goal_radius * scale, fill="none", css="goal", stroke=INK)
+    drawing.circle(*at(scene.start.x, scene.start.y), 4, fill=INK, css="ink-fill")
+    person = scene.person.pose
+    drawing.circle(*at(person.x, person.y), scene.person.radius * scale, fill=PERSON, css="person")
+    nose = 0.55
+    drawing.line(
+        *at(person.x, person.y),
+        *at(person.x + nose * math.cos(person.yaw), person.y + nose * math.sin(person.yaw)),
+        stroke=PERSON,
+        css="person-line",
+        width=3,
+    )
+    for k, (trajectory, name) in enumerate(zip(trajectories, names, strict=True)):
+        path = [at(float(x), float(y)) for x, y in np.asarray(trajectory.poses)[:, :2]]
+        drawing.path(path, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
+        drawing.circle(*path[-1], 4.5, fill=SIDES[k], css=f"fill-{k + 1}")
+        x = 8 + k * width / 2
+        drawing.line(x, height - 11, x + 22, height - 11, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
+        drawing.text(x + 28, height - 7, name, fill=INK, css="ink")
+    return drawing.svg()
+
+
+def _corners(solid: Obstacle) -> list[tuple[float, float]]:
+    c, s = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
+    halves = ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    return [
+        (
+            solid.pose.x + c * a * solid.length / 2 - s * b * solid.width / 2,
+            solid.pose.y + s * a * solid.length / 2 + c * b * solid.width / 2,
+        )
+        for a, b in halves
+    ]

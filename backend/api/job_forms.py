@@ -1,0 +1,146 @@
+"""Forms made from a kind of job's parameters: which fields there are, what was typed, what is wrong with it."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Union, get_args, get_origin
+
+from pydantic.fields import FieldInfo
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+from starlette.datastructures import FormData
+
+from backend.jobs.kinds import JobParamsError, Kind
+from backend.store.models import Artefact
+
+TOLD_PROBLEMS = {
+    "missing": "missing",
+    "string_too_short": "missing",
+    "too_short": "too_few",
+    "too_long": "too_many",
+    "int_parsing": "whole_number",
+    "int_from_float": "whole_number",
+    "float_parsing": "number",
+    "greater_than_equal": "at_least",
+    "greater_than": "above",
+    "less_than_equal": "at_most",
+    "less_than": "below",
+    "literal_error": "choice",
+}
+
+
+@dataclass(frozen=True)
+class FormField:
+    """One field as the template draws it. control: number, choice, artefact or artefacts."""
+
+    name: str
+    control: str
+    value: Any
+    default: Any
+    source: str
+    required: bool
+    advanced: bool
+    choices: tuple[str, ...] = ()
+    artefacts: tuple[Artefact, ...] = ()
+    limits: Mapping[str, float] = field(default_factory=dict)
+    step: str = "any"
+    problem: str | None = None  # a key below `problems` in analyst.yaml
+    problem_values: Mapping[str, Any] = field(default_factory=dict)
+
+
+def form_fields(
+    s: Session, kind: Kind, values: Mapping[str, Any], wrong: JobParamsError | None = None
+) -> list[FormField]:
+    """The fields of a kind, filled with `values` (else the defaults), with what is wrong at each."""
+    problems = {problem["field"].split(".")[0]: problem for problem in wrong.problems} if wrong else {}
+    return [
+        _field(s, name, info, values.get(name), problems.get(name)) for name, info in kind.params.model_fields.items()
+    ]
+
+
+def typed_values(kind: Kind, form: FormData) -> dict[str, Any]:
+    """What was typed, blank fields left out, so that their defaults hold."""
+    values: dict[str, Any] = {}
+    for name, info in kind.params.model_fields.items():
+        if _is_many(info):
+            values[name] = [str(one) for one in form.getlist(name) if one]
+        elif str(form.get(name) or "").strip():
+            values[name] = str(form[name]).strip()
+    return values
+
+
+def _field(s: Session, name: str, info: FieldInfo, value: Any, wrong: Mapping[str, Any] | None) -> FormField:
+    extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+    default = None if info.is_required() else info.get_default()
+    inner = _without_none(info.annotation)
+    artefact_kind = str(extra.get("artefact", ""))
+    shown = default if value is None else value
+    choices: tuple[str, ...] = tuple(get_args(inner)) if get_origin(inner) is Literal else ()
+    limits = {
+        bound: float(getattr(rule, bound)) for rule in info.metadata for bound in ("ge", "gt", "le", "lt")
+        if hasattr(rule, bound)
+    }  # fmt: skip
+    control = "number"
+    artefacts: tuple[Artefact, ...] = ()
+    if artefact_kind:
+        control = "artefacts" if _is_many(info) else "artefact"
+        artefacts = tuple(_usable(s, artefact_kind))
+        shown = _as_ids(artefacts, shown)
+    elif choices:
+        control = "choice"
+    problem = wrong["type"] if wrong else None
+    return FormField(
+        name=name,
+        control=control,
+        value=shown,
+        default=default,
+        source=str(extra["source"]),
+        required=info.is_required(),
+        advanced=bool(extra.get("advanced")) and wrong is None,
+        choices=choices,
+        artefacts=artefacts,
+        limits=limits,
+        step="1" if inner is int else "any",
+        problem=TOLD_PROBLEMS.get(problem, "other") if problem else None,
+        problem_values=_told(wrong) if wrong else {},
+    )
+
+
+def _told(wrong: Mapping[str, Any]) -> dict[str, Any]:
+    limits = dict(wrong.get("limits", {}))
+    limit = next(
+        (limits[bound] for bound in ("ge", "gt", "le", "lt", "min_length", "max_length") if bound in limits), ""
+    )
+    return {
+        "value": wrong["value"],
+        "limit": limit,
+        "expected": limits.get("expected", ""),
+        "message": wrong["message"],
+    }
+
+
+def _usable(s: Session, kind: str) -> Sequence[Artefact]:
+    """Artefacts that a new job may work on: shipped ones first, then the newest."""
+    rows = select(Artefact).where(Artefact.kind == kind, Artefact.quarantined_at.is_(None))
+    found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
+    return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
+
+
+def _as_ids(artefacts: Sequence[Artefact], given: Any) -> Any:
+    """Names of shipped artefacts become the ids that the lists offer."""
+    id_of = {one.name: one.id for one in artefacts if one.job_id is None}
+    if isinstance(given, list | tuple):
+        return [id_of.get(one, one) for one in given]
+    return id_of.get(given, given)
+
+
+def _without_none(annotation: Any) -> Any:
+    if get_origin(annotation) in (Union, types.UnionType):
+        return next(one for one in get_args(annotation) if one is not type(None))
+    return annotation
+
+
+def _is_many(info: FieldInfo) -> bool:
+    return get_origin(_without_none(info.annotation)) is tuple
