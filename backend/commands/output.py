@@ -47,14 +47,14 @@ def say(result: dict[str, Any], as_json: bool) -> None:
 
 
 def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
-    """Turn errors meant for people (ValueError and OSError families) into one line and exit code 1, no traceback."""
+    """Turn errors meant for people (no programming errors) into one line and exit code 1, no traceback."""
 
     @functools.wraps(command)
     def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
         log_to_stderr()
         try:
             command(*args, **kwargs)
-        except (ValueError, LookupError, OSError) as problem:
+        except (ValueError, LookupError, OSError, RuntimeError) as problem:
             if kwargs.get("as_json"):
                 sys.stdout.write(json.dumps({"error": str(problem)}) + "\n")
             Console(stderr=True).print(f"[red]error:[/red] {problem}", highlight=False, soft_wrap=True)

@@ -1,0 +1,209 @@
+"""`desirepath train ...`, `queries generate` and `evaluate`: the science from the command line.
+
+Training runs as a job like any other, so that its artefact has a card, a lineage and a place in the analysts' pages.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.study import open_store
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+
+train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
+queries = typer.Typer(help="Make queries.", no_args_is_help=True)
+
+SetFlag = Annotated[list[str] | None, typer.Option("--set", help="Any other parameter of the job, as name=value.")]
+OutFlag = Annotated[Path | None, typer.Option(help="Also write the result to this file.")]
+SeedFlag = Annotated[int, typer.Option(help="Seed of everything random.")]
+WORKER_PATIENCE_S = 3.0
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the main one."""
+    app.add_typer(train, name="train")
+    app.add_typer(queries, name="queries")
+    app.command()(evaluate)
+
+
+@train.command()
+@plain_errors
+def base(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    seed: SeedFlag = 0,
+    out: OutFlag = None,
+    more: SetFlag = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Train a base policy from nothing."""
+    _run("train_base", {"setup": setup, "seed": seed, **_parsed(more)}, out, as_json)
+
+
+@train.command()
+@plain_errors
+def ensemble(
+    base_policy: Annotated[str, typer.Option("--base", help="The base policy to start from.")] = "study_room/base",
+    seed: SeedFlag = 0,
+    more: SetFlag = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Train an ensemble whose members drive differently."""
+    _run("ensemble", {"base": base_policy, "seed": seed, **_parsed(more)}, None, as_json)
+
+
+@train.command("reward-model")
+@plain_errors
+def reward_model(
+    study: Annotated[str | None, typer.Option(help="Id of a study: a snapshot of all its answers is taken.")] = None,
+    snapshot: Annotated[str | None, typer.Option(help="Id of a snapshot.")] = None,
+    seed: SeedFlag = 0,
+    out: OutFlag = None,
+    more: SetFlag = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Learn a reward model from answers, with its accuracy on answers it did not see."""
+    _run("reward_model", {"snapshot": _snapshot(study, snapshot), "seed": seed, **_parsed(more)}, out, as_json)
+
+
+@train.command()
+@plain_errors
+def align(
+    study: Annotated[str | None, typer.Option(help="Id of a study: a snapshot of all its answers is taken.")] = None,
+    snapshot: Annotated[str | None, typer.Option(help="Id of a snapshot.")] = None,
+    recipe: Annotated[str, typer.Option(help="refine (spec 06, recipe B) or thesis (lambda 0.06).")] = "refine",
+    seed: SeedFlag = 0,
+    out: OutFlag = None,
+    more: SetFlag = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Turn answers into a policy."""
+    params = {"snapshot": _snapshot(study, snapshot), "recipe": recipe, "seed": seed, **_parsed(more)}
+    _run("align", params, out, as_json)
+
+
+@queries.command()
+@plain_errors
+def generate(
+    setup: Annotated[str, typer.Option(help="study_room or open_field; its shipped ensemble drives.")] = "study_room",
+    count: Annotated[int, typer.Option(min=1)] = 200,
+    seed: SeedFlag = 1,
+    out: OutFlag = None,
+    more: SetFlag = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make queries from an ensemble's drives."""
+    members = [f"{setup}/ensemble/{k}" for k in range(4)]
+    _run("queries", {"members": members, "count": count, "seed": seed, **_parsed(more)}, out, as_json)
+
+
+@plain_errors
+def evaluate(
+    policy: Annotated[str, typer.Argument(help="Id, path, or a shipped name such as study_room/base.")],
+    scenes: Annotated[int, typer.Option(min=1)] = 2_000,
+    seed: SeedFlag = 0,
+    engine: Annotated[str, typer.Option(help="fast or pybullet.")] = "fast",
+    as_json: JsonFlag = False,
+) -> None:
+    """Drive a policy through fresh scenes and measure it."""
+    from backend.learning.evaluate import evaluate_policy
+    from backend.learning.policy import Policy
+    from backend.learning.shipped import load_policy, shipped_names
+
+    if policy in shipped_names() or Path(policy).is_file():
+        found = load_policy(policy)
+    else:
+        _, files = open_store()
+        if not files.exists(policy):
+            raise LookupError(f"no policy {policy!r}: neither an id, a file nor shipped ({', '.join(shipped_names())})")
+        found = Policy.from_bytes(files.get(policy))
+    say(evaluate_policy(found, n=scenes, seed=seed, engine=engine), as_json)
+
+
+def _parsed(more: list[str] | None) -> dict[str, Any]:
+    """`name=value` words; values are JSON where they can be, text otherwise."""
+    parsed: dict[str, Any] = {}
+    for word in more or []:
+        name, equals, value = word.partition("=")
+        if not equals:
+            raise ValueError(f"--set {word!r}: write it as name=value")
+        try:
+            parsed[name] = json.loads(value)
+        except json.JSONDecodeError:
+            parsed[name] = value
+    return parsed
+
+
+def _snapshot(study: str | None, snapshot: str | None) -> str:
+    from backend.store.snapshots import take_snapshot
+
+    if (study is None) == (snapshot is None):
+        raise ValueError("give either --study or --snapshot")
+    if snapshot is not None:
+        return snapshot
+    database, files = open_store()
+    with database.transaction() as s:
+        return take_snapshot(s, files, study_id=study).id
+
+
+def _run(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) -> None:
+    """Enqueue, wait with progress on stderr, print the result. Raises RuntimeError if the job does not succeed."""
+    from backend.jobs.kinds import get_kind
+    from backend.store.outbox import enqueue_job
+    from backend.store.shipped import register_shipped
+
+    database, files = open_store()
+    parsed = get_kind(kind).parse(params)
+    with database.transaction() as s:
+        register_shipped(s, files)
+        job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by="command line").id
+    state, result, error = _wait(database, job)
+    if state != "succeeded":
+        raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
+    if out is not None:
+        _write(files, result, out)
+    say({"job": job, **result}, as_json)
+
+
+def _wait(database: Database, job: str) -> tuple[str, dict[str, Any], str | None]:
+    """Follow a job to its end; brings a worker along if nobody else takes the job up."""
+    from backend.jobs.process import FINAL_STATES
+    from backend.store.models import Job
+
+    console = Console(stderr=True)
+    began = time.monotonic()
+    own_worker: subprocess.Popen[bytes] | None = None
+    try:
+        with console.status("waiting for a worker") as status:
+            while True:
+                with database.session() as s:
+                    row = s.get_one(Job, job)
+                    state, progress, message = row.state, row.progress, row.message
+                    result, error = row.result or {}, row.error
+                if state in FINAL_STATES:
+                    return state, result, error
+                if state == "queued" and own_worker is None and time.monotonic() - began > WORKER_PATIENCE_S:
+                    own_worker = subprocess.Popen([sys.executable, "-m", "backend.cli", "worker"], stdout=sys.stderr)
+                status.update(f"{state} {progress:.0%} {message}")
+                time.sleep(0.3)
+    finally:
+        if own_worker is not None:
+            own_worker.terminate()
+            own_worker.wait(30)
+
+
+def _write(files: ArtefactStore, result: dict[str, Any], out: Path) -> None:
+    made = next((result[key] for key in ("policy", "reward_model", "query_set") if result.get(key)), None)
+    if made is None:
+        raise LookupError(f"the job made nothing that could be written to {out}; its result: {sorted(result)}")
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_bytes(files.get(made))
