@@ -12,7 +12,11 @@ from backend.store.models import Session as SessionRow
 
 # What identifies a person or opens a door never enters the log, so that it cannot leave with it either.
 FORBIDDEN_KEYS = frozenset(
-    {"token", "ip", "ip_address", "cookie", "password", "csrf", "external_id", "prolific_pid", "email", "user_agent"}
+    {
+        *("token", "cookie", "password", "csrf", "completion_code"),
+        *("ip", "ip_address", "remote_addr", "client_ip", "user_agent", "useragent", "email"),
+        *("external_id", "prolific_pid"),
+    }
 )
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
-    """Store every shipped policy that is not stored yet; returns all of them. Raises LearningError for a damaged file."""
+    """Store every shipped policy that is not stored yet; returns all. Raises LearningError for a damaged file."""
     from backend.learning.shipped import load_card, shipped_names
 
     names = [name for name in shipped_names() if load_card(name).kind == "policy"]
@@ -50,7 +50,7 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
         if s.get(Artefact, sha) is None and name in shipped_names() and load_card(name).sha256 == sha:
             _register(s, files, name)
         if s.get(Artefact, sha) is not None:
-            found.append((sha, name))
+            found.append((sha, name.partition("/")[2] or name))  # the role: `base`, `ensemble/0`
     return found
 
 

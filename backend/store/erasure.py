@@ -1,0 +1,282 @@
+"""Erases a participant: the one privileged path through what is otherwise immutable.
+
+What goes: their rows, the drives only they saw or caused, job payloads and logs, models made from their answers alone,
+and snapshot files that contain their answers. What stays: a tombstone without content, and pooled models, quarantined.
+Excluding (data kept, marked) and withdrawing (the participant's own act) are not here.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import shutil
+import time
+from collections import defaultdict
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import CursorResult, Delete, delete, or_, select
+from sqlalchemy.orm import Session
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import COMPACT_PENDING, Database
+from backend.store.events import log_event
+from backend.store.models import (
+    Artefact,
+    ArtefactAnswer,
+    ArtefactParent,
+    Erasing,
+    Event,
+    Job,
+    JobMetric,
+    Participant,
+    ProblemReport,
+    RecruitingId,
+    Response,
+    Setting,
+    Tombstone,
+    TrajectoryRow,
+    Trial,
+    utc_now,
+)
+from backend.store.models import Session as SessionRow
+from backend.store.snapshots import Snapshot, SnapshotError, retake_snapshot
+
+ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
+HASHES = re.compile(r"[0-9a-f]{64}")
+
+
+class ErasureError(ValueError):
+    """The erasure cannot be done as asked; nothing was erased."""
+
+
+@dataclass(frozen=True)
+class Erased:
+    """What an erasure did. `counts` has no content; `replaced` maps quarantined snapshots to new ones without them."""
+
+    tombstone: str
+    counts: dict[str, int]
+    quarantined: tuple[str, ...]
+    replaced: dict[str, str]
+    compacted: bool  # False: old pages are still in the database file; done at the next start
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass
+class _Doomed:
+    """What hangs on one participant."""
+
+    names: set[str]  # ids and code that other rows may mention
+    sessions: list[str]
+    artefacts: set[str] = field(default_factory=set)  # made from their answers alone
+    pooled: set[str] = field(default_factory=set)  # made from theirs and others'
+    jobs: set[str] = field(default_factory=set)
+    trajectories: set[str] = field(default_factory=set)
+
+
+def erase_participant(
+    db: Database, files: ArtefactStore, participant_id: str, by: str, *, data: Path | None = None
+) -> dict[str, Any]:
+    """Erase everything of a participant; returns `Erased.as_dict()`. Cannot be undone.
+
+    by: who does it, for the tombstone. data: the data folder, where job logs and checkpoints lie; may be left out where
+    the database is a file in it. Files go before the rows commit, so an erasure that is cut short can be repeated.
+    Backups and exports made earlier are not reached. Raises LookupError if there is no such participant.
+    """
+    if data is None:
+        if db.file is None:
+            raise ErasureError("erase_participant: name the data folder; job logs lie there and must go, too")
+        data = db.file.parent
+    with db.transaction() as s:
+        participant = s.get(Participant, participant_id, with_for_update=True)
+        if participant is None:
+            raise LookupError(f"no participant with id {participant_id!r}")
+        study_id = participant.study_id
+        doomed = _find(s, participant)
+        counts = {
+            "sessions": len(doomed.sessions),
+            "artefacts": len(doomed.artefacts),
+            "trajectories": len(doomed.trajectories),
+            "jobs": len(doomed.jobs),
+        }
+        s.add(Erasing(participant_id=participant.id))
+        s.flush()
+        taken_apart = _quarantine(s, files, doomed)
+        counts |= _delete_rows(s, participant, doomed)
+        for sha in sorted(doomed.trajectories | doomed.artefacts):
+            files.delete(sha)
+        counts["orphans"] = _sweep_orphans(s, files)
+        counts["job_files"] = _delete_job_files(data, doomed.jobs)
+        replaced = _replace(s, files, taken_apart)
+        tombstone = Tombstone(study_id=study_id, erased_by=by, counts=counts)
+        s.add(tombstone)
+        s.flush()
+        log_event(s, "participant_erased", study_id=study_id, tombstone=tombstone.id)
+        s.merge(Setting(key=COMPACT_PENDING, value={}))
+    return Erased(
+        tombstone=tombstone.id,
+        counts=counts,
+        quarantined=tuple(sorted(doomed.pooled)),
+        replaced=replaced,
+        compacted=db.compact(),
+    ).as_dict()
+
+
+def _find(s: Session, participant: Participant) -> _Doomed:
+    sessions = list(s.scalars(select(SessionRow.id).where(SessionRow.participant_id == participant.id)))
+    doomed = _Doomed(names={participant.id, participant.code, *sessions}, sessions=sessions)
+    for artefact_id, owners in _owners_of_artefacts(s).items():
+        if participant.id in owners:
+            (doomed.artefacts if owners == {participant.id} else doomed.pooled).add(artefact_id)
+    doomed.names |= doomed.artefacts
+    made = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
+    doomed.jobs = {job_id for job_id in s.scalars(made) if job_id}
+    drives = select(Trial.trajectory_a, Trial.trajectory_b)
+    own = {t for row in s.execute(drives.where(Trial.session_id.in_(sessions))) for t in row}
+    own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
+    used = {t for row in s.execute(drives.where(Trial.session_id.not_in(sessions))) for t in row}
+    for job in s.execute(select(Job.id, Job.session_id, Job.study_id, Job.params, Job.result)):
+        payload = [job.params, job.result]
+        theirs = job.session_id in sessions or job.id in doomed.jobs
+        if theirs or (job.study_id in (None, participant.study_id) and _mentions(payload, doomed.names)):
+            doomed.jobs.add(job.id)
+            own |= set(HASHES.findall(json.dumps(payload)))
+        else:
+            used |= set(HASHES.findall(json.dumps(payload)))
+    for card in s.scalars(select(Artefact.card).where(Artefact.id.not_in(doomed.artefacts))):
+        used |= set(HASHES.findall(json.dumps(card)))  # query sets list their drives there
+    doomed.trajectories = set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.id.in_(own)))) - used
+    return doomed
+
+
+def _owners_of_artefacts(s: Session) -> dict[str, set[str]]:
+    """artefact id -> ids of the participants whose answers it was made from, through all its ancestors."""
+    owners: dict[str, set[str]] = defaultdict(set)
+    answers = (
+        select(ArtefactAnswer.artefact_id, SessionRow.participant_id)
+        .join(Response, Response.id == ArtefactAnswer.response_id)
+        .join(SessionRow, SessionRow.id == Response.session_id)
+        .distinct()
+    )
+    for artefact_id, participant_id in s.execute(answers):
+        owners[artefact_id].add(participant_id)
+    edges = s.execute(select(ArtefactParent.artefact_id, ArtefactParent.parent_id)).all()
+    changed = True
+    while changed:  # the graph is small and has no cycle
+        changed = False
+        for child, parent in edges:
+            if not owners[parent] <= owners[child]:
+                owners[child] |= owners[parent]
+                changed = True
+    return owners
+
+
+def _quarantine(s: Session, files: ArtefactStore, doomed: _Doomed) -> list[tuple[str, Snapshot]]:
+    """Mark what was made from their and others' answers. Snapshots hold the answers themselves: their files go.
+
+    Returns the snapshots that were taken apart, to be taken again without the erased answers.
+    """
+    taken_apart = []
+    for artefact in s.scalars(select(Artefact).where(Artefact.id.in_(doomed.pooled)).order_by(Artefact.created_at)):
+        if artefact.quarantined_at is None:
+            artefact.quarantined_at = utc_now()
+            if artefact.kind == "snapshot":
+                taken_apart.append((artefact.id, Snapshot.from_bytes(files.get(artefact.id))))
+        artefact.card = _without(artefact.card, doomed.names)
+        if artefact.kind in ("snapshot", "evaluation"):
+            files.delete(artefact.id)
+    return taken_apart
+
+
+def _replace(s: Session, files: ArtefactStore, taken_apart: list[tuple[str, Snapshot]]) -> dict[str, str]:
+    """Take the snapshots again from the answers that are left; those with too few left get no successor."""
+    replaced = {}
+    for old_id, old in taken_apart:
+        with contextlib.suppress(SnapshotError):
+            replaced[old_id] = retake_snapshot(s, files, old).id
+    return replaced
+
+
+def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[str, int]:
+    """Delete everything that refers to the participant, children first. Returns how many of what."""
+    of_sessions = doomed.sessions
+    answers = select(Response.id).where(Response.session_id.in_(of_sessions))
+    s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.response_id.in_(answers)))
+    s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(doomed.artefacts)))
+    edges = or_(ArtefactParent.artefact_id.in_(doomed.artefacts), ArtefactParent.parent_id.in_(doomed.artefacts))
+    s.execute(delete(ArtefactParent).where(edges))
+    s.execute(delete(Artefact).where(Artefact.id.in_(doomed.artefacts)))
+    s.execute(delete(JobMetric).where(JobMetric.job_id.in_(doomed.jobs)))
+    s.execute(delete(Job).where(Job.id.in_(doomed.jobs)))
+    counts = {
+        "responses": _count(s, delete(Response).where(Response.session_id.in_(of_sessions))),
+        "trials": _count(s, delete(Trial).where(Trial.session_id.in_(of_sessions))),
+        "events": _count(s, delete(Event).where(Event.session_id.in_(of_sessions))),
+        "problem_reports": _count(s, delete(ProblemReport).where(ProblemReport.session_id.in_(of_sessions))),
+    }
+    names = doomed.names | doomed.jobs
+    about = [
+        event.id
+        for event in s.scalars(select(Event).where(Event.study_id == participant.study_id))
+        if _mentions(event.data, names)
+    ]
+    counts["events"] += _count(s, delete(Event).where(Event.id.in_(about)))
+    s.execute(delete(TrajectoryRow).where(TrajectoryRow.id.in_(doomed.trajectories)))
+    s.execute(delete(RecruitingId).where(RecruitingId.participant_id == participant.id))
+    s.flush()
+    s.execute(delete(Erasing))  # before what its key opens: it refers to the participant
+    s.execute(delete(SessionRow).where(SessionRow.id.in_(of_sessions)))
+    s.execute(delete(Participant).where(Participant.id == participant.id))
+    s.expire_all()
+    return counts
+
+
+def _count(s: Session, statement: Delete) -> int:
+    done = s.execute(statement)
+    return int(done.rowcount) if isinstance(done, CursorResult) else 0
+
+
+def _mentions(data: Any, names: set[str]) -> bool:
+    """Whether plain JSON data holds one of the names, as a key or a value."""
+    if isinstance(data, dict):
+        return any(key in names or _mentions(value, names) for key, value in data.items())
+    if isinstance(data, list):
+        return any(_mentions(item, names) for item in data)
+    return isinstance(data, str) and data in names
+
+
+def _without(data: Any, names: set[str]) -> Any:
+    """Plain JSON data without the entries named so, and without list items that name one of them."""
+    if isinstance(data, dict):
+        kept = {key: value for key, value in data.items() if key not in names}
+        return {
+            k: _without(value, names) for k, value in kept.items() if not (isinstance(value, str) and value in names)
+        }
+    if isinstance(data, list):
+        return [_without(item, names) for item in data if not _mentions(item, names)]
+    return data
+
+
+def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
+    """Delete files without a row that a crash left behind: they may be drives or models of anybody."""
+    known = set(s.scalars(select(TrajectoryRow.id))) | set(s.scalars(select(Artefact.id)))
+    now = time.time()
+    orphans = [name for name in files.names() if name not in known and files.age_s(name, now) > ORPHAN_AGE_S]
+    for name in orphans:
+        files.delete(name)
+    return len(orphans)
+
+
+def _delete_job_files(data: Path, jobs: set[str]) -> int:
+    """Delete logs, checkpoints and whatever else is named by one of the jobs. Returns how many entries there were."""
+    found = [path for job_id in sorted(jobs) for path in data.rglob(f"*{job_id}*")]
+    for path in found:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
+    return len(found)
