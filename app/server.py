@@ -15,6 +15,8 @@ import viser
 from app import viser_hooks
 from app.stage import Stage
 
+_LAST_WORDS_S = 0.5  # a connection that is dropped first gets what was already said to it
+
 
 class StageServer:
     """Starts viser and keeps the newest stage of every key."""
@@ -67,7 +69,7 @@ class StageServer:
         secret, _, quoted_key = path.lstrip("/").partition("/")
 
         def close() -> None:
-            viser_hooks.disconnect(self._server, client.client_id)
+            viser_hooks.disconnect(self._server, client.client_id, after_s=_LAST_WORDS_S)
 
         if not secrets.compare_digest(secret.encode(), self._secret.encode()) or not quoted_key:
             close()

@@ -42,7 +42,8 @@ def _grid_lines(size: int, strength: float) -> Image2D:
     """A faint line every metre: 0 off the lines, -strength on them."""
     across = np.arange(size) % _PIXELS_PER_M
     line = (across < 1).astype(np.float32) * -strength
-    return np.minimum(line[:, None], line[None, :])
+    grid: Image2D = np.minimum(line[:, None], line[None, :])
+    return grid
 
 
 def _jpeg(picture: NDArray[np.float32]) -> bytes:

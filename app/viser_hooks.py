@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import sys
 from pathlib import Path
@@ -42,14 +43,18 @@ def connection_path(server: viser.ViserServer, client_id: int) -> str | None:
     return None if connection is None or connection.request is None else connection.request.path
 
 
-def disconnect(server: viser.ViserServer, client_id: int) -> None:
-    """Close one client's connection. Quiet when it is gone."""
-    import asyncio
-
+def disconnect(server: viser.ViserServer, client_id: int, *, after_s: float = 0.0) -> None:
+    """Close one client's connection, after what was queued for it had `after_s` seconds to leave. Quiet when gone."""
     connection = server._websock_server._live_connections.get(client_id)
     loop = server._websock_server._background_event_loop
-    if connection is not None and loop is not None and not loop.is_closed():
-        asyncio.run_coroutine_threadsafe(connection.close(), loop)
+    if connection is None or loop is None or loop.is_closed():
+        return
+
+    async def close() -> None:
+        await asyncio.sleep(after_s)
+        await connection.close()
+
+    asyncio.run_coroutine_threadsafe(close(), loop)
 
 
 def index_html() -> str:

@@ -1,0 +1,237 @@
+"""A small house around the stage: one parent page, the door, the stage server, a real Chromium."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable, Coroutine, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import uvicorn
+import websockets
+from playwright.sync_api import Frame, Page
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Route
+
+from app.server import StageServer
+from app.stage import Stage
+from backend.api.stage_proxy import UVICORN_OPTIONS, StageDoor, StageGrant, same_host_origins, two_origins
+from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene
+from backend.simulation.trajectory import Outcome, Trajectory
+
+CHROMIUM_FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+
+# What viser's page says first; a knocking test without a browser says it too.
+CAMERA_REPORT: dict[str, object] = {
+    "type": "ViewerCameraMessage",
+    "wxyz": [1.0, 0.0, 0.0, 0.0],
+    "position": [0.0, 0.0, 1.0],
+    "fov": 1.0,
+    "near": 0.1,
+    "far": 100.0,
+    "image_height": 300,
+    "image_width": 400,
+    "look_at": [0.0, 0.0, 0.0],
+    "up_direction": [0.0, 0.0, 1.0],
+}
+
+PARENT_PAGE = """<!doctype html><title>parent</title>
+<style>html,body{margin:0;height:100%;overflow:hidden}iframe{border:0;width:100vw;height:100vh;display:block}</style>
+<script>
+  window.events = [];
+  addEventListener("message", (e) => { if (e.origin === "STAGE") window.events.push(e.data); });
+</script>
+<iframe id="stage" src="STAGE/stage/TOKEN/"></iframe>"""
+
+
+def bound_socket(port: int = 0) -> socket.socket:
+    """A listening socket on the loopback address; 0 takes a free port."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind(("127.0.0.1", port))
+    return sock
+
+
+class StageHouse:
+    """Pages on one port and the stage on another, served by one uvicorn; tokens are `token-for-KEY`."""
+
+    def __init__(self, on_connect: Callable[[Stage, str], None]) -> None:
+        self.refusals: list[tuple[str, str]] = []
+        self.connections: list[str] = []
+        self.on_connect = on_connect
+        page_socket, stage_socket = bound_socket(), bound_socket()
+        self.page_port, self.stage_port = page_socket.getsockname()[1], stage_socket.getsockname()[1]
+        self.page_origin = f"http://127.0.0.1:{self.page_port}"
+        self.stage_origin = f"http://127.0.0.1:{self.stage_port}"
+        self.server = self.new_server(0)
+        door = StageDoor(
+            admit=self.admit,
+            upstream_url=lambda key: self.server.upstream_url(key),
+            origins=same_host_origins(self.page_port, self.stage_port),
+            on_refused=lambda reason, prefix: self.refusals.append((reason, prefix)),
+        )
+        pages = Starlette(routes=[Route("/{token}", self.parent)])
+        app = two_origins(pages, door.asgi(), stage_port=self.stage_port)
+        self.uvicorn = uvicorn.Server(uvicorn.Config(app, log_level="error", **UVICORN_OPTIONS))
+        self.thread = threading.Thread(target=self.uvicorn.run, args=([page_socket, stage_socket],), daemon=True)
+        self.thread.start()
+        while not self.uvicorn.started:
+            time.sleep(0.02)
+
+    def new_server(self, port: int) -> StageServer:
+        return StageServer(port=port, on_connect=self._connected)
+
+    def _connected(self, stage: Stage, key: str) -> None:
+        self.connections.append(key)
+        self.on_connect(stage, key)
+
+    async def admit(self, token: str, cookies: Mapping[str, str], origin: str | None) -> StageGrant | None:
+        return StageGrant(token.removeprefix("token-for-")) if token.startswith("token-for-") else None
+
+    async def parent(self, request: Request) -> HTMLResponse:
+        token = request.path_params["token"]
+        return HTMLResponse(PARENT_PAGE.replace("STAGE", self.stage_origin).replace("TOKEN", token))
+
+    def restart_stage_server(self) -> None:
+        port = self.server.port
+        self.server.stop()
+        self.server = self.new_server(port)
+
+    def stop(self) -> None:
+        self.uvicorn.should_exit = True
+        self.server.stop()
+        self.thread.join(timeout=10)
+
+
+class Visitor:
+    """One browser page that holds the stage, and what it was told."""
+
+    def __init__(self, page: Page, house: StageHouse, key: str) -> None:
+        self.page, self.house, self.key = page, house, key
+        page.goto(f"{house.page_origin}/token-for-{key}")
+
+    @property
+    def frame(self) -> Frame:
+        return next(frame for frame in self.page.frames if "/stage/" in frame.url)
+
+    def events(self, type_: str | None = None) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = self.page.evaluate("window.events")
+        return [event for event in found if type_ is None or event["type"] == type_]
+
+    def wait_for(self, type_: str, count: int = 1, timeout_s: float = 60, **fields: object) -> dict[str, Any]:
+        """The `count`-th event of that type with those fields."""
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            found = [e for e in self.events(type_) if all(e.get(name) == value for name, value in fields.items())]
+            if len(found) >= count:
+                return found[count - 1]
+            self.page.wait_for_timeout(50)
+        raise AssertionError(f"no {type_} {fields} within {timeout_s} s; events: {self.events()}")
+
+    def camera(self) -> list[float]:
+        """Camera position and look direction in viser's own frame."""
+        pose: list[float] = self.frame.evaluate(
+            "(() => { const c = window.__viserMutable.camera; const d = c.position.clone();"
+            " c.getWorldDirection(d); return [...c.position.toArray(), ...d.toArray()]; })()"
+        )
+        return pose
+
+    def robot(self) -> list[float]:
+        """Position of the first robot in the world frame, metres."""
+        position: list[float] = self.frame.evaluate(
+            "(() => { const poses = window.__viserMutable.nodePoseData;"
+            " return poses[Object.keys(poses).find((name) => /robot0$/.test(name))].position; })()"
+        )
+        return position
+
+
+def study_room() -> Scene:
+    """A furnished room made by hand: four sideboards, four columns, the person off centre."""
+    boxes = [(-2.4, 2.6, 0.0), (2.5, 3.2, 1.5708), (-1.2, -3.6, 1.5708), (2.6, -1.6, 0.0)]
+    pillars = [(-0.6, 3.9), (1.2, 1.3), (-2.9, -0.6), (0.9, -3.1)]
+    return Scene(
+        setup="study_room",
+        seed=1,
+        start=Pose(-1.4, -2.2, 1.1),
+        goal=Pose(1.4, 2.2),
+        goal_radius=0.36,
+        person=Person(Pose(0.2, 0.3, -2.2)),
+        obstacles=tuple(
+            [Obstacle("box", Pose(x, y, yaw), 0.8, 1.6, 1.2) for x, y, yaw in boxes]
+            + [Obstacle("pillar", Pose(x, y), 0.3, 0.3, 2.0) for x, y in pillars]
+        ),
+        room=Room(8.0, 11.0),
+    )
+
+
+def open_field() -> Scene:
+    """Open ground made by hand with four cubes."""
+    return Scene(
+        setup="open_field",
+        seed=2,
+        start=Pose(-3.0, -1.0, 0.3),
+        goal=Pose(3.2, 1.2),
+        goal_radius=0.4,
+        person=Person(Pose(0.3, 0.2, 2.9)),
+        obstacles=(
+            Obstacle("cube", Pose(-1.3, 1.1, 0.4), 0.6, 0.6, 0.6),
+            Obstacle("cube", Pose(1.4, -1.2, 0.9), 0.7, 0.7, 0.7),
+            Obstacle("cube", Pose(2.2, 1.9, 0.1), 0.8, 0.8, 0.8),
+            Obstacle("cube", Pose(-2.1, -2.2, 0.2), 0.5, 0.5, 0.5),
+        ),
+    )
+
+
+def drive(scene: Scene, *, duration_s: float = 6.0, bend_m: float = 1.6) -> Trajectory:
+    """A smooth arc from start to goal, bending by `bend_m` to the left at its middle."""
+    n = round(duration_s / 0.2)
+    u = np.linspace(0.0, 1.0, n + 1)
+    start, goal = np.array([scene.start.x, scene.start.y]), np.array([scene.goal.x, scene.goal.y])
+    along = goal - start
+    left = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    xy = start + u[:, None] * along + (bend_m * np.sin(np.pi * u))[:, None] * left
+    step = np.gradient(xy, axis=0)
+    poses = np.column_stack([xy, np.arctan2(step[:, 1], step[:, 0])]).astype(np.float32)
+    empty = np.zeros((n, 4), np.float32)
+    return Trajectory(
+        scene=scene,
+        outcome=Outcome.SUCCESS,
+        poses=poses,
+        observations=empty,
+        actions=np.zeros((n, 2), np.float32),
+        rewards=np.zeros(n, np.float32),
+        next_observations=empty,
+        dones=np.arange(n) == n - 1,
+    )
+
+
+async def listen_to_the_end(socket: websockets.ClientConnection) -> int:
+    """How many bytes came until the other side closed the connection, however it did."""
+    received = 0
+    with contextlib.suppress(websockets.exceptions.ConnectionClosed):
+        async for frame in socket:
+            received += len(frame)
+    return received
+
+
+def run_async(talk: Coroutine[Any, Any, None]) -> None:
+    """Run a conversation to its end, on a thread of its own: playwright keeps a loop on the test's thread."""
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(asyncio.run, asyncio.wait_for(talk, 20)).result()

@@ -1,0 +1,147 @@
+"""The door to the stage, knocked at without a browser: who gets in, and what may be said inside."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+
+import httpx
+import msgspec
+import pytest
+import websockets
+from stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
+
+from app.viser_hooks import SUBPROTOCOL
+from backend.api.stage_proxy import MESSAGES_BURST, REFUSALS_BEFORE_CLOSING, fixed_origins, same_host_origins
+
+
+def frame(message: dict[str, object]) -> bytes:
+    return msgspec.msgpack.encode(message)
+
+
+def connect(
+    house: StageHouse, token: str = "token-for-amber", origin: str | None = None, subprotocol: str = SUBPROTOCOL
+) -> websockets.connect:
+    return websockets.connect(
+        f"ws://127.0.0.1:{house.stage_port}/stage/{token}",
+        origin=websockets.Origin(house.stage_origin if origin is None else origin),
+        subprotocols=[websockets.Subprotocol(subprotocol)],
+        max_size=None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("knock", "reason"),
+    [
+        ({"token": "forged"}, "websocket: not admitted"),
+        ({"token": "token%20with%20spaces"}, "websocket: malformed token"),
+        ({"origin": "http://elsewhere.example"}, "websocket: wrong origin"),
+        ({"subprotocol": "viser-v0.0.1"}, "websocket: wrong subprotocol"),
+    ],
+)
+def test_strangers_are_refused_and_logged(house: StageHouse, knock: dict[str, str], reason: str) -> None:
+    async def refused() -> None:
+        with pytest.raises(websockets.exceptions.InvalidStatus) as answer:
+            async with connect(house, **knock):
+                pass
+        assert answer.value.response.status_code == 403
+
+    run_async(refused())
+    assert [said for said, _ in house.refusals if said.startswith(reason)]
+    assert house.connections == []
+    assert all(len(prefix) <= 6 for _, prefix in house.refusals), "a log never holds a whole token"
+
+
+def test_the_pages_own_origin_is_not_the_stages(house: StageHouse) -> None:
+    async def refused() -> None:
+        with pytest.raises(websockets.exceptions.InvalidStatus):
+            async with connect(house, origin=house.page_origin):
+                pass
+
+    run_async(refused())
+
+
+def test_only_camera_reports_reach_viser(house: StageHouse) -> None:
+    forbidden = [
+        frame({"type": "RunJavascriptMessage", "source": "alert(1)"}),
+        frame({"type": "ShareUrlRequest"}),
+        frame({"type": "GuiUpdateMessage", "uuid": "x", "updates": {"value": 1}}),
+        frame({**CAMERA_REPORT, "extra": 1}),
+        frame({**CAMERA_REPORT, "position": ["here", 0, 0]}),
+        frame({**CAMERA_REPORT, "padding": "x" * 4000}),
+        b"\xc1not msgpack",
+    ]
+
+    async def talk() -> None:
+        async with connect(house) as socket:
+            for said in forbidden:
+                await socket.send(said)
+            await socket.send("text is not spoken here")
+            await asyncio.sleep(0.3)
+            assert house.connections == [], "viser must not have heard anything yet"
+            await socket.send(frame(CAMERA_REPORT))
+            assert await socket.recv(), "the connection is still good, and viser answers"
+            while not house.connections:
+                await asyncio.sleep(0.05)
+
+    run_async(talk())
+    assert house.connections == ["amber"]
+    assert ("message: type, size or form not allowed", "token-") in house.refusals
+    assert len(house.refusals) == 1, "one line per connection and reason, not one per frame"
+
+
+def test_whoever_talks_too_much_is_cut_off(house: StageHouse) -> None:
+    async def talk() -> None:
+        async with connect(house) as socket:
+            with contextlib.suppress(websockets.exceptions.ConnectionClosed):
+                for _ in range(int(MESSAGES_BURST) + REFUSALS_BEFORE_CLOSING + 200):
+                    await socket.send(frame(CAMERA_REPORT))
+                    await asyncio.sleep(0)
+            await listen_to_the_end(socket)
+
+    run_async(talk())
+    reasons = [reason for reason, _ in house.refusals]
+    assert reasons == ["message: too many", "message: closed after too many refusals"]
+
+
+def test_nobody_gets_past_the_door_to_the_loopback_port(house: StageHouse) -> None:
+    async def sneak() -> None:
+        async with websockets.connect(
+            f"ws://127.0.0.1:{house.server.port}/amber", subprotocols=[websockets.Subprotocol(SUBPROTOCOL)]
+        ) as socket:
+            await socket.send(frame(CAMERA_REPORT))
+            await listen_to_the_end(socket)
+
+    run_async(sneak())
+    assert house.connections == []
+
+
+def test_the_page_is_guarded_by_token_query_and_policy(house: StageHouse) -> None:
+    with httpx.Client(base_url=house.stage_origin) as browser:
+        assert browser.get("/stage/forged/").status_code == 403
+        assert browser.get("/stage/token-for-amber/?websocket=ws://elsewhere.example").status_code == 400
+        page = browser.get("/stage/token-for-amber/")
+        assert browser.get("/stage/token-for-amber/", headers={"Host": "elsewhere.example"}).status_code == 404
+    assert page.status_code == 200
+    policy = dict(part.split(" ", 1) for part in page.headers["content-security-policy"].split("; "))
+    assert policy["frame-ancestors"] == house.page_origin
+    assert policy["default-src"] == "'none'"
+    assert policy["connect-src"].split() == [f"ws://127.0.0.1:{house.stage_port}", "blob:", "data:"]
+    assert page.headers["cache-control"] == "no-store"
+    assert f'"pageOrigin": "{house.page_origin}"' in page.text
+
+
+def test_pages_and_stage_never_share_an_origin(house: StageHouse) -> None:
+    assert httpx.get(f"{house.page_origin}/stage/token-for-amber/").status_code == 404
+    assert httpx.get(f"{house.stage_origin}/token-for-amber").status_code == 404
+
+
+def test_origins_follow_the_host_name() -> None:
+    local = same_host_origins(9000, 9001)
+    assert local("localhost:9001") is not None
+    assert local("localhost:9001").page == "http://localhost:9000"  # type: ignore[union-attr]
+    assert local("[::1]:9001").stage == "http://[::1]:9001"  # type: ignore[union-attr]
+    assert local("localhost:9000") is None
+    public = fixed_origins("https://study.example/", "https://stage.study.example")
+    assert public("stage.study.example").page == "https://study.example"  # type: ignore[union-attr]
+    assert public("study.example") is None

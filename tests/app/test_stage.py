@@ -1,0 +1,283 @@
+"""The stage as a participant's browser has it: scenes stand, drives play to their end, nothing else can be done."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from stage_house import StageHouse, Visitor, drive, open_field, study_room
+
+from app import viser_hooks
+from app.stage import Stage, viewing_time_s
+
+Visit = Callable[..., Visitor]
+
+
+def stage_of(visitor: Visitor) -> Stage:
+    """The server's side of this visitor's stage, once it is connected."""
+    visitor.wait_for("connected")
+    for _ in range(400):
+        stage = visitor.house.server.stage(visitor.key)
+        if stage is not None:
+            return stage
+        visitor.page.wait_for_timeout(25)
+    raise AssertionError("the stage server never saw the page")
+
+
+def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    trajectory = drive(study_room(), duration_s=1.6)
+    stage.show(trajectory.scene, "top_down", trajectories=[trajectory])
+    visitor.wait_for("ready")
+    stage.play(trajectory, label="A", view="top_down", playback_id="first", label_s=0.8)
+    visitor.wait_for("label", playback_id="first", label="A")
+    label = visitor.frame.locator("#desire-path-label")
+    assert label.inner_text() == "A"
+    assert np.allclose(visitor.robot()[:2], trajectory.poses[0, :2], atol=1e-3)
+    visitor.wait_for("playing", playback_id="first")
+    assert not label.is_visible()
+    played = visitor.wait_for("played", playback_id="first")
+    assert np.allclose(visitor.robot()[:2], trajectory.poses[-1, :2], atol=1e-3)
+    assert played["frames"] > 3
+    # The browser's clock, not ours: label, motion and rest have all been waited for.
+    assert played["duration_ms"] >= 1000 * (viewing_time_s(trajectory) - 2.0 + 0.8) - 1
+    assert [event["type"] for event in visitor.events() if event.get("playback_id")] == ["label", "playing", "played"]
+    assert len(visitor.events("ready")) == 1, "playing in the scene that stands must not rebuild it"
+
+
+def test_a_driven_clock_shortens_the_wait(house: StageHouse, browser: Any) -> None:
+    context = browser.new_context(viewport={"width": 320, "height": 200})
+    context.clock.install()
+    visitor = Visitor(context.new_page(), house, "swift")
+    stage = stage_of(visitor)
+    trajectory = drive(open_field(), duration_s=60.0)
+    begun = time.monotonic()
+    stage.play(trajectory, label="B", view="first_person", playback_id="long")
+    visitor.wait_for("label", playback_id="long")
+    visitor.page.clock.fast_forward(2100)
+    visitor.wait_for("playing", playback_id="long")
+    visitor.page.clock.fast_forward(62_000)
+    played = visitor.wait_for("played", playback_id="long")
+    assert played["duration_ms"] >= 62_600
+    assert time.monotonic() - begun < 50
+    context.close()
+
+
+@pytest.mark.parametrize("view", ["top_down", "first_person"])
+def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(house: StageHouse, visit: Visit, view: str) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.show(study_room(), view)  # type: ignore[arg-type]
+    visitor.wait_for("ready")
+    before = visitor.camera()
+    mouse, keyboard = visitor.page.mouse, visitor.page.keyboard
+    mouse.move(200, 150)
+    for button in ("left", "right", "middle"):
+        mouse.down(button=button)  # type: ignore[arg-type]
+        mouse.move(320, 60, steps=4)
+        mouse.up(button=button)  # type: ignore[arg-type]
+        mouse.move(200, 150)
+    mouse.wheel(0, 600)
+    for key in ("w", "a", "s", "d", "q", "e", "ArrowLeft", "ArrowUp", "Control+k", "Control+Shift+p", "Tab", "Enter"):
+        keyboard.press(key)
+    visitor.page.wait_for_timeout(400)
+    assert np.allclose(visitor.camera(), before, atol=1e-6)
+    visible = visitor.frame.evaluate(
+        "[...document.body.querySelectorAll('*')].filter((e) => getComputedStyle(e).visibility !== 'hidden')"
+        ".map((e) => e.id || e.tagName)"
+    )
+    assert {name for name in visible if name != "CANVAS"} <= {
+        "desire-path-sheet",
+        "desire-path-label",
+        "desire-path-legend",
+        "SPAN",
+    }
+    hit = visitor.frame.evaluate(
+        "[[5,5],[240,150],[470,5],[470,290],[20,285]].map(([x, y]) => document.elementFromPoint(x, y).id)"
+    )
+    assert set(hit) == {"desire-path-sheet"}
+    assert visitor.frame.evaluate("document.activeElement.id || document.activeElement.tagName") in (
+        "desire-path-sheet",
+        "BODY",
+    )
+
+
+def test_from_above_the_whole_room_is_in_sight_in_any_window(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    scene = study_room()
+    stage.show(scene, "top_down")
+    visitor.wait_for("ready")
+    corners = [[sx * 4.2, sy * 5.7, 0.0] for sx in (-1, 1) for sy in (-1, 1)]
+    for width, height in ((480, 300), (300, 480), (640, 200)):
+        visitor.page.set_viewport_size({"width": width, "height": height})
+        visitor.page.wait_for_timeout(600)
+        on_screen = visitor.frame.evaluate(
+            """(corners) => { const { camera, nodeRefFromName } = window.__viserMutable;
+            camera.updateMatrixWorld(); const turn = nodeRefFromName[''].quaternion;
+            return corners.map((c) => { const v = camera.position.clone().set(...c).applyQuaternion(turn);
+            v.project(camera); return [v.x, v.y]; }); }""",
+            corners,
+        )
+        spread = np.abs(np.array(on_screen))
+        assert spread.max() <= 1.0, f"something is cut off at {width}x{height}: {on_screen}"
+        assert spread.max() > 0.9, f"the room should fill a window of {width}x{height}: {on_screen}"
+
+
+def test_first_person_looks_from_the_eyes_and_follows_the_robot(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    trajectory = drive(study_room(), duration_s=1.0)
+    stage.play(trajectory, label="", view="first_person", playback_id="p")
+    visitor.wait_for("played", playback_id="p")
+    x, y, z, dx, dy, dz = visitor.camera()  # viser's page has y up: world (x, y, z) lies at (x, z, -y)
+    person, end = trajectory.scene.person.pose, trajectory.poses[-1]
+    assert np.allclose((x, -z), (person.x, person.y), atol=1e-3)
+    assert 1.5 < y < 1.65
+    assert math.isclose(math.atan2(-dz, dx), math.atan2(end[1] - person.y, end[0] - person.x), abs_tol=0.01)
+    assert dy < 0
+    assert visitor.frame.evaluate("window.__viserMutable.camera.fov") == pytest.approx(60)
+
+
+def test_immersive_turns_the_head_and_never_moves_the_feet(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.show(open_field(), "immersive")
+    visitor.wait_for("ready")
+    start = visitor.camera()
+    mouse = visitor.page.mouse
+    mouse.move(240, 150)
+    mouse.down()
+    mouse.move(340, 110, steps=5)
+    mouse.up()
+    mouse.wheel(0, 900)
+    visitor.page.wait_for_timeout(300)
+    dragged = visitor.camera()
+    assert np.allclose(dragged[:3], start[:3], atol=1e-6)
+    assert np.linalg.norm(np.subtract(dragged[3:], start[3:])) > 0.2
+    visitor.page.keyboard.down("ArrowLeft")
+    visitor.page.wait_for_timeout(500)
+    visitor.page.keyboard.up("ArrowLeft")
+    turned = visitor.camera()
+    assert np.allclose(turned[:3], start[:3], atol=1e-6)
+    assert np.linalg.norm(np.subtract(turned[3:], dragged[3:])) > 0.1
+    visitor.page.keyboard.press("b")
+    assert visitor.wait_for("key")["key"] == "b"
+
+
+def test_nothing_that_is_sent_tells_the_goal(house: StageHouse, visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[str] = []
+    monkeypatch.setattr(viser_hooks, "run_javascript", lambda client, source: sent.append(source))
+    visitor = visit()
+    stage = stage_of(visitor)
+    trajectory = drive(study_room(), duration_s=1.0)
+    stage.play(trajectory, label="A", view="top_down", playback_id="x")
+    for source in sent:
+        order = json.loads(source.removeprefix("window.desirePath.run(").removesuffix(")"))
+        assert set(order) <= {
+            *("type", "camera", "meshes", "robots", "start"),
+            *("playback_id", "label", "label_s", "hold_s", "tracks"),
+        }
+
+
+def test_a_hidden_tab_interrupts_the_drive(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.play(drive(open_field(), duration_s=20), label="", view="top_down", playback_id="h")
+    visitor.wait_for("playing", playback_id="h")
+    # Headless Chromium never hides a tab: say so in its place.
+    visitor.frame.evaluate(
+        "Object.defineProperty(document, 'hidden', {get: () => true, configurable: true});"
+        "document.dispatchEvent(new Event('visibilitychange'))"
+    )
+    assert visitor.wait_for("interrupted", playback_id="h")["reason"] == "tab-hidden"
+    visitor.wait_for("tab-hidden")
+    visitor.page.wait_for_timeout(300)
+    assert visitor.events("played") == []
+
+
+def test_a_lost_webgl_context_interrupts_the_drive(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.play(drive(open_field(), duration_s=20), label="", view="top_down", playback_id="g")
+    visitor.wait_for("playing", playback_id="g")
+    visitor.frame.evaluate(
+        "document.querySelector('#root canvas[data-engine]').getContext('webgl2')"
+        ".getExtension('WEBGL_lose_context').loseContext()"
+    )
+    assert visitor.wait_for("interrupted", playback_id="g")["reason"] == "webgl-lost"
+    visitor.wait_for("webgl-lost")
+
+
+def test_after_a_server_restart_the_page_comes_back_without_focus(house: StageHouse, visit: Visit) -> None:
+    house.on_connect = lambda stage, key: stage.show(study_room(), "top_down")
+    visitor = visit()
+    visitor.wait_for("ready")
+    stage = house.server.stage("amber")
+    assert stage is not None
+    stage.play(drive(study_room(), duration_s=30), label="", view="top_down", playback_id="cut")
+    visitor.wait_for("playing", playback_id="cut")
+    visitor.page.evaluate("document.body.focus(); window.focus()")
+    house.restart_stage_server()
+    assert visitor.wait_for("interrupted", playback_id="cut")["reason"] == "connection-lost"
+    visitor.wait_for("connection-lost")
+    visitor.wait_for("connected", count=2)
+    visitor.wait_for("ready", count=2)
+    assert house.connections == ["amber", "amber"]
+
+
+def test_a_second_tab_takes_over_and_the_first_one_stays_away(house: StageHouse, visit: Visit) -> None:
+    house.on_connect = lambda stage, key: stage.show(open_field(), "top_down")
+    first = visit()
+    first.wait_for("ready")
+    second = visit()
+    second.wait_for("ready")
+    first.wait_for("replaced")
+    second.page.wait_for_timeout(2500)
+    assert second.events("connection-lost") == []
+    assert house.connections == ["amber", "amber"]
+
+
+def test_the_parent_may_say_hello_and_no_one_else_may(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage_of(visitor)
+    visitor.frame.evaluate("window.postMessage({type: 'hello'}, '*')")  # not from the parent window
+    visitor.page.evaluate(
+        f"document.querySelector('#stage').contentWindow.postMessage({{type: 'hello'}}, '{house.stage_origin}')"
+    )
+    answer = visitor.wait_for("state")
+    assert answer["connected"] is True
+    visitor.page.wait_for_timeout(200)
+    assert len(visitor.events("state")) == 1
+
+
+def test_analysts_replay_two_drives_of_one_scene(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    left, right = drive(open_field(), bend_m=1.0), drive(open_field(), bend_m=-1.0)
+    with pytest.raises(ValueError, match=r"one scene"):
+        stage.replay_pair(left, drive(study_room()), names=("base", "aligned"))
+    with pytest.raises(ValueError, match=r"speed"):
+        stage.replay_pair(left, right, names=("base", "aligned"), speed=0)
+    stage.replay_pair(left, right, names=("base", "aligned"), speed=3.0, loop=False)
+    visitor.wait_for("ready")
+    assert visitor.frame.locator("#desire-path-legend").inner_text().split() == ["base", "aligned"]
+    visitor.page.wait_for_timeout(3500)
+    ends = visitor.frame.evaluate(
+        "Object.entries(window.__viserMutable.nodePoseData).filter(([name]) => /robot[01]$/.test(name))"
+        ".map(([, pose]) => pose.position.slice(0, 2))"
+    )
+    assert np.allclose(ends, [left.poses[-1, :2], right.poses[-1, :2]], atol=1e-3)
+    before = visitor.camera()
+    visitor.page.mouse.move(240, 150)
+    visitor.page.mouse.down()
+    visitor.page.mouse.move(300, 100, steps=4)
+    visitor.page.mouse.up()
+    visitor.page.wait_for_timeout(500)
+    assert not np.allclose(visitor.camera(), before, atol=1e-3), "analysts may move the camera"

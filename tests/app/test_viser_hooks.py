@@ -1,0 +1,103 @@
+"""Smoke tests of every private part of viser that we lean on: they fail when viser changes one of them."""
+
+from __future__ import annotations
+
+import asyncio
+import dataclasses
+import re
+from pathlib import Path
+from typing import get_type_hints
+
+import msgspec
+import pytest
+import rich
+import viser
+import websockets
+from stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
+from viser import _messages
+
+from app import viser_hooks
+from app.page import stage_page
+
+CLIENT_SOURCE = Path(viser.__file__).parent / "client" / "src"
+
+
+def source(name: str) -> str:
+    return (CLIENT_SOURCE / name).read_text(encoding="utf-8")
+
+
+def test_the_installed_viser_is_the_pinned_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    viser_hooks.require_pinned_viser()
+    monkeypatch.setattr(viser, "__version__", "9.9.9")
+    with pytest.raises(viser_hooks.HookError, match=r"9\.9\.9.*1\.1\.1"):
+        viser_hooks.require_pinned_viser()
+
+
+def test_the_camera_report_is_visers_own_message() -> None:
+    ours = {field.name for field in msgspec.structs.fields(viser_hooks.CameraReport)}
+    theirs = {field.name for field in dataclasses.fields(_messages.ViewerCameraMessage)}
+    assert ours == theirs
+    for name, hint in get_type_hints(viser_hooks.CameraReport).items():
+        assert str(hint).lower().replace("typing.", "") == str(
+            get_type_hints(_messages.ViewerCameraMessage)[name]
+        ).lower().replace("typing.", "")
+    decoded = _messages.Message.deserialize(msgspec.msgpack.encode(CAMERA_REPORT))
+    assert isinstance(decoded, _messages.ViewerCameraMessage)
+    assert viser_hooks.is_allowed_from_client(msgspec.msgpack.encode(CAMERA_REPORT))
+
+
+def test_the_page_can_be_opened_up_for_our_scripts() -> None:
+    html = viser_hooks.index_html()
+    assert html.count("<head>") == 1
+    page = stage_page("https://host:9400/</script>")
+    assert "</script>" not in page[page.index("pageOrigin") : page.index(";</script>")]
+    scripts = [page.index(mark) for mark in ("document.hasFocus = ", "desirePath.player = ", "__viserZstdWasm")]
+    assert page.index("window.desirePathConfig") < min(scripts), "the configuration comes first"
+    assert scripts == sorted(scripts), "our scripts run before viser's"
+
+
+def test_a_clients_path_can_be_read_and_its_connection_closed(house: StageHouse) -> None:
+    async def knock() -> None:
+        async with websockets.connect(
+            house.server.upstream_url("a key/with?marks"),
+            subprotocols=[websockets.Subprotocol(viser_hooks.SUBPROTOCOL)],
+            max_size=None,
+        ) as socket:
+            await socket.send(msgspec.msgpack.encode(CAMERA_REPORT))
+            while not house.connections:
+                await asyncio.sleep(0.05)
+            stage = house.server.stage("a key/with?marks")
+            assert stage is not None
+            stage.retire()
+            assert await listen_to_the_end(socket) > 0
+
+    run_async(knock())
+    assert house.connections == ["a key/with?marks"]
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("WebsocketInterface.tsx", r"document\.hasFocus\(\)"),
+        ("WebsocketInterface.tsx", r'window\.addEventListener\("blur", updateRetryInterval\)'),
+        ("WebsocketInterface.tsx", r'postToWorker\(\{ type: "send", message \}\)'),
+        ("WebsocketClientWorker.ts", r'type: "connected"'),
+        ("WebsocketClientWorker.ts", r'type: "closed"'),
+        ("App.tsx", r"w\.__viserMutable = mutable\.current"),
+        ("App.tsx", r"server\.split\(\"\?\"\)\[0\]"),
+        ("MessageHandler.tsx", r"new Function\(message\.source\)\(\)"),
+        ("ViewerContext.ts", r"nodePoseData: NodePoseDataMap"),
+        ("ViewerContext.ts", r"backgroundMaterial: THREE\.ShaderMaterial"),
+        ("ViewerContext.ts", r'poseUpdateState: "updated" \| "needsUpdate"'),
+    ],
+)
+def test_the_pages_private_words_are_still_there(file: str, words: str) -> None:
+    assert re.search(words, source(file)), f"viser's {file} no longer says {words}; see app/client/viser_hooks.js"
+
+
+def test_visers_notices_stay_off_stdout(capsys: pytest.CaptureFixture[str]) -> None:
+    viser_hooks.silence_viser()
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    server.stop()
+    rich.print("ours")
+    assert capsys.readouterr().out == "ours\n"
