@@ -312,15 +312,24 @@ def _limiter(request: Request) -> MovingWindowRateLimiter:
 
 
 def _served_securely(request: Request) -> bool:
-    return public_url(request).startswith("https://") or request.url.scheme == "https"
+    """Whether the cookie may insist on TLS: always at a public https address, save for maintenance on this machine."""
+    if request.url.scheme == "https":
+        return True
+    return public_url(request).startswith("https://") and request.url.hostname not in ("127.0.0.1", "localhost", "::1")
 
 
 def _refuse_foreign_origin(request: Request) -> None:
-    """The stage lives on another port of this host and gets the same cookies: only our own pages may post here."""
-    origin = request.headers.get("Origin")
-    if request.headers.get("Sec-Fetch-Site", "same-origin") not in ("same-origin", "none"):
-        raise LabRefusal(403, "foreign_origin")
-    if origin and urlsplit(origin).netloc not in (request.headers.get("Host"), urlsplit(public_url(request)).netloc):
+    """The stage lives on another port of this host and gets the same cookies: only our own pages may post here.
+
+    Sec-Fetch-Site comes first: our Referrer-Policy makes browsers send `Origin: null` with plain forms.
+    """
+    site, origin = request.headers.get("Sec-Fetch-Site"), request.headers.get("Origin")
+    if site is not None:
+        foreign = site not in ("same-origin", "none")
+    else:
+        ours = (request.headers.get("Host"), urlsplit(public_url(request)).netloc)
+        foreign = origin is not None and urlsplit(origin).netloc not in ours
+    if foreign:
         raise LabRefusal(403, "foreign_origin")
 
 
