@@ -1,0 +1,203 @@
+"""Transactions queue, commits survive kill -9, and a disk that cannot be used is told in a sentence."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select, text
+
+from backend.store.database import Database, StorageError, check_writable
+from backend.store.models import Setting
+
+# Writes one answer after another and says the id of each once its transaction has returned.
+WRITER = """
+import sys
+from backend.store.database import Database
+from backend.store.models import Setting
+database = Database(sys.argv[1])
+for k in range(100_000):
+    with database.transaction() as s:
+        s.add(Setting(key=f"answer-{k}", value={"choice": "a"}))
+    print(k, flush=True)
+"""
+# Writes until the disk (here: the largest file this process may have) is full, then says what it was told.
+FILLER = """
+import resource, signal, sys
+from backend.store.database import Database, StorageError
+from backend.store.models import Setting
+database = Database(sys.argv[1])
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+try:
+    for k in range(1_000):
+        with database.transaction() as s:
+            s.add(Setting(key=f"answer-{k}", value={"text": "x" * 20_000}))
+        print(k, flush=True)
+except StorageError as problem:
+    print(problem, flush=True)
+"""
+
+
+@pytest.mark.parametrize("_", range(2))
+def test_answers_acknowledged_before_a_kill_are_there_afterwards(database: Database, _: int):
+    writer = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(database.url)], stdout=subprocess.PIPE, text=True, cwd=Path.cwd()
+    )
+    acknowledged = []
+    for line in writer.stdout:
+        acknowledged.append(int(line))
+        if len(acknowledged) == 25:
+            writer.send_signal(signal.SIGKILL)
+    assert writer.wait() == -signal.SIGKILL
+    again = Database(str(database.url))
+    again.migrate()
+    with again.session() as s:
+        stored = set(s.scalars(select(Setting.key)))
+        assert s.connection().exec_driver_sql("PRAGMA integrity_check").scalar() == "ok"
+    assert len(acknowledged) >= 25
+    assert {f"answer-{k}" for k in acknowledged} <= stored
+
+
+def test_writers_that_read_first_queue_instead_of_losing_a_count(database: Database):
+    with database.transaction() as s:
+        s.add(Setting(key="count", value={"n": 0}))
+
+    def add_ten() -> None:
+        for _ in range(10):
+            with database.transaction() as s:
+                row = s.get(Setting, "count")
+                row.value = {"n": row.value["n"] + 1}
+
+    threads = [threading.Thread(target=add_ten) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    with database.session() as s:
+        assert s.get(Setting, "count").value == {"n": 80}
+
+
+def test_an_exception_leaves_nothing_behind(database: Database):
+    def fail_halfway() -> None:
+        with database.transaction() as s:
+            s.add(Setting(key="half", value={}))
+            s.flush()
+            raise RuntimeError("in the middle")
+
+    with pytest.raises(RuntimeError):
+        fail_halfway()
+    with database.session() as s:
+        assert s.get(Setting, "half") is None
+
+
+def test_a_reading_session_cannot_write_and_the_next_writer_can(database: Database):
+    with pytest.raises(StorageError, match="opened for reading"), database.session() as s:
+        s.execute(text("INSERT INTO setting (key, value) VALUES ('a', '{}')"))
+    with database.transaction() as s:
+        s.add(Setting(key="a", value={}))
+
+
+def test_every_connection_is_durable_and_clean(database: Database):
+    wanted = {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "secure_delete": 1, "busy_timeout": 10_000}
+    with database.session() as s:
+        found = {name: s.connection().exec_driver_sql(f"PRAGMA {name}").scalar() for name in wanted}
+    assert found == wanted
+
+
+def test_a_full_disk_is_told_and_earlier_answers_stay(database: Database):
+    filled = subprocess.run(
+        [sys.executable, "-c", FILLER, str(database.url)], capture_output=True, text=True, check=True, cwd=Path.cwd()
+    )
+    *acknowledged, message = filled.stdout.splitlines()
+    assert "disk" in message
+    assert "nothing of this change was stored" in message
+    with database.session() as s:
+        stored = set(s.scalars(select(Setting.key)))
+    assert acknowledged
+    assert {f"answer-{k}" for k in acknowledged} <= stored
+
+
+def test_a_nearly_full_disk_is_told_at_start(tmp_path: Path):
+    with pytest.raises(StorageError, match="MB free on its disk"):
+        check_writable(tmp_path, min_free_bytes=shutil.disk_usage(tmp_path).free + 2**30)
+
+
+@pytest.fixture
+def read_only_folder(tmp_path: Path):
+    """A folder that really cannot be written, also by root: a read-only mount where we may mount, else by its mode."""
+    folder = tmp_path / "read-only"
+    folder.mkdir()
+    mounted = os.geteuid() == 0 and (
+        subprocess.run(["mount", "-t", "tmpfs", "-o", "ro,size=1m", "tmpfs", folder], capture_output=True).returncode
+        == 0
+    )
+    if os.geteuid() == 0 and not mounted:
+        pytest.skip("root writes everywhere and cannot mount here")
+    folder.chmod(0o500) if not mounted else None
+    yield folder
+    if mounted:
+        subprocess.run(["umount", folder], check=True)
+    else:
+        folder.chmod(0o700)
+
+
+def test_a_read_only_data_folder_is_told_at_start(read_only_folder: Path):
+    with pytest.raises(StorageError, match=r"cannot be written.*DESIREPATH_DATA|free on its disk"):
+        check_writable(read_only_folder, min_free_bytes=0)
+    with pytest.raises(StorageError, match="cannot be opened"):
+        Database(f"sqlite:///{read_only_folder / 'desirepath.sqlite'}").migrate()
+
+
+def test_a_data_folder_that_is_a_file_is_told(tmp_path: Path):
+    (tmp_path / "data").write_text("not a folder")
+    with pytest.raises(StorageError, match=r"data folder .*data cannot be written"):
+        check_writable(tmp_path / "data")
+
+
+def test_check_writable_leaves_nothing_behind(tmp_path: Path):
+    check_writable(tmp_path / "new" / "data")
+    assert list((tmp_path / "new" / "data").iterdir()) == []
+
+
+def test_a_file_that_is_no_database_is_told(tmp_path: Path):
+    (tmp_path / "desirepath.sqlite").write_bytes(b"these are not the pages you are looking for" * 100)
+    with pytest.raises(StorageError, match="damaged or no database"):
+        Database(f"sqlite:///{tmp_path / 'desirepath.sqlite'}").migrate()
+
+
+@pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "mysql://localhost/x"])
+def test_urls_that_keep_nothing_or_are_unknown_are_refused(url: str):
+    with pytest.raises(StorageError, match="database url"):
+        Database(url)
+
+
+def test_compacting_removes_deleted_text_from_every_file(database: Database, tmp_path: Path):
+    with database.transaction() as s:
+        s.add(Setting(key="secret", value={"text": "planted-canary"}))
+    assert any(b"planted-canary" in file.read_bytes() for file in tmp_path.glob("desirepath.sqlite*"))
+    with database.transaction() as s:
+        s.delete(s.get(Setting, "secret"))
+    assert database.compact()
+    assert not any(b"planted-canary" in file.read_bytes() for file in tmp_path.glob("desirepath.sqlite*"))
+
+
+def test_compacting_gives_up_while_somebody_reads_and_says_so(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("backend.store.database.COMPACT_TRIES_S", 0.0)  # do not wait for the reader
+    with database.transaction() as s:
+        s.add(Setting(key="a", value={}))
+    reader = sqlite3.connect(tmp_path / "desirepath.sqlite", isolation_level=None)
+    reader.execute("BEGIN")
+    reader.execute("SELECT * FROM setting").fetchall()
+    assert not database.compact()
+    reader.close()
+    assert database.compact()

@@ -1,0 +1,165 @@
+"""An empty database comes to the newest revision, on SQLite and PostgreSQL, and then is what the models say."""
+
+from __future__ import annotations
+
+import os
+import pwd
+import shutil
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from alembic import command
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
+from small_study import SmallStudy
+from sqlalchemy import delete, inspect, text, update
+from sqlalchemy.exc import DBAPIError
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database, migration_config
+from backend.store.erasure import erase_participant
+from backend.store.models import (
+    Base,
+    Erasing,
+    Event,
+    Participant,
+    Response,
+    Session,
+    Study,
+    Tombstone,
+)
+from backend.store.snapshots import take_snapshot
+
+
+@pytest.fixture(scope="session")
+def postgres_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """URL of a PostgreSQL server of our own on a Unix socket; skipped where no server program is installed."""
+    programs = {name: shutil.which(name) for name in ("initdb", "pg_ctl")}
+    if None in programs.values():
+        pytest.skip("no PostgreSQL server program (initdb, pg_ctl) on the PATH")
+    folder = Path(tmp_path_factory.mktemp("pg"))
+    as_whom: list[str] = []
+    if os.geteuid() == 0:  # the server refuses to run as root
+        user = next((u.pw_name for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody")), None)
+        if user is None or shutil.which("runuser") is None:
+            pytest.skip("running as root and there is no user to run PostgreSQL as")
+        as_whom = ["runuser", "-u", user, "--"]
+        for parent in (folder, *folder.parents[:3]):
+            if str(parent).startswith(str(tmp_path_factory.getbasetemp().parent.parent)):
+                parent.chmod(parent.stat().st_mode | 0o011)
+        shutil.chown(folder, user)
+    data, run = folder / "data", lambda *words: subprocess.run([*as_whom, *words], check=True, capture_output=True)
+    run(programs["initdb"], "-D", str(data), "-A", "trust", "-U", "desirepath", "-N", "-E", "UTF8")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    options = f"-k {folder} -p {port} -c listen_addresses='' -c fsync=off"
+    run(programs["pg_ctl"], "-D", str(data), "-o", options, "-l", str(folder / "log"), "-w", "start")
+    yield f"postgresql://desirepath@/postgres?host={folder}&port={port}"
+    run(programs["pg_ctl"], "-D", str(data), "-m", "immediate", "stop")
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def either(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Database]:
+    """An empty database of each kind, not migrated."""
+    if request.param == "sqlite":
+        yield Database(f"sqlite:///{tmp_path / 'either.sqlite'}")
+        return
+    url = request.getfixturevalue("postgres_server")
+    found = Database(url)
+    with found.engine.begin() as connection:
+        connection.execute(text("DROP SCHEMA public CASCADE"))
+        connection.execute(text("CREATE SCHEMA public"))
+    yield found
+    found.close()
+
+
+def test_an_empty_database_becomes_what_the_models_say(either: Database):
+    either.migrate()
+    either.migrate()  # a second start changes nothing
+    with either.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+        newest = ScriptDirectory.from_config(migration_config(connection)).get_current_head()
+        assert context.get_current_revision() == newest
+
+
+def test_migrations_can_be_taken_back(either: Database):
+    either.migrate()
+    with either.engine.begin() as connection:
+        command.downgrade(migration_config(connection), "base")
+    with either.engine.connect() as connection:
+        assert set(inspect(connection).get_table_names()) <= {"alembic_version"}
+    either.migrate()
+
+
+def test_the_database_itself_refuses_what_may_not_change(either: Database, files: ArtefactStore):
+    either.migrate()
+    study = SmallStudy(either, files)
+    person, session = study.participant("P1")
+    other, _ = study.participant("P2", simulated=True, drives=100)
+    with either.transaction() as s:
+        s.add(Tombstone(study_id=study.id, erased_by="somebody", counts={}))
+
+    def refused(statement: object, message: str) -> None:
+        with pytest.raises(DBAPIError, match=message), either.transaction() as s:
+            s.execute(statement)
+
+    refused(update(Event).values(kind="other"), "events are append-only")
+    refused(delete(Event), "events are append-only")
+    refused(update(Response).values(value={"choice": "b"}), "a response is never changed")
+    refused(delete(Response), "a response is never deleted")
+    refused(update(Participant).where(Participant.id == person).values(simulated=True), "participant.simulated")
+    refused(update(Session).where(Session.id == session).values(simulated=True), "session.simulated")
+    refused(update(Session).where(Session.id == session).values(participant_id=other), "session.simulated")
+    refused(update(Study).values(protocol_yaml="other"), "protocol of a study is frozen")
+    refused(delete(Tombstone), "tombstones stay")
+    with either.transaction() as s:  # what may change still does
+        s.execute(update(Session).where(Session.id == session).values(position=3, state="paused"))
+        s.execute(update(Participant).where(Participant.id == person).values(excluded_reason="asleep"))
+        s.execute(update(Study).values(state="closed"))
+
+
+def test_a_person_cannot_get_a_session_that_may_skip(either: Database, files: ArtefactStore):
+    either.migrate()
+    study = SmallStudy(either, files)
+    person, session = study.participant("P1")
+    with either.session() as s:
+        row = s.get(Session, session)
+        copied = {c.key: getattr(row, c.key) for c in inspect(Session).column_attrs}
+    with pytest.raises(DBAPIError, match="must be as its participant"), either.transaction() as s:
+        s.add(Session(**{**copied, "id": "0" * 32, "token_hash": "other", "simulated": True}))
+
+
+def test_the_key_of_an_erasure_opens_only_what_belongs_to_the_participant(either: Database, files: ArtefactStore):
+    either.migrate()
+    study = SmallStudy(either, files)
+    person, session = study.participant("P1")
+    _, others = study.participant("P2", drives=100)
+    with pytest.raises(DBAPIError, match="a response is never deleted"), either.transaction() as s:
+        s.add(Erasing(participant_id=person))
+        s.flush()
+        s.execute(delete(Response).where(Response.session_id == others))
+    with pytest.raises(DBAPIError, match="events are append-only"), either.transaction() as s:
+        s.add(Erasing(participant_id=person))
+        s.flush()
+        s.execute(update(Event).where(Event.session_id == session).values(kind="other"))
+
+
+def test_a_participant_can_be_erased_on_either_database(either: Database, files: ArtefactStore, tmp_path: Path):
+    either.migrate()
+    study = SmallStudy(either, files)
+    person, _ = study.participant("P1")
+    study.participant("P2", drives=100)
+    with either.transaction() as s:
+        take_snapshot(s, files, study_id=study.id)
+    done = erase_participant(either, files, person, "tester", data=tmp_path)
+    assert done["compacted"]
+    assert len(done["quarantined"]) == 1
+    with either.session() as s:
+        assert s.get(Participant, person) is None
+        assert s.scalars(text("SELECT code FROM participant")).all() == ["P2"]
