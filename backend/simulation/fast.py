@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,6 +179,10 @@ class FastEngine:
         self.obstacle_clearance[:] = self.min_clearance[:] = self._state.obstacle_clearance
         return self.observations
 
+    def reseed(self, seed: int) -> None:
+        """Draw all further scenes from a new pool of that seed; episodes that are running go on."""
+        self._pool = ScenePool(self.setup, seed)
+
     def _start_from_pool(self, which: NDArray[np.int64]) -> None:
         rows, self._seeds[which] = self._pool.take(len(which))
         for i in which:
@@ -334,3 +339,32 @@ def evaluate(act: ActFunction, setup: Setup, scenes: Sequence[Scene]) -> Episode
         ),
         ceiling=np.array([s.human_distance_ceiling_m() for s in scenes], dtype=np.float32),
     )
+
+
+def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
+    """The table that `evaluate` would have made of these trajectories. Raises ValueError for none."""
+    if not trajectories:
+        raise ValueError("trajectories: none given")
+    columns: dict[str, list[float]] = {name: [] for name in EpisodeTable.__dataclass_fields__ if name != "dt"}
+    for trajectory in trajectories:
+        scene, row = trajectory.scene, scene_to_row(trajectory.scene)
+        path = np.ascontiguousarray(trajectory.poses[:, :2], dtype=np.float64)
+        turns = np.diff(trajectory.poses[:, 2].astype(np.float64))
+        person = np.array([scene.person.pose.x, scene.person.pose.y])
+        for name, value in {
+            "outcome": trajectory.outcome,
+            "steps": len(trajectory.actions),
+            "path_length": np.linalg.norm(np.diff(path, axis=0), axis=1).sum(),
+            "min_human_distance": np.linalg.norm(path - person, axis=1).min(),
+            "min_clearance": k.path_surface_distance(row, path) - ROBOT_RADIUS_M,
+            "self_intersections": trajectory.self_intersections,
+            "accumulated_angle": np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum(),
+            "path_area": k.path_area(path, scene.goal.x, scene.goal.y),
+            "total_reward": trajectory.rewards.sum(),
+            "straight_distance": math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)),
+            "ceiling": scene.human_distance_ceiling_m(),
+        }.items():
+            columns[name].append(float(value))
+    whole = {"outcome": np.int8, "steps": np.int32, "self_intersections": np.int32}
+    arrays: dict[str, Any] = {name: np.asarray(c, dtype=whole.get(name, np.float32)) for name, c in columns.items()}
+    return EpisodeTable(**arrays, dt=trajectories[0].dt)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
-from backend.simulation.fast import ActFunction, ActionError, Floats, act_on, rules_of
+from backend.simulation.fast import ActFunction, ActionError, EpisodeTable, Floats, act_on, rules_of, table_of
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import check_scene, scene_to_row
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
@@ -330,3 +330,10 @@ def rollout_reference(
                 )
             )
     return trajectories
+
+
+def evaluate_reference(
+    act: ActFunction, setup: Setup, scenes: Sequence[Scene], *, drive_mode: DriveMode = "velocity"
+) -> EpisodeTable:
+    """As `fast.evaluate`, in PyBullet. Raises ValueError for no scenes."""
+    return table_of(rollout_reference(setup, act, scenes, drive_mode=drive_mode))

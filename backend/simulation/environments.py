@@ -1,0 +1,183 @@
+"""The engines behind the interfaces that reinforcement-learning libraries expect: Gymnasium and SB3's VecEnv.
+
+Running out of steps is `terminated`, not `truncated`, in both: the core reward charges for it (spec 06: -20, spec 07:
+-1), so the episode really ends there and a learner must not add the value of a state beyond.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Literal, cast
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+from backend.simulation.fast import FastEngine, Floats
+from backend.simulation.reference import DriveMode, ReferenceEngine
+from backend.simulation.scene import Scene
+from backend.simulation.scenes import LARGEST_SEED, ScenePool, row_to_scene
+from backend.simulation.setups import CONTROL_DT_S, Setup, get_setup
+from backend.simulation.trajectory import Outcome
+
+FARTHEST_AT_START_M = 20.0  # more than any generator puts between two things; bounds the observation space
+
+
+def observation_space(setup: Setup) -> spaces.Space[Floats]:
+    """The setup's observations as a finite box; distances are bounded by how far a robot can drive in an episode."""
+    far = FARTHEST_AT_START_M + setup.limits.v_max * CONTROL_DT_S * setup.max_steps
+    low, high = np.zeros(setup.observation_size), np.ones(setup.observation_size)
+    low[[1, 3]] = -1.0
+    high[[0, 2]] = far / setup.distance_scale_m
+    if setup.with_velocity:
+        low[4], low[5] = setup.limits.v_min / setup.limits.v_max, -1.0
+    return cast(spaces.Space[Floats], spaces.Box(low.astype(np.float32), high.astype(np.float32)))
+
+
+def action_space() -> spaces.Space[Floats]:
+    """Forward speed and turn rate, both scaled to [-1, 1]."""
+    return cast(spaces.Space[Floats], spaces.Box(-1.0, 1.0, (2,), np.float32))
+
+
+class NavigationEnv(gymnasium.Env[Floats, Floats]):
+    """One robot as a Gymnasium environment, on the fast engine or on PyBullet.
+
+    `reset(seed=...)` begins a new series of scenes, `reset(options={"scene": scene})` uses that very scene. `info`
+    holds outcome (name), human_distance_m, obstacle_clearance_m and self_intersections.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": []}
+
+    def __init__(
+        self,
+        setup: str | Setup,
+        *,
+        engine: Literal["fast", "pybullet"] = "fast",
+        drive_mode: DriveMode = "velocity",
+        progress_weight: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        self.setup = get_setup(setup) if isinstance(setup, str) else setup
+        if engine not in ("fast", "pybullet"):
+            raise ValueError(f"engine = {engine!r}: must be 'fast' or 'pybullet'")
+        self.observation_space, self.action_space = observation_space(self.setup), action_space()
+        self._pool = ScenePool(self.setup, seed)
+        self._reference = (
+            ReferenceEngine(self.setup, drive_mode=drive_mode, progress_weight=progress_weight)
+            if engine == "pybullet"
+            else None
+        )
+        self._fast = FastEngine(self.setup, 1, auto_reset=False, progress_weight=progress_weight, seed=seed)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
+        """Start an episode. Raises SceneError for a scene that cannot be run."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self._pool = ScenePool(self.setup, seed)
+        scene = (options or {}).get("scene")
+        if scene is None:
+            rows, seeds = self._pool.take(1)
+            scene = row_to_scene(self.setup, int(seeds[0]), rows[0])
+        if self._reference is not None:
+            return self._reference.reset(scene).copy(), self._info()
+        return self._fast.reset([scene])[0].copy(), self._info()
+
+    def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """One control step (0.2 s). Raises ActionError for actions that are not two finite numbers."""
+        if self._reference is not None:
+            self._reference.step(action)
+            return self._reference.observation.copy(), self._reference.reward, self._reference.done, False, self._info()
+        self._fast.step(np.asarray(action, dtype=np.float32).reshape(1, -1))
+        observation, reward = self._fast.next_observations[0].copy(), float(self._fast.rewards[0])
+        return observation, reward, bool(self._fast.dones[0]), False, self._info()
+
+    def _info(self) -> dict[str, Any]:
+        if self._reference is not None:
+            engine = self._reference
+            outcome, crossings = engine.outcome, engine.self_intersections
+            human, clearance = engine.human_distance, engine.obstacle_clearance
+        else:
+            fast = self._fast
+            outcome, crossings = Outcome(int(fast.outcomes[0])), int(fast.self_intersections[0])
+            human, clearance = float(fast.human_distance[0]), float(fast.obstacle_clearance[0])
+        return {
+            "outcome": outcome.name.lower(),
+            "human_distance_m": human,
+            "obstacle_clearance_m": clearance,
+            "self_intersections": crossings,
+        }
+
+    def close(self) -> None:
+        if self._reference is not None:
+            self._reference.close()
+
+
+class FastVecEnv(VecEnv):
+    """The fast engine as a Stable-Baselines3 VecEnv of `n_envs` environments that restart by themselves.
+
+    As VecEnv prescribes, the observation of an ended episode stands in `terminal_observation` of its info; beside it
+    `episode` (r, l) for SB3's logs, `outcome` (name), and `TimeLimit.truncated`, which is always False (see above).
+    """
+
+    def __init__(
+        self,
+        setup: str | Setup,
+        n_envs: int,
+        *,
+        seed: int = 0,
+        progress_weight: float = 0.0,
+        scenes: Sequence[Scene] | None = None,
+    ) -> None:
+        self.setup = get_setup(setup) if isinstance(setup, str) else setup
+        self.engine = FastEngine(self.setup, n_envs, seed=seed, progress_weight=progress_weight, scenes=scenes)
+        self.render_mode = None
+        self._returns = np.zeros(n_envs)
+        self._actions: NDArray[np.float32] = np.zeros((n_envs, 2), dtype=np.float32)
+        super().__init__(n_envs, observation_space(self.setup), action_space())
+
+    def reset(self) -> Floats:
+        """Start every environment; after `seed(s)` from a new series of scenes."""
+        if self._seeds[0] is not None:
+            self.engine.reseed(self._seeds[0] % LARGEST_SEED)
+        self._reset_seeds()
+        self._reset_options()
+        self._returns[:] = 0.0
+        return self.engine.reset().copy()
+
+    def step_async(self, actions: NDArray[np.float32]) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> tuple[Floats, Floats, NDArray[np.bool_], list[dict[str, Any]]]:
+        engine = self.engine
+        engine.step(self._actions)
+        self._returns += engine.rewards
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(engine.dones):
+            infos[i] = {
+                "terminal_observation": engine.next_observations[i].copy(),
+                "TimeLimit.truncated": False,
+                "outcome": Outcome(int(engine.outcomes[i])).name.lower(),
+                "episode": {"r": float(self._returns[i]), "l": int(engine.steps[i])},
+            }
+            self._returns[i] = 0.0
+        return engine.observations.copy(), engine.rewards.copy(), engine.dones.copy(), infos
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The attribute of this VecEnv, once per index: the environments share everything."""
+        return [getattr(self, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refused: no environment of the batch can differ from the others."""
+        raise NotImplementedError(f"set_attr({attr_name!r}): the environments of FastVecEnv share one engine")
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        """Refused: there are no single environments to call."""
+        raise NotImplementedError(f"env_method({method_name!r}): the environments of FastVecEnv share one engine")
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False for _ in self._get_indices(indices)]
