@@ -24,7 +24,7 @@ from backend.learning.replay import Explorer, ReplayBuffer, collect, concatenate
 from backend.learning.reward_model import RewardModel
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3 import Batch, Td3Config
-from backend.simulation.fast import EpisodeTable, FastEngine, evaluate
+from backend.simulation.fast import EpisodeTable, FastEngine, evaluate, rollout
 from backend.simulation.setups import get_setup, require_same
 
 Floats = NDArray[np.float32]
@@ -37,7 +37,8 @@ class AlignConfig:
 
     recipe: Recipe = "refine"
     seed: int = 0
-    preference_weight: float = 1.0  # refine: r = r_core + weight * R'; thesis: lambda of equation 6.5
+    preference_weight: float | None = None  # refine: r = r_core + weight * R', None: from the share; thesis: lambda
+    preference_share: float = 0.45  # refine: of what is at stake in an episode (goal - timeout reward), see `weight`
     penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
     updates: int = 8_000
     checkpoints: int = 6
@@ -49,6 +50,7 @@ class AlignConfig:
     online_envs: int = 64
     updates_per_online_step: int = 16
     replay_transitions: int = 150_000  # of the base policy's regenerated buffer
+    weighing_scenes: int = 200  # base drives in which the share is measured
     replay_exploration: tuple[float, float] = (0.05, 0.6)
     online_exploration: tuple[float, float] = (0.05, 0.4)
     selection_scenes: int = 300
@@ -93,17 +95,33 @@ class AlignResult:
     gate: Gate
     chosen: int
     history: list[dict[str, float]]
+    preference_weight: float
     replay_sha256: str
 
 
 class PreferenceReward:
-    """Turns a reward model's output into the reward of alignment, calibrated once on the replay buffer."""
+    """Turns a reward model's output into the reward of alignment, calibrated once on base drives.
 
-    def __init__(self, model: RewardModel, config: AlignConfig, replay: Batch) -> None:
+    weight: what the preference part is multiplied with. Where the configuration leaves it open, it makes the median
+    drive of the base policy pay `preference_share` of what is at stake (goal - timeout reward). A fixed weight of 1,
+    good in the open field, made robots in the study room wait for the timeout: passing the person cost more there
+    than the goal is worth.
+    """
+
+    def __init__(self, model: RewardModel, config: AlignConfig, replay: Batch, base: Policy) -> None:
         self._model, self._config = model, config
         raw = self._raw(replay)
         self._mean, self._std = float(raw.mean()), float(raw.std()) + 1e-6
         self._top = float(np.quantile(raw, 0.98))
+        self.weight = config.preference_weight if config.preference_weight is not None else self._fair_weight(base)
+
+    def _fair_weight(self, base: Policy) -> float:
+        setup, config = get_setup(base.setup), self._config
+        scenes = scene_set(setup.name, config.weighing_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
+        drives = rollout(setup, base.act, scenes)
+        paid = [-self._penalty(self._model.rewards(d.observations, d.actions, d.next_observations)) for d in drives]
+        median = float(np.median([steps.sum() for steps in paid]))
+        return config.preference_share * (setup.reward.goal - setup.reward.timeout) / max(median, 1.0)
 
     def _raw(self, batch: Batch) -> Floats:
         chunks = [
@@ -112,17 +130,20 @@ class PreferenceReward:
         ]
         return np.concatenate(chunks)
 
+    def _penalty(self, raw: Floats) -> Floats:
+        penalty: Floats = np.clip((raw - self._top) / self._std, -self._config.penalty_cap, 0.0)
+        return penalty
+
     def combined(self, batch: Batch) -> torch.Tensor:
         """r* of every transition, (n,).
 
         refine: r + weight * clip((R - q98) / std, -cap, 0). A reward <= 0 does not pay for loitering (spec 06).
         thesis, equation 6.5: lambda * (R - mean) / std + (1 - lambda) * r.
         """
-        raw, weight = self._raw(batch), self._config.preference_weight
+        raw, weight = self._raw(batch), self.weight
         if self._config.recipe == "thesis":
             return weight * torch.from_numpy((raw - self._mean) / self._std) + (1 - weight) * batch.rewards
-        penalty = np.clip((raw - self._top) / self._std, -self._config.penalty_cap, 0.0)
-        return batch.rewards + weight * torch.from_numpy(penalty)
+        return batch.rewards + weight * torch.from_numpy(self._penalty(raw))
 
 
 def align(
@@ -150,7 +171,7 @@ def align(
     agent = agent_of(base, td3, seed=config.seed)
     replay = collect(base, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
     replay_sha256 = replay.digest()
-    reward = PreferenceReward(model, config, replay.filled())
+    reward = PreferenceReward(model, config, replay.filled(), base)
     replay.filled().rewards.copy_(reward.combined(replay.filled()))
 
     n_online = int(config.batch_size * config.online_share)
@@ -186,7 +207,14 @@ def align(
         elif update % 200 == 0:
             on_progress(update / config.updates, {"updates": update})
     chosen = choose_checkpoint([entry["success_rate"] for entry in history], config)
-    return AlignResult(policies[chosen], check_gate(policies[chosen], base, config), chosen, history, replay_sha256)
+    return AlignResult(
+        policies[chosen],
+        check_gate(policies[chosen], base, config),
+        chosen,
+        history,
+        reward.weight,
+        replay_sha256,
+    )
 
 
 def _check(config: AlignConfig) -> None:
