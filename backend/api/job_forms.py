@@ -28,6 +28,7 @@ TOLD_PROBLEMS = {
     "less_than_equal": "at_most",
     "less_than": "below",
     "literal_error": "choice",
+    "setups": "setups",
 }
 
 
@@ -110,9 +111,8 @@ def _field(s: Session, name: str, info: FieldInfo, value: Any, wrong: Mapping[st
 
 def _told(wrong: Mapping[str, Any]) -> dict[str, Any]:
     limits = dict(wrong.get("limits", {}))
-    limit = next(
-        (limits[bound] for bound in ("ge", "gt", "le", "lt", "min_length", "max_length") if bound in limits), ""
-    )
+    bounds = ("ge", "gt", "le", "lt", "min_length", "max_length")
+    limit = next((limits[bound] for bound in bounds if bound in limits), "")
     return {
         "value": wrong["value"],
         "limit": limit,

@@ -29,7 +29,7 @@ class SignInState:
 class LabRefusal(Exception):
     """A refusal for people: `code` is a key below `refusals` in lab.yaml, `values` fill its placeholders."""
 
-    def __init__(self, status: int, code: str, **values: Any) -> None:
+    def __init__(self, status: int, code: str, /, **values: Any) -> None:
         self.status, self.code, self.values = status, code, values
         super().__init__(f"{status} {code}")
 

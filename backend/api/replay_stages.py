@@ -1,0 +1,71 @@
+"""Stages that show analysts two drives side by side: who may open one, and what it shows.
+
+A grant lives in memory for an hour; the stage's own door (`stage_proxy.py`) and bridge ask here about keys that begin
+with `replay:`. Participants' stages have nothing to do with this.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from backend.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+    from backend.api.dependencies import House
+
+PREFIX = "replay:"
+GRANT_LASTS_S = 3_600.0
+MOST_GRANTS = 200  # drives are kept in memory; the oldest grants go first
+
+
+@dataclass(frozen=True)
+class ReplayPair:
+    """Two drives in one scene with the names of their policies."""
+
+    left: Trajectory
+    right: Trajectory
+    names: tuple[str, str]
+
+
+class ReplayStages:
+    """The replays that signed-in people opened."""
+
+    def __init__(self) -> None:
+        self._granted: dict[str, tuple[float, ReplayPair]] = {}
+
+    def grant(self, pair: ReplayPair) -> str:
+        """Admit one browser to a stage with this pair; returns the token for the stage's address."""
+        now = time.monotonic()
+        self._granted = {token: entry for token, entry in self._granted.items() if now - entry[0] < GRANT_LASTS_S}
+        while len(self._granted) >= MOST_GRANTS:
+            del self._granted[next(iter(self._granted))]
+        token = secrets.token_urlsafe(32)
+        self._granted[token] = (now, pair)
+        return token
+
+    def key_of(self, token: str) -> str | None:
+        """The stage key that a token opens, or None if it opens none (any more)."""
+        entry = self._granted.get(token)
+        if entry is None or time.monotonic() - entry[0] >= GRANT_LASTS_S:
+            return None
+        return f"{PREFIX}{token}"
+
+    def show(self, stage: Stage, key: str) -> bool:
+        """Show what belongs to the key on a stage that has just connected. False if the key is not one of ours."""
+        if not key.startswith(PREFIX):
+            return False
+        entry = self._granted.get(key.removeprefix(PREFIX))
+        if entry is not None:
+            pair = entry[1]
+            stage.replay_pair(pair.left, pair.right, names=pair.names)
+        return True
+
+
+def replays(parts: House) -> ReplayStages:
+    """The house's replays; made at first use."""
+    found: ReplayStages = parts.extras.setdefault("replays", ReplayStages())
+    return found
