@@ -24,7 +24,7 @@ from sqlalchemy.orm import Session
 from backend.store.models import Setting
 
 MIGRATIONS = Path(__file__).with_name("migrations")
-BUSY_TIMEOUT_S = 10.0  # how long a writer waits for the one before it
+BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for the one before it
 MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vacuum would fill the disk
 PROBE_BYTES = 64 * 1024
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
@@ -83,7 +83,7 @@ class Database:
                 raise StorageError(f"database url {url!r}: name a file, as in sqlite:///data/desirepath.sqlite")
             self.file: Path | None = Path(parsed.database)
             engine = create_engine(
-                parsed, connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}, pool_size=20
+                parsed, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000, "check_same_thread": False}, pool_size=20
             )
             event.listen(engine, "connect", _set_up_sqlite)
             event.listen(engine, "begin", _begin_sqlite)
@@ -154,6 +154,7 @@ class Database:
         raw = self.engine.raw_connection()
         try:
             cursor = raw.cursor()
+            cursor.execute("PRAGMA busy_timeout = 1000")  # the caller tries again; nobody waits for us meanwhile
             cursor.execute("PRAGMA query_only = OFF")
             cursor.execute("VACUUM")
             busy, _, _ = cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
@@ -163,6 +164,7 @@ class Database:
                 return False
             raise
         finally:
+            raw.cursor().execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
             raw.close()
 
     def _forget_pending(self) -> None:
@@ -188,7 +190,7 @@ class Database:
             elif "file is not a database" in message or "malformed" in message:
                 said = "the file is damaged or no database; restore a backup (`desirepath restore`)"
             elif "database is locked" in message:
-                said = f"another process kept writing for more than {BUSY_TIMEOUT_S:.0f} s; nothing was stored"
+                said = f"another process kept writing for more than {BUSY_TIMEOUT_MS / 1000:.0f} s; nothing was stored"
             elif isinstance(problem, OperationalError) and problem.connection_invalidated:
                 said = "the connection was lost; nothing of this change was stored"
             else:
@@ -208,7 +210,7 @@ def _set_up_sqlite(connection: sqlite3.Connection, _record: object) -> None:
     connection.isolation_level = None  # we say BEGIN ourselves, below
     cursor = connection.cursor()
     for pragma in (
-        f"busy_timeout = {int(BUSY_TIMEOUT_S * 1000)}",
+        f"busy_timeout = {BUSY_TIMEOUT_MS}",
         "journal_mode = WAL",
         "synchronous = FULL",  # an acknowledged answer survives a power cut
         "foreign_keys = ON",

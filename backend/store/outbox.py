@@ -47,7 +47,7 @@ def cancel_job(s: Session, job_id: str, *, by: str) -> Job:
     if job is None:
         raise LookupError(f"no job with id {job_id!r}")
     if job.state in ENDED:
-        raise ValueError(f"job {job_id} has {job.state} already")
+        raise ValueError(f"job {job_id} has ended already: {job.state}")
     job.message = f"cancelled by {by}"
     if job.state == "queued":
         job.state, job.finished_at = "cancelled", utc_now()

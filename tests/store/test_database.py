@@ -46,8 +46,7 @@ except StorageError as problem:
 """
 
 
-@pytest.mark.parametrize("_", range(2))
-def test_answers_acknowledged_before_a_kill_are_there_afterwards(database: Database, _: int):
+def test_answers_acknowledged_before_a_kill_are_there_afterwards(database: Database):
     writer = subprocess.Popen(
         [sys.executable, "-c", WRITER, str(database.url)], stdout=subprocess.PIPE, text=True, cwd=Path.cwd()
     )

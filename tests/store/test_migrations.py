@@ -127,7 +127,7 @@ def test_the_database_itself_refuses_what_may_not_change(either: Database, files
 def test_a_person_cannot_get_a_session_that_may_skip(either: Database, files: ArtefactStore):
     either.migrate()
     study = SmallStudy(either, files)
-    person, session = study.participant("P1")
+    _, session = study.participant("P1")
     with either.session() as s:
         row = s.get(Session, session)
         copied = {c.key: getattr(row, c.key) for c in inspect(Session).column_attrs}
@@ -140,14 +140,17 @@ def test_the_key_of_an_erasure_opens_only_what_belongs_to_the_participant(either
     study = SmallStudy(either, files)
     person, session = study.participant("P1")
     _, others = study.participant("P2", drives=100)
-    with pytest.raises(DBAPIError, match="a response is never deleted"), either.transaction() as s:
-        s.add(Erasing(participant_id=person))
-        s.flush()
-        s.execute(delete(Response).where(Response.session_id == others))
-    with pytest.raises(DBAPIError, match="events are append-only"), either.transaction() as s:
-        s.add(Erasing(participant_id=person))
-        s.flush()
-        s.execute(update(Event).where(Event.session_id == session).values(kind="other"))
+
+    def with_the_key(statement: object) -> None:
+        with either.transaction() as s:
+            s.add(Erasing(participant_id=person))
+            s.flush()
+            s.execute(statement)
+
+    with pytest.raises(DBAPIError, match="a response is never deleted"):
+        with_the_key(delete(Response).where(Response.session_id == others))
+    with pytest.raises(DBAPIError, match="events are append-only"):
+        with_the_key(update(Event).where(Event.session_id == session).values(kind="other"))
 
 
 def test_a_participant_can_be_erased_on_either_database(either: Database, files: ArtefactStore, tmp_path: Path):
