@@ -8,15 +8,15 @@ from markupsafe import Markup
 _MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")
 
 
-def prose(text: str, shift: int = 1) -> Markup:
-    """HTML of a markdown `text`; its headings move down by `shift` levels, as the page's own heading is the h1.
+def prose(text: str) -> Markup:
+    """HTML of a markdown `text`. Its headings begin at h2, as the page's own heading is the h1.
 
     Links open in a new tab, so that nobody loses the step they are in.
     """
     tokens = _MARKDOWN.parse(text)
     for token in tokens:
         if token.type in ("heading_open", "heading_close"):
-            token.tag = f"h{min(6, int(token.tag[1]) + shift)}"
+            token.tag = f"h{max(2, int(token.tag[1]))}"
         for child in token.children or ():
             if child.type == "link_open":
                 child.attrs.update(target="_blank", rel="noopener noreferrer")

@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 from babel import Locale
-from babel.dates import format_date, format_datetime
+from babel.dates import format_date
 from babel.numbers import format_decimal, format_percent
 
 DEFAULT_LANGUAGE = "en"
@@ -94,7 +94,7 @@ class Catalogue:
 
     def moment(self, value: datetime) -> str:
         """A day in words with the time of day, in the value's own time zone."""
-        return format_datetime(value, format="d MMMM y, HH:mm", locale=self._locale)
+        return f"{self.date(value)}, {value:%H:%M}"
 
     def _find(self, key: str) -> Entry:
         entry: Any = self._entries

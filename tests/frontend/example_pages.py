@@ -1,0 +1,137 @@
+"""The participants' pages with example contents, served as they are: real templates, scripts, styles and catalogues.
+
+No study runs behind them: these tests are about what a page looks like and what it offers to a keyboard and to a screen
+reader. How a page behaves in a running study is in test_session_page.py and in tests/journeys.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.staticfiles import StaticFiles
+from fastapi.templating import Jinja2Templates
+from starlette.responses import Response
+
+from backend.api.prose import prose
+from backend.api.texts import Texts
+
+FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
+CONTACT = "Dr. Ada Muster, ada@example.org"
+TITLE = "How should the robot pass you?"
+WHEN = datetime(2026, 11, 28, 12, 30, tzinfo=UTC)
+
+
+def _scale(key: str) -> dict[str, Any]:
+    return {"key": key, "text": f"Question {key}?", "type": "scale", "points": 7, "low": "not at all", "high": "very"}
+
+
+_ITEMS: list[dict[str, Any]] = [
+    {"key": "age", "text": "How old are you?", "type": "number", "min": 18, "max": 110},
+    {
+        "key": "vision",
+        "text": "How well do you see?",
+        "type": "choice",
+        "options": [{"value": "well", "label": "Well"}, {"value": "badly", "label": "Badly"}],
+    },
+    _scale("one"),
+    _scale("two"),
+    _scale("three"),
+    _scale("four"),
+    {"key": "remark", "text": "Anything else?", "type": "text", "required": False},
+]
+
+STEPS: dict[str, dict[str, Any]] = {
+    "information": {"title": TITLE, "text": "Two *short* paragraphs.\n\n## What you do\n\n- watch\n- choose"},
+    "consent": {"title": "Consent", "text": "Of my own free will.", "points": ["I am 18.", "I agree."], "version": "1"},
+    "questionnaire": {"title": "About you", "text": "A few questions.", "items": _ITEMS},
+    "instruction": {"title": "How it works", "text": "Imagine that you are the person."},
+    "trial": {"role": "learning", "view": "top_down", "number": 1, "of": 15},
+    "comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 3},
+    "wait": {},
+    "guess": {},
+    "debriefing": {"title": "Thank you", "text": "That was the study.", "completion_code": "K7QM-2XFA"},
+    "paused": {},
+    "withdrawn": {},
+    "expired": {},
+}
+"""Every kind of step and one example of its payload."""
+
+
+@dataclass(frozen=True)
+class ExampleStep:
+    """What the machine's StepView tells the templates."""
+
+    kind: str
+    key: str
+    index: int
+    total: int
+    payload: dict[str, Any]
+
+
+def example_state(kind: str, language: str = "en") -> dict[str, Any]:
+    """What `GET /api/session/{token}` answers in a step of this kind."""
+    trial = {"phase": "ready", "duration_a_s": 8.2, "duration_b_s": 9.6, "label_s": 2.0}
+    return {
+        "state": kind if kind in ("paused", "withdrawn", "expired") else "active",
+        "step": {"key": f"05-{kind}", "kind": kind, "index": 5, "total": 24, "trial": trial},
+        "language": language,
+        "stage_url": "/static/mark.svg",  # anything that loads: the room itself is the concern of tests/app
+    }
+
+
+def example_application() -> FastAPI:
+    templates = Jinja2Templates(FRONTEND / "templates")
+    templates.env.trim_blocks = templates.env.lstrip_blocks = True
+    templates.env.filters["prose"] = prose
+    texts = Texts(FRONTEND / "locales")
+    application = FastAPI()
+    application.mount("/static", StaticFiles(directory=FRONTEND / "static"))
+
+    def page(request: Request, template: str, language: str, **context: Any) -> Response:
+        origin = str(request.base_url).rstrip("/")
+        given = {"t": texts.get(language), "language": language, "stage_origin": origin, "contact": CONTACT, **context}
+        response = templates.TemplateResponse(request, template, given)
+        response.headers["Content-Security-Policy"] = f"default-src 'self'; frame-src {origin}; object-src 'none'"
+        return response
+
+    @application.get("/join")
+    def join(request: Request, language: str = "en") -> Response:
+        context = {"languages": ["en", "de"], "recruiting": {"PROLIFIC_PID": "p1"}, "action": "/join"}
+        return page(request, "participant/join.html", language, study_title=TITLE, join_url="/join", **context)
+
+    @application.get("/refusal/{code}")
+    def refusal(request: Request, code: str, language: str = "en") -> Response:
+        return page(request, "participant/refusal.html", language, code=code)
+
+    @application.get("/copy")
+    def copy(request: Request, language: str = "en") -> Response:
+        context = {"payload": STEPS["consent"], "given_at": WHEN, "code": "P-4F7K"}
+        return page(request, "participant/consent_copy.html", language, study_title=TITLE, **context)
+
+    @application.get("/help")
+    def help_page(request: Request, language: str = "en") -> Response:
+        return page(request, "participant/help.html", language, study_title=TITLE, token="x", expires_at=WHEN)
+
+    @application.get("/step/{kind}")
+    def step(request: Request, kind: str, language: str = "en") -> Response:
+        shown = ExampleStep(kind, f"05-{kind}", 5, 24, STEPS[kind])
+        context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
+        return page(request, "participant/session.html", language, study_title=TITLE, **context)
+
+    @application.get("/api/session/{kind}")
+    def state(kind: str) -> dict[str, Any]:
+        return example_state(kind)
+
+    @application.get("/api/session/{kind}/stream")
+    def stream(kind: str) -> Response:
+        return Response(status_code=204)  # tells an EventSource to stay away
+
+    @application.post("/api/session/{kind}/steps/{key}")
+    def answer(kind: str, key: str) -> dict[str, Any]:
+        return {"accepted": True, "duplicate": False, **example_state(kind)}
+
+    return application

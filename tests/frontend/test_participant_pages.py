@@ -1,0 +1,252 @@
+"""Every page that participants see: accessible in both schemes and languages, nothing out of sight."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from example_pages import STEPS
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+
+REFUSALS = ("unknown", "expired", "closed", "full", "already_joined", "no_webgl", "withdrawn", "not_found", "internal")
+ADDRESSES = ["/join", "/copy", "/help", "/refusal/unknown", *(f"/step/{kind}" for kind in STEPS)]
+WCAG = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}}
+COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
+
+Open = Callable[..., "Page"]
+
+
+@pytest.fixture
+def opened(chromium: Browser, pages: str) -> Iterator[Open]:
+    """Opens an example page in a window of its own: `opened("/join", width=..., scheme="dark", language="de")`."""
+    contexts = []
+
+    def opening(
+        address: str,
+        *,
+        width: int = 1024,
+        height: int = 640,
+        scheme: str = "light",
+        language: str = "en",
+        touch: bool = False,
+    ) -> Page:
+        context = chromium.new_context(
+            viewport={"width": width, "height": height},
+            screen={"width": width, "height": height},
+            color_scheme=scheme,
+            reduced_motion="reduce",  # nothing is looked at in the middle of a transition
+            has_touch=touch,
+            is_mobile=touch,
+        )
+        contexts.append(context)
+        page = context.new_page()
+        page.goto(f"{pages}{address}?language={language}")
+        return page
+
+    yield opening
+    for context in contexts:
+        context.close()
+
+
+def violations(page: Page, options: dict[str, object] = WCAG) -> list[tuple[str, list[str]]]:
+    found = Axe().run(page, options=options).response["violations"]
+    return [(violation["id"], [node["html"][:160] for node in violation["nodes"]]) for violation in found]
+
+
+@pytest.mark.parametrize("address", [address for address in ADDRESSES if address != "/step/comparison"])
+def test_every_page_is_accessible_in_both_schemes(opened: Open, address: str) -> None:
+    page = opened(address, language="de")
+    assert violations(page) == []
+    page.emulate_media(color_scheme="dark")
+    assert violations(page, COLOURS) == []  # nothing else depends on the scheme
+
+
+def test_the_dialogs_are_accessible(opened: Open) -> None:
+    page = opened("/step/instruction")
+    page.click("#topbar [data-opens=help-dialog]")
+    assert violations(page) == []
+    page.keyboard.press("Escape")
+    page.click("#topbar [data-opens=leave-dialog]")
+    assert violations(page) == []
+    page.click("[data-turn=confirm]")
+    assert page.locator("[data-withdraw] >> visible=true").count() == 1
+    assert violations(page) == []
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize(("width", "height"), [(1024, 640), (1180, 820), (1920, 1080)])
+def test_nothing_scrolls_on_a_trial_and_all_of_it_is_in_sight(
+    opened: Open, width: int, height: int, language: str
+) -> None:
+    page = opened("/step/trial", width=width, height=height, language=language)
+    assert page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]") == [
+        width,
+        height,
+    ]
+    stage = page.locator("#stage").bounding_box()
+    assert stage is not None
+    assert stage["width"] == width
+    assert stage["height"] >= 0.7 * height
+    for selector in ("#start", "[data-choice=a]", "[data-choice=b]", "#start-hint", "[data-pause] >> nth=0"):
+        box = page.locator(selector).bounding_box()
+        assert box is not None
+        assert 0 <= box["x"] <= box["x"] + box["width"] <= width
+        assert 0 <= box["y"] <= box["y"] + box["height"] <= height
+
+
+def test_no_page_scrolls_sideways(opened: Open, pages: str) -> None:
+    page = opened("/join")
+    wide = []
+    for address in ADDRESSES:
+        page.goto(f"{pages}{address}?language=de")
+        for width, height in ((1024, 640), (760, 1000), (400, 800)):
+            page.set_viewport_size({"width": width, "height": height})
+            if page.evaluate("document.documentElement.scrollWidth") > width:
+                wide.append((address, width))
+    assert wide == []
+
+
+def test_a_and_b_differ_in_nothing_but_their_letter(opened: Open) -> None:
+    page = opened("/step/trial")
+    look = """button => { const style = getComputedStyle(button); const box = button.getBoundingClientRect();
+        const names = ["color", "backgroundColor", "borderColor", "borderStyle", "borderWidth", "fontSize", "fontWeight",
+                       "opacity", "boxShadow", "outlineStyle"];
+        return [box.width, box.height, box.top, ...names.map((name) => style[name])]; }"""
+    a, b = page.locator("[data-choice=a]"), page.locator("[data-choice=b]")
+    assert a.evaluate(look) == b.evaluate(look)
+    markup = [pick.evaluate("button => button.outerHTML") for pick in (a, b)]
+    assert markup[0].replace(">A<", ">B<").replace('"a"', '"b"') == markup[1]
+    middle = page.evaluate("innerWidth") / 2
+    box_a, box_b = a.bounding_box(), b.bounding_box()
+    assert box_a is not None
+    assert box_b is not None
+    assert middle - (box_a["x"] + box_a["width"]) == pytest.approx(box_b["x"] - middle)
+
+
+def test_buttons_that_do_not_count_yet_say_why(opened: Open) -> None:
+    page = opened("/step/trial")
+    pick = page.locator("[data-choice=a]")
+    assert pick.get_attribute("aria-disabled") == "true"
+    assert page.locator(f"#{pick.get_attribute('aria-describedby')}").text_content() == (
+        "You can choose as soon as you have watched both drives to the end."
+    )
+    page.keyboard.press("a")
+    assert page.locator("#live").text_content() == "You can choose as soon as you have watched both drives to the end."
+
+
+def test_nothing_is_preselected_and_open_questions_are_pointed_out(opened: Open) -> None:
+    page = opened("/step/questionnaire")
+    assert page.locator("input:checked").count() == 0
+    page.get_by_role("button", name="Continue").click()
+    assert page.locator("[data-missing]").count() == 5
+    assert page.get_by_text("5 questions are still open.").is_visible()
+    assert page.evaluate("document.activeElement.id") == "item-age"
+    page.fill("#item-age", "7")
+    page.get_by_role("radio", name="Well").check()
+    for key in ("one", "two", "three"):
+        page.locator(f"[name={key}][value='4']").check()
+    page.get_by_role("button", name="Continue").click()
+    assert page.get_by_text("Please give a whole number from 18 to 110.").is_visible()
+    page.fill("#item-age", "70")
+    page.get_by_role("button", name="Continue").click()
+    assert page.get_by_text("Part 2 of 2").is_visible()
+    assert page.locator("[name=four]").first.is_visible()
+    page.get_by_role("button", name="Back").click()
+    assert page.locator("[name=three][value='4']").is_checked()
+
+
+def test_the_questionnaire_works_by_keyboard_alone(opened: Open) -> None:
+    page = opened("/step/questionnaire")
+    page.focus("#item-age")
+    page.keyboard.type("44")
+    for _ in range(4):
+        page.keyboard.press("Tab")
+        page.keyboard.press("Space")
+    page.keyboard.press("ArrowRight")
+    assert page.locator("input:checked").count() == 4
+    assert page.locator("[name=three][value='2']").is_checked()
+    page.keyboard.press("Enter")
+    assert page.get_by_text("Part 2 of 2").is_visible()
+
+
+def test_what_was_answered_survives_a_reload(opened: Open) -> None:
+    page = opened("/step/questionnaire")
+    page.fill("#item-age", "70")
+    page.locator("[name=two][value='6']").check()
+    page.reload()
+    assert page.input_value("#item-age") == "70"
+    assert page.locator("[name=two][value='6']").is_checked()
+
+
+def test_consent_wants_every_point_ticked(opened: Open) -> None:
+    page = opened("/step/consent")
+    sent: list[str] = []
+    page.on("request", lambda request: sent.append(request.url) if request.method == "POST" else None)
+    page.get_by_label("I am 18.").check()
+    page.get_by_role("button", name="I agree and take part").click()
+    assert page.get_by_text("Some points are not ticked yet.").is_visible()
+    assert sent == []
+    page.get_by_label("I agree.").check()
+    with page.expect_request("**/steps/05-consent") as request:
+        page.get_by_role("button", name="I agree and take part").click()
+    assert request.value.post_data_json["value"] == {"given": True, "version": "1"}
+
+
+def test_the_welcome_page_lets_a_good_device_in(opened: Open) -> None:
+    page = opened("/join")
+    assert page.locator("[data-result=good]").count() == 3
+    assert page.get_by_role("button", name="Continue").is_enabled()
+    with page.expect_request(lambda request: request.method == "POST") as request:
+        page.get_by_role("button", name="Continue").click()
+    posted = request.value.post_data or ""
+    assert "language=en" in posted
+    assert "PROLIFIC_PID=p1" in posted
+    assert "webgl%22%3Atrue" in posted
+
+
+def test_a_browser_without_webgl_is_told_before_anything_else(chromium: Browser, pages: str) -> None:
+    context = chromium.new_context(viewport={"width": 1024, "height": 640})
+    page = context.new_page()
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(f"{pages}/join")
+    assert page.get_by_role("alert").get_by_text("The room cannot be shown in this browser").is_visible()
+    assert page.get_by_text("ada@example.org").is_visible()
+    assert page.get_by_role("button", name="Continue").is_disabled()
+    context.close()
+
+
+def test_a_phone_is_refused_kindly_and_a_tablet_is_asked_to_turn(opened: Open) -> None:
+    phone = opened("/join", width=400, height=800, touch=True)
+    assert phone.get_by_role("alert").get_by_text("This study needs a larger screen").is_visible()
+    assert phone.locator("#begin").is_disabled()
+    tablet = opened("/join", width=720, height=1100, touch=True)
+    assert tablet.get_by_text("please turn the device sideways").is_visible()
+    assert tablet.get_by_role("alert").count() == 0
+    tablet.set_viewport_size({"width": 1100, "height": 720})
+    tablet.locator("#begin:enabled").wait_for()
+
+
+def test_a_small_window_is_asked_to_grow(chromium: Browser, pages: str) -> None:
+    context = chromium.new_context(viewport={"width": 600, "height": 600}, screen={"width": 1440, "height": 900})
+    page = context.new_page()
+    page.goto(f"{pages}/join")
+    assert page.get_by_text("The window is too small").is_visible()
+    assert page.locator("#begin").is_disabled()
+    page.set_viewport_size({"width": 1100, "height": 720})
+    page.locator("#begin:enabled").wait_for()
+    context.close()
+
+
+@pytest.mark.parametrize("code", REFUSALS)
+def test_refusals_say_what_happened_what_to_do_and_whom_to_ask(opened: Open, code: str) -> None:
+    page = opened(f"/refusal/{code}")
+    assert page.locator("main p").count() == 3
+    assert page.get_by_text("ada@example.org").is_visible()
+
+
+def test_an_unknown_refusal_is_shown_as_our_own_fault(opened: Open) -> None:
+    assert opened("/refusal/moon_phase").get_by_text("Something went wrong on our side").is_visible()

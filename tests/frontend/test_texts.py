@@ -1,0 +1,96 @@
+"""The catalogues: the same texts in every language, and sentences made from them."""
+
+import re
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+import pytest
+
+from backend.api.texts import TextError, Texts, flatten, placeholders
+
+FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
+FILES = sorted(file.name for file in (FRONTEND / "locales" / "en").glob("*.yaml"))
+CALL = re.compile(r"""\bt\(\s*["']([a-z0-9_.]+)["']\s*[,)]""")
+SAID = re.compile(r"""\b(?:say|hint)\(([^()]*)\)""")
+KEY = re.compile(r"""["']([a-z][a-z0-9_.]+)["']""")
+
+
+@pytest.fixture(scope="module")
+def texts() -> Texts:
+    return Texts(FRONTEND / "locales")
+
+
+def test_every_language_has_the_same_files(texts: Texts) -> None:
+    assert texts.languages == ("de", "en")
+    for language in texts.languages:
+        assert sorted(file.name for file in (FRONTEND / "locales" / language).glob("*.yaml")) == FILES
+
+
+@pytest.mark.parametrize("name", [file.removesuffix(".yaml") for file in FILES])
+def test_every_language_has_the_same_keys_and_placeholders(texts: Texts, name: str) -> None:
+    english = dict(flatten(texts.get("en").table(name)))
+    german = dict(flatten(texts.get("de").table(name)))
+    assert german.keys() == english.keys()
+    assert all(text.strip() for text in [*english.values(), *german.values()])
+    different = {key for key in english if placeholders(english[key]) != placeholders(german[key])}
+    assert not different
+
+
+def test_templates_only_use_texts_that_exist(texts: Texts) -> None:
+    missing = [
+        f"{file.relative_to(FRONTEND)}: {key}"
+        for file in sorted((FRONTEND / "templates").rglob("*.html"))
+        for key in CALL.findall(file.read_text(encoding="utf-8"))
+        if not texts.get("en").knows(key)
+    ]
+    assert not missing
+
+
+@pytest.mark.parametrize(
+    ("group", "scripts"),
+    [
+        ("participant.join.script", ["join.js"]),
+        ("participant.script", ["session.js", "trial.js", "questions.js", "wait.js"]),
+    ],
+)
+def test_scripts_only_say_texts_that_their_page_carries(texts: Texts, group: str, scripts: list[str]) -> None:
+    calls = [call for script in scripts for call in SAID.findall((FRONTEND / "static" / "js" / script).read_text())]
+    said = {key for call in calls for key in KEY.findall(call)}
+    assert said
+    assert {key for key in said if not texts.get("en").knows(f"{group}.{key}")} == set()
+
+
+def test_a_text_is_filled_in_the_language_s_own_notation(texts: Texts) -> None:
+    assert texts.get("en")("participant.progress", index=7, total=15) == "Step 7 of 15"
+    assert texts.get("de")("participant.progress", index=7, total=1500) == "Schritt 7 von 1.500"
+    assert texts.get("de").number(0.5, 2) == "0,50"
+    assert texts.get("en").percent(0.955, 1) == "95.5%"
+    assert texts.get("en").date(date(2026, 11, 21)) == "21 November 2026"
+    assert texts.get("de").moment(datetime(2026, 11, 21, 9, 5, tzinfo=UTC)) == "21. November 2026, 09:05"
+
+
+def test_plural_forms_follow_the_count(texts: Texts) -> None:
+    say = texts.get("de")
+    assert say("participant.script.open", count=1) == "Eine Frage ist noch offen."
+    assert say("participant.script.open", count=3) == "3 Fragen sind noch offen."
+
+
+def test_wrong_use_says_what_is_wrong(texts: Texts) -> None:
+    say = texts.get("en")
+    with pytest.raises(TextError, match=r"no text 'participant\.nothing'.*stopped at 'nothing'"):
+        say("participant.nothing")
+    with pytest.raises(TextError, match=r"needs a value for \{total\}; given: index"):
+        say("participant.progress", index=1)
+    with pytest.raises(TextError, match="is a group of texts"):
+        say("participant.trial")
+    with pytest.raises(TextError, match="give count=NUMBER"):
+        say("participant.script.open")
+
+
+def test_the_language_follows_the_browser_among_those_offered(texts: Texts) -> None:
+    assert texts.best("fr, de-CH;q=0.8, en;q=0.5") == "de"
+    assert texts.best("de", offered=("en",)) == "en"
+    assert texts.best("fr", offered=("de",)) == "de"
+    assert texts.best("en;q=oops") == "en"
+    assert texts.best(None) == "en"
+    assert texts.get("fr").language == "en"
