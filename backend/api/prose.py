@@ -8,15 +8,17 @@ from markupsafe import Markup
 _MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")
 
 
-def prose(text: str) -> Markup:
-    """HTML of a markdown `text`. Its headings begin at h2, as the page's own heading is the h1.
+def prose(text: str, shift: int | None = None) -> Markup:
+    """HTML of a markdown `text`. Links open in a new tab, so that nobody loses the step they are in.
 
-    Links open in a new tab, so that nobody loses the step they are in.
+    Headings keep their level but never rise above h2, as the page's own heading is the h1; with `shift` they move down
+    by that many levels instead.
     """
     tokens = _MARKDOWN.parse(text)
     for token in tokens:
         if token.type in ("heading_open", "heading_close"):
-            token.tag = f"h{max(2, int(token.tag[1]))}"
+            level = int(token.tag[1])
+            token.tag = f"h{max(2, level) if shift is None else min(6, level + shift)}"
         for child in token.children or ():
             if child.type == "link_open":
                 child.attrs.update(target="_blank", rel="noopener noreferrer")

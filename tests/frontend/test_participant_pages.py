@@ -113,8 +113,8 @@ def test_no_page_scrolls_sideways(opened: Open, pages: str) -> None:
 def test_a_and_b_differ_in_nothing_but_their_letter(opened: Open) -> None:
     page = opened("/step/trial")
     look = """button => { const style = getComputedStyle(button); const box = button.getBoundingClientRect();
-        const names = ["color", "backgroundColor", "borderColor", "borderStyle", "borderWidth", "fontSize", "fontWeight",
-                       "opacity", "boxShadow", "outlineStyle"];
+        const names = ["color", "backgroundColor", "borderColor", "borderStyle", "borderWidth", "fontSize",
+                       "fontWeight", "opacity", "boxShadow", "outlineStyle"];
         return [box.width, box.height, box.top, ...names.map((name) => style[name])]; }"""
     a, b = page.locator("[data-choice=a]"), page.locator("[data-choice=b]")
     assert a.evaluate(look) == b.evaluate(look)

@@ -5,6 +5,7 @@ from backend.api.prose import prose
 
 def test_headings_stay_below_the_page_s_own() -> None:
     assert prose("# One\n\n## Two\n\n### Three") == "<h2>One</h2>\n<h2>Two</h2>\n<h3>Three</h3>\n"
+    assert prose("# One\n\n#### Four", shift=3) == "<h4>One</h4>\n<h6>Four</h6>\n"
 
 
 def test_raw_html_is_shown_as_text() -> None:
