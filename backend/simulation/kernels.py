@@ -31,6 +31,7 @@ BOX_COLUMNS = 8
 RUNNING, SUCCESS, COLLISION, TIMEOUT = 0, 1, 2, 3  # trajectory.Outcome
 
 SMALLEST_ADVANCE_M = 5e-4  # collision search: the robot moves by its clearance, but at least this far per sub-step
+TOUCH_M = 1e-9  # rounding: a robot that moved exactly up to a surface has not hit it
 GRID_M = 0.05  # cell of the reachability search
 
 Compiled = TypeVar("Compiled", bound=Callable[..., object])
@@ -141,15 +142,31 @@ def boxes_gap(row: Row, first: int, second: int) -> float:
 
 
 @compiled_exactly
-def box_wall_gap(row: Row, o: int) -> float:
-    """The gap (m) between a box and the nearest wall of the room; infinite without a room."""
-    if row[ROOM_HALF_X] <= 0.0:
-        return math.inf
-    c, s = abs(row[o + BOX_COS]), abs(row[o + BOX_SIN])
-    length, width = row[o + BOX_HALF_LENGTH], row[o + BOX_HALF_WIDTH]
-    gap_x: float = row[ROOM_HALF_X] - abs(row[o + BOX_X]) - (length * c + width * s)
-    gap_y: float = row[ROOM_HALF_Y] - abs(row[o + BOX_Y]) - (length * s + width * c)
-    return min(gap_x, gap_y)
+def _wall_gap(row: Row, body: int, wall: int) -> float:
+    """The gap (m) between a box, or the person (number BOX_COUNT), and wall 0..3 (+x, -x, +y, -y) of the room."""
+    if body == int(row[BOX_COUNT]):
+        x, y = row[PERSON_X], row[PERSON_Y]
+        reach_x = reach_y = row[PERSON_RADIUS]
+    else:
+        o = FIRST_BOX + BOX_COLUMNS * body
+        x, y = row[o + BOX_X], row[o + BOX_Y]
+        c, s = abs(row[o + BOX_COS]), abs(row[o + BOX_SIN])
+        reach_x = row[o + BOX_HALF_LENGTH] * c + row[o + BOX_HALF_WIDTH] * s
+        reach_y = row[o + BOX_HALF_LENGTH] * s + row[o + BOX_HALF_WIDTH] * c
+    side = 1.0 if wall % 2 == 0 else -1.0
+    gap_x: float = row[ROOM_HALF_X] - side * x - reach_x
+    gap_y: float = row[ROOM_HALF_Y] - side * y - reach_y
+    return gap_x if wall < 2 else gap_y
+
+
+@compiled_exactly
+def nearest_wall_gap(row: Row, body: int) -> float:
+    """The gap (m) between a box, or the person (number BOX_COUNT), and the nearest wall; infinite without a room."""
+    gap = math.inf
+    if row[ROOM_HALF_X] > 0.0:
+        for wall in range(4):
+            gap = min(gap, _wall_gap(row, body, wall))
+    return gap
 
 
 @compiled_exactly
@@ -161,26 +178,24 @@ def _passages_form_no_ring(row: Row, radius: float) -> bool:
     """
     boxes = int(row[BOX_COUNT])
     group = np.arange(boxes + 2)  # boxes, person, walls
-    for i in range(boxes + 2):
-        for j in range(i):
-            if i < boxes:
-                gap = boxes_gap(row, FIRST_BOX + BOX_COLUMNS * i, FIRST_BOX + BOX_COLUMNS * j)
-            elif i == boxes:
-                gap = box_distance(row, FIRST_BOX + BOX_COLUMNS * j, row[PERSON_X], row[PERSON_Y]) - row[PERSON_RADIUS]
-            elif j < boxes:
-                gap = box_wall_gap(row, FIRST_BOX + BOX_COLUMNS * j)
-            elif row[ROOM_HALF_X] > 0.0:
-                wall = min(row[ROOM_HALF_X] - abs(row[PERSON_X]), row[ROOM_HALF_Y] - abs(row[PERSON_Y]))
-                gap = wall - row[PERSON_RADIUS]
+    for i in range(boxes + 1):
+        for j in range(i + 4):
+            if j >= i:  # the four walls one by one: a body that reaches two of them closes a ring by itself
+                if row[ROOM_HALF_X] <= 0.0:
+                    break
+                gap, other = _wall_gap(row, i, j - i), boxes + 1
+            elif i < boxes:
+                gap, other = boxes_gap(row, FIRST_BOX + BOX_COLUMNS * i, FIRST_BOX + BOX_COLUMNS * j), j
             else:
-                gap = math.inf
+                away = box_distance(row, FIRST_BOX + BOX_COLUMNS * j, row[PERSON_X], row[PERSON_Y])
+                gap, other = away - row[PERSON_RADIUS], j
             if gap < 2 * radius:
-                if group[i] == group[j]:
+                if group[i] == group[other]:
                     return False
                 old = group[i]
                 for k in range(boxes + 2):
                     if group[k] == old:
-                        group[k] = group[j]
+                        group[k] = group[other]
     return True
 
 
@@ -266,10 +281,7 @@ def _person_fits(row: Row, spacing: Spacing) -> bool:
         return False
     if person_distance(row, row[GOAL_X], row[GOAL_Y]) < needed:
         return False
-    if row[ROOM_HALF_X] <= 0.0:
-        return True
-    wall: float = min(row[ROOM_HALF_X] - abs(row[PERSON_X]), row[ROOM_HALF_Y] - abs(row[PERSON_Y]))
-    return bool(wall >= row[PERSON_RADIUS] + spacing.gap_between_bodies)
+    return nearest_wall_gap(row, int(row[BOX_COUNT])) >= spacing.gap_between_bodies
 
 
 @compiled_exactly
@@ -283,7 +295,7 @@ def _box_fits(row: Row, box: int, spacing: Spacing) -> bool:
         return False
     if box_distance(row, o, row[PERSON_X], row[PERSON_Y]) < row[PERSON_RADIUS] + spacing.gap_between_bodies:
         return False
-    if box_wall_gap(row, o) < spacing.gap_between_bodies:
+    if nearest_wall_gap(row, box) < spacing.gap_between_bodies:
         return False
     nearest = math.inf
     for other in range(box):
@@ -600,7 +612,7 @@ def drive(
         new_x, new_y = arc(x, y, yaw, ahead, part)
         new_surface, new_person = surface_distance(row, new_x, new_y), person_distance(row, new_x, new_y)
         free = min(new_surface, new_person - row[PERSON_RADIUS]) - radius
-        if free < 0.0 and ahead > 0.0:
+        if free < -TOUCH_M and ahead > 0.0:
             if not looked:
                 surface, person = surface_distance(row, x, y), person_distance(row, x, y)
             stopped_turn = turn * (done / travel)
@@ -633,7 +645,11 @@ def crosses_itself(path: NDArray[np.float64], steps: int, age: int, longest: flo
             if is_left != was_left:
                 cx, cy = path[k - 1, 0], path[k - 1, 1]
                 fx, fy = dx - cx, dy - cy
-                if (fx * (ay - cy) - fy * (ax - cx) >= 0.0) != (fx * (by - cy) - fy * (bx - cx) >= 0.0):
+                # On a straight line rounding alone decides the sides, so parallel segments never cross.
+                parallel = abs(ex * fy - ey * fx) <= 1e-9 * (ex * ex + ey * ey)
+                a_is_left = fx * (ay - cy) - fy * (ax - cx) >= 0.0
+                b_is_left = fx * (by - cy) - fy * (bx - cx) >= 0.0
+                if a_is_left != b_is_left and not parallel:
                     return True
             was_left = is_left
     return False

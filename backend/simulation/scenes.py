@@ -209,17 +209,15 @@ def _check_bodies(scene: Scene, row: k.Row) -> None:
     person = scene.person
     for i, o in enumerate(columns):
         where = scene.obstacles[i].pose
-        if k.box_wall_gap(row, o) < -OVERLAP_TOLERANCE_M:
+        if k.nearest_wall_gap(row, i) < -OVERLAP_TOLERANCE_M:
             raise SceneError(f"obstacles[{i}].pose", where, "reaches into a wall; move it into the room")
         for j in range(i):
             if k.boxes_gap(row, o, columns[j]) < -OVERLAP_TOLERANCE_M:
                 raise SceneError(f"obstacles[{i}].pose", where, f"overlaps obstacles[{j}]; move them apart")
         if k.box_distance(row, o, person.pose.x, person.pose.y) < person.radius - OVERLAP_TOLERANCE_M:
             raise SceneError("person.pose", person.pose, f"overlaps obstacles[{i}]; move them apart")
-    if scene.room is not None:
-        wall = min(scene.room.length / 2 - abs(person.pose.x), scene.room.width / 2 - abs(person.pose.y))
-        if wall < person.radius - OVERLAP_TOLERANCE_M:
-            raise SceneError("person.pose", person.pose, "stands in a wall or outside the room")
+    if k.nearest_wall_gap(row, len(columns)) < -OVERLAP_TOLERANCE_M:
+        raise SceneError("person.pose", person.pose, "stands in a wall or outside the room")
     for name, pose in (("start", scene.start), ("goal", scene.goal)):
         for i, o in enumerate(columns):
             if k.box_distance(row, o, pose.x, pose.y) < ROBOT_RADIUS_M:
@@ -235,11 +233,13 @@ def check_scene(scene: Scene) -> None:
     setup = _setup(scene.setup)
     _check_seed(scene.seed)
     _check_numbers(scene)
-    for i, obstacle in enumerate(scene.obstacles):
-        if obstacle.height <= setup.lidar.height_m:
-            raise SceneError(
-                f"obstacles[{i}].height", obstacle.height, f"must exceed the lidar's {setup.lidar.height_m} m"
-            )
+    heights = {f"obstacles[{i}].height": obstacle.height for i, obstacle in enumerate(scene.obstacles)}
+    heights["person.height"] = scene.person.height
+    if scene.room is not None:
+        heights["room.wall_height"] = scene.room.wall_height
+    for name, height in heights.items():
+        if height <= setup.lidar.height_m:
+            raise SceneError(name, height, f"must exceed the lidar's {setup.lidar.height_m} m")
     row = scene_to_row(scene)
     _check_bodies(scene, row)
     if math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)) <= scene.goal_radius:
