@@ -221,7 +221,7 @@ class _Content:
         for answer in self.answers:
             if answer.kind != "questionnaire":
                 continue
-            for item, given in answer.value.items():
+            for item, given in sorted(answer.value.items()):
                 is_number = isinstance(given, int | float) and not isinstance(given, bool)
                 yield {
                     "response": answer.id,
@@ -286,7 +286,15 @@ class _Content:
     def _json(self, value: Any) -> str | None:
         if value is None:
             return None
-        return self._scrub(json.dumps(_allowed(value), sort_keys=True, ensure_ascii=False))
+        return json.dumps(self._allowed(value), sort_keys=True, ensure_ascii=False)
+
+    def _allowed(self, value: Any) -> Any:
+        """Plain data without the entries that must not leave the database, its texts scrubbed."""
+        if isinstance(value, dict):
+            return {key: self._allowed(inner) for key, inner in value.items() if key.lower() not in FORBIDDEN_KEYS}
+        if isinstance(value, list):
+            return [self._allowed(inner) for inner in value]
+        return self._scrub(value) if isinstance(value, str) else value
 
     def _scrub(self, text: str | None) -> str | None:
         """The text without any recruiting id of this study, wherever it came in (an address bar, a free-text field)."""
@@ -300,15 +308,6 @@ def _recruiting_words(s: Session, study_id: str) -> list[str]:
     for row in s.scalars(select(RecruitingId).where(RecruitingId.study_id == study_id)):
         words |= {row.external_id, *(value for value in row.details.values() if isinstance(value, str))}
     return sorted((word for word in words if len(word) >= MIN_SCRUBBED_LENGTH), key=len, reverse=True)
-
-
-def _allowed(value: Any) -> Any:
-    """Plain data without the entries that must not leave the database."""
-    if isinstance(value, dict):
-        return {key: _allowed(inner) for key, inner in value.items() if key.lower() not in FORBIDDEN_KEYS}
-    if isinstance(value, list):
-        return [_allowed(inner) for inner in value]
-    return value
 
 
 def _csv(table: Table, rows: Iterable[Row]) -> str:

@@ -12,13 +12,13 @@ import secrets
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from backend.simulation.scene import SceneError
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -164,7 +164,7 @@ def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list
         try:
             content = (folder / name).read_bytes()
             trajectory = Trajectory.from_bytes(content)
-        except (OSError, ValueError, SceneError) as problem:
+        except (OSError, ValueError, KeyError, TypeError, BadZipFile) as problem:
             raise DatasetError(f"{name}: is no trajectory ({problem})") from None
         # The bytes as they came: another machine's compressor may write the same arrays differently.
         if files.put(content) != row["trajectory"]:

@@ -1,0 +1,104 @@
+"""A backup of a running installation comes back whole, or says what is wrong with it."""
+
+from __future__ import annotations
+
+import io
+import tarfile
+from pathlib import Path
+
+import pytest
+from small_study import SmallStudy
+from sqlalchemy import select
+
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.backup import BackupError, backup, restore
+from backend.store.database import Database
+from backend.store.erasure import erase_participant
+from backend.store.models import Response, Setting, TrajectoryRow
+from backend.store.snapshots import load_snapshot, take_snapshot
+
+
+def test_a_backup_taken_while_somebody_writes_comes_back_to_the_same_answers(study: SmallStudy, tmp_path: Path):
+    _, session = study.participant("P1")
+    with study.database.transaction() as s:
+        snapshot = take_snapshot(s, study.files, session_id=session).id
+    with study.database.transaction() as s:
+        s.add(Setting(key="not committed yet", value={}))
+        s.flush()
+        said = backup(study.database, study.files, tmp_path / "backups" / "monday.tar")
+    assert said["artefacts"] == 11
+    assert said["missing"] == []
+    assert [path.name for path in (tmp_path / "backups").iterdir()] == ["monday.tar"]
+    assert (tmp_path / "backups" / "monday.tar").stat().st_mode & 0o077 == 0
+    study.participant("P2", drives=100)  # after the backup
+
+    back = restore(tmp_path / "backups" / "monday.tar", tmp_path / "new" / "data")
+    assert back["artefacts"] == 11
+    database = Database(f"sqlite:///{tmp_path / 'new' / 'data' / 'desirepath.sqlite'}")
+    files = ArtefactStore((tmp_path / "new" / "data" / "artefacts").as_uri())
+    database.migrate()
+    with database.session() as s:
+        assert s.get(Setting, "not committed yet") is None
+        assert set(s.scalars(select(Response.session_id))) == {session}
+        assert len(load_snapshot(s, files, snapshot).answers) == 4
+        for trajectory_id in s.scalars(select(TrajectoryRow.id)):
+            load_trajectory(files, trajectory_id)
+
+
+def test_a_damaged_or_foreign_file_is_refused_and_nothing_is_put_in_place(study: SmallStudy, tmp_path: Path):
+    study.participant("P1")
+    backup(study.database, study.files, tmp_path / "good.tar")
+    good = (tmp_path / "good.tar").read_bytes()
+    middle = good.index(b"SQLite format 3") + 5_000
+    broken = {
+        "flipped.tar": good[:middle] + bytes([good[middle] ^ 1]) + good[middle + 1 :],
+        "cut.tar": good[: len(good) // 2],
+        "text.tar": b"Dear diary",
+    }
+    for name, content in broken.items():
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(BackupError, match=name):
+            restore(tmp_path / name, tmp_path / "new")
+    with pytest.raises(BackupError, match=r"missing\.tar"):
+        restore(tmp_path / "missing.tar", tmp_path / "new")
+    assert not [path for path in (tmp_path / "new").iterdir() if "sqlite" in path.name]
+
+
+def test_no_path_in_an_archive_is_followed(tmp_path: Path):
+    with tarfile.open(tmp_path / "evil.tar", "w") as tar:
+        manifest = b'{"format": "desirepath-backup-1", "made_at": "", "missing": [], "sha256": {"../../x": "0"}}'
+        for name, content in (("manifest.json", manifest), ("../../x", b"")):
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            tar.addfile(member, io.BytesIO(content))
+    with pytest.raises(BackupError, match="damaged"):
+        restore(tmp_path / "evil.tar", tmp_path / "a" / "b" / "c")
+    assert not (tmp_path / "a" / "x").exists()
+
+
+def test_nothing_is_overwritten(study: SmallStudy, tmp_path: Path):
+    (tmp_path / "taken.tar").write_text("another one")
+    with pytest.raises(BackupError, match="exists already"):
+        backup(study.database, study.files, tmp_path / "taken.tar")
+    backup(study.database, study.files, tmp_path / "free.tar")
+    with pytest.raises(BackupError, match="empty data folder"):
+        restore(tmp_path / "free.tar", tmp_path)
+
+
+def test_what_is_missing_is_told_but_not_what_an_erasure_removed(study: SmallStudy, tmp_path: Path):
+    person, _ = study.participant("P1")
+    study.participant("P2", drives=100)
+    with study.database.transaction() as s:
+        take_snapshot(s, study.files, study_id=study.id)
+    erase_participant(study.database, study.files, person, by="tester")
+    assert backup(study.database, study.files, tmp_path / "a.tar")["missing"] == []
+    with study.database.session() as s:
+        lost = s.scalars(select(TrajectoryRow.id)).first()
+    study.files.delete(lost)
+    assert backup(study.database, study.files, tmp_path / "b.tar")["missing"] == [lost]
+
+
+def test_a_postgresql_installation_is_sent_to_its_own_tools(files: ArtefactStore, tmp_path: Path):
+    elsewhere = Database("postgresql://nobody@127.0.0.1:1/nothing")  # never connected to
+    with pytest.raises(BackupError, match="pg_dump"):
+        backup(elsewhere, files, tmp_path / "a.tar")

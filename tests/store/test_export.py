@@ -1,0 +1,321 @@
+"""A study leaves as a data set that is complete, marked and safe to share, and comes back to the same answers."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from small_study import SmallStudy, trajectory
+from sqlalchemy import select, update
+
+from backend.store.artefacts import ArtefactError, ArtefactStore
+from backend.store.database import Database
+from backend.store.dataset import CHECKSUMS_FILE, TABLES, data_dictionary
+from backend.store.events import log_event
+from backend.store.export import ExportError, export_study
+from backend.store.importing import DatasetError, import_dataset
+from backend.store.models import Participant, Response, Session, Study, Trial, utc_now
+from backend.store.snapshots import load_snapshot, take_snapshot
+
+FORMULA = '=HYPERLINK("http://evil.example","click")'
+
+
+@pytest.fixture
+def full(study: SmallStudy) -> SmallStudy:
+    """Three people and a bot; one excluded, one withdrawn; free text that a spreadsheet would run."""
+    _, session = study.participant("P1", secret=FORMULA)
+    excluded, _ = study.participant("P2", choices="bb", drives=100)
+    withdrawn, _ = study.participant("P3", choices="", drives=200)
+    study.participant("bot", choices="aa", drives=300, simulated=True)
+    with study.database.transaction() as s:
+        s.get(Participant, excluded).excluded_at = utc_now()
+        s.get(Participant, excluded).excluded_reason = "-asleep"
+        s.get(Participant, withdrawn).withdrawn_at = utc_now()
+        log_event(s, "opened", session_id=session, address="/join?PROLIFIC_PID=prolific-P1-" + FORMULA)
+        s.execute(
+            update(Trial)
+            .where(Trial.step_key == "trial-4")
+            .values(kind="comparison", arms={"a": "base", "b": "own", "own": "b"})
+        )
+    return study
+
+
+@pytest.fixture
+def exported(full: SmallStudy, tmp_path: Path) -> Path:
+    export_study(full.database, full.files, full.id, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def csv_rows(folder: Path, table: str) -> list[dict[str, str]]:
+    with (folder / f"{table}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def parquet_rows(folder: Path, table: str) -> list[dict[str, object]]:
+    return pq.read_table(folder / f"{table}.parquet").to_pylist()
+
+
+def test_the_tables_hold_every_row_with_its_marks(exported: Path):
+    people = {row["participant"]: row for row in parquet_rows(exported, "participants")}
+    assert list(people) == ["P1", "P2", "P3", "bot"]
+    assert [name for name, row in people.items() if row["excluded"]] == ["P2"]
+    assert [name for name, row in people.items() if row["withdrawn"]] == ["P3"]
+    assert [name for name, row in people.items() if row["simulated"]] == ["bot"]
+    assert json.loads(people["bot"]["oracle"]) == {"name": "min-human-distance", "noise": 0.0}
+    responses = parquet_rows(exported, "responses")
+    assert len(responses) == 4 * 2 + 4 + 2 + 0 + 2  # learning trial and questionnaire each, and the answers
+    assert sum(row["learning"] for row in responses) == 4
+    assert {row["participant"] for row in responses if row["excluded"]} == {"P2"}
+    first = next(row for row in responses if row["participant"] == "P1" and row["step"] == "trial-1")
+    assert (first["choice"], first["view"], first["decision_s"]) == ("a", "top_down", 1.25)
+    assert first["created_at"].isoformat() == "2026-11-02T09:30:19+00:00"
+    sessions = parquet_rows(exported, "sessions")
+    assert json.loads(sessions[0]["device"]) == {"width": 1280}
+    assert len(parquet_rows(exported, "trials")) == 12
+    comparison = [row for row in parquet_rows(exported, "trials") if row["kind"] == "comparison"]
+    assert [json.loads(row["arms"])["own"] for row in comparison] == ["b"]
+    items = [row for row in parquet_rows(exported, "questionnaire_items") if row["participant"] == "P2"]
+    assert {row["item"]: (row["answer"], row["answer_number"]) for row in items} == {
+        "age": ("44", 44.0),
+        "remark": ("fine", None),
+        "presence": ("6", 6.0),
+        "devices": ('["tablet", "laptop"]', None),
+    }
+    events = parquet_rows(exported, "events")
+    assert [row["number"] for row in events] == list(range(1, len(events) + 1))
+
+
+def test_csv_and_parquet_say_the_same(exported: Path):
+    for table in TABLES:
+        if not table.csv:
+            continue
+        exact, readable = parquet_rows(exported, table.name), csv_rows(exported, table.name)
+        assert len(exact) == len(readable)
+        for row, text in zip(exact, readable, strict=True):
+            for column in table.columns:
+                value, cell = row[column.name], text[column.name]
+                if value is None:
+                    assert cell == ""
+                elif isinstance(value, bool):
+                    assert cell == str(value).lower()
+                elif isinstance(value, int | float):
+                    assert float(cell) == value
+                elif isinstance(value, str):
+                    assert cell in (value, f"'{value}")
+
+
+def test_pairs_are_chosen_and_rejected_drives(exported: Path):
+    pairs = [row for row in parquet_rows(exported, "pairs") if row["participant"] == "P1" and not row["learning"]]
+    assert [row["chosen_shown"] for row in pairs] == ["first", "second", "first", "second"]
+    assert pairs[0]["chosen"] == trajectory(2).digest()
+    assert pairs[0]["rejected"] == trajectory(3).digest()
+    assert pairs[1]["chosen"] == trajectory(5).digest()
+    assert [row["kind"] for row in pairs] == ["query", "query", "query", "comparison"]
+    assert {row["source"] for row in parquet_rows(exported, "pairs") if row["participant"] == "bot"} == {"simulated"}
+
+
+def test_trajectories_come_with_states_actions_rewards_and_scene(exported: Path):
+    drive = trajectory(3)
+    row = next(r for r in parquet_rows(exported, "trajectories") if r["trajectory"] == drive.digest())
+    assert (row["outcome"], row["steps"], row["setup"]) == ("success", 6, "study_room")
+    assert json.loads(row["scene"]) == json.loads(json.dumps(drive.scene.as_dict()))
+    steps = [r for r in parquet_rows(exported, "trajectory_steps") if r["trajectory"] == drive.digest()]
+    assert np.allclose([[r["x_m"], r["y_m"], r["yaw_rad"]] for r in steps], drive.poses[:-1])
+    assert np.allclose([[r["next_x_m"], r["next_y_m"], r["next_yaw_rad"]] for r in steps], drive.poses[1:])
+    assert np.array_equal(np.array([r["observation"] for r in steps], dtype=np.float32), drive.observations)
+    assert np.array_equal(np.array([r["next_observation"] for r in steps], dtype=np.float32), drive.next_observations)
+    assert np.allclose([[r["action_linear"], r["action_angular"]] for r in steps], drive.actions)
+    assert np.allclose([r["reward"] for r in steps], drive.rewards)
+    assert [r["done"] for r in steps] == drive.dones.tolist()
+    assert (exported / "trajectories" / f"{drive.digest()}.npz").read_bytes() == drive.to_bytes()
+
+
+def test_the_study_file_names_protocol_licence_citation_and_units(exported: Path):
+    about = json.loads((exported / "study.json").read_text())
+    assert about["licence"] == "CC-BY-4.0"
+    assert "Passing people" in about["citation"]
+    assert about["protocol"]["sha256"] == hashlib.sha256(b"protocol").hexdigest()
+    layout = about["setups"]["study_room"]["observation_layout"]
+    assert layout[0] == {"name": "goal_distance", "unit": "m", "divided_by": 10.0}
+    assert len(layout) == len(parquet_rows(exported, "trajectory_steps")[0]["observation"])
+    assert (exported / "protocol" / "protocol.yaml").read_bytes().startswith(b"protocol: quick_preference_study\r\n")
+    assert (exported / "protocol" / "texts" / "information.md").read_text() == "# Über diese Studie\n"
+
+
+def test_what_identifies_a_person_does_not_leave(full: SmallStudy, exported: Path):
+    with full.database.session() as s:
+        tokens = s.scalars(select(Study.recruiting_token)).all() + s.scalars(select(Session.token_hash)).all()
+        people = s.scalars(select(Participant.id)).all()
+    secret = [*tokens, *people, "prolific-", "recruiter-study-1", "done-P1", "user_agent", "Browser "]
+    found = [
+        (path.name, word)
+        for path in exported.rglob("*")
+        if path.is_file()
+        for word in secret
+        if word.encode() in path.read_bytes()
+    ]
+    for table in TABLES:  # Parquet is compressed: look inside
+        found += [(table.name, w) for row in parquet_rows(exported, table.name) for w in secret if w in str(row)]
+    assert found == []
+    opened = next(row for row in parquet_rows(exported, "events") if row["kind"] == "opened")
+    assert json.loads(opened["data"]) == {"address": "/join?PROLIFIC_PID=[removed]"}
+
+
+def test_no_cell_starts_a_formula(exported: Path):
+    cells = [
+        cell
+        for path in exported.glob("*.csv")
+        for row in csv.reader(path.open(encoding="utf-8", newline=""))
+        for cell in row
+    ]
+    assert f"'{FORMULA}" in cells
+    assert "'-asleep" in cells
+    dangerous = [
+        c for c in cells if c.startswith(("=", "+", "@", "\t", "\r", "\n")) or (c[:1] == "-" and not number(c))
+    ]
+    assert dangerous == []
+
+
+def number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def test_checksums_cover_every_file_and_are_what_the_command_says(full: SmallStudy, exported: Path, tmp_path: Path):
+    checked = subprocess.run(["sha256sum", "-c", CHECKSUMS_FILE], cwd=exported, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
+    said = export_study(full.database, full.files, full.id, tmp_path / "again")
+    present = {path.relative_to(exported).as_posix() for path in exported.rglob("*") if path.is_file()}
+    assert {file["path"] for file in said["files"]} == present
+    by_name = {file["path"]: file for file in said["files"]}
+    assert by_name["responses.csv"]["rows"] == len(csv_rows(exported, "responses"))
+    for name, file in by_name.items():  # the same data give the same bytes
+        assert hashlib.sha256((exported / name).read_bytes()).hexdigest() == file["sha256"], name
+
+
+def test_an_export_comes_back_to_the_same_answers(full: SmallStudy, exported: Path, tmp_path: Path):
+    there, their_files = (
+        Database(f"sqlite:///{tmp_path / 'there.sqlite'}"),
+        ArtefactStore((tmp_path / "there").as_uri()),
+    )
+    there.migrate()
+    said = import_dataset(there, their_files, exported)
+    assert said == {"study": full.id, "participants": 4, "sessions": 4, "responses": 16, "trajectories": 24}
+    export_study(there, their_files, full.id, tmp_path / "back")
+    for table in TABLES:
+        assert parquet_rows(tmp_path / "back", table.name) == parquet_rows(exported, table.name), table.name
+    assert (tmp_path / "back" / "study.json").read_bytes() == (exported / "study.json").read_bytes()
+    with full.database.session() as here, there.session() as s:
+        assert s.get(Study, full.id).state == "closed"
+        same = select(Response.id, Response.value, Response.created_at).order_by(Response.id)
+        assert s.execute(same).all() == here.execute(same).all()
+    with full.database.transaction() as s:
+        original = load_snapshot(s, full.files, take_snapshot(s, full.files, study_id=full.id).id)
+    with there.transaction() as s:
+        imported = load_snapshot(s, their_files, take_snapshot(s, their_files, study_id=full.id).id)
+    assert imported == original
+
+
+def test_importing_twice_is_refused(full: SmallStudy, exported: Path):
+    with pytest.raises(DatasetError, match="is in this database already"):
+        import_dataset(full.database, full.files, exported)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda d: (d / "responses.parquet").write_bytes(b"x"), "responses.parquet: was changed"),
+        (lambda d: (d / "trials.csv").unlink(), "trials.csv: is missing"),
+        (lambda d: (d / "extra.txt").write_text("x"), "extra.txt: is not listed"),
+        (lambda d: (d / CHECKSUMS_FILE).unlink(), "is no exported data set"),
+    ],
+)
+def test_a_data_set_that_was_touched_is_refused(exported: Path, tmp_path: Path, damage: object, message: str):
+    damage(exported)
+    fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
+    fresh.migrate()
+    with pytest.raises(DatasetError, match=message):
+        import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), exported)
+
+
+def forge(folder: Path, name: str, content: bytes) -> None:
+    """Change a file together with its checksum, as somebody who means it would."""
+    (folder / name).write_bytes(content)
+    lines = (folder / CHECKSUMS_FILE).read_text().splitlines()
+    sha = hashlib.sha256(content).hexdigest()
+    (folder / CHECKSUMS_FILE).write_text(
+        "".join(f"{sha if line.endswith('  ' + name) else line[:64]}{line[64:]}\n" for line in lines)
+    )
+
+
+def test_a_forged_data_set_leaves_nothing_behind(exported: Path, tmp_path: Path):
+    fresh, store = Database(f"sqlite:///{tmp_path / 'there.sqlite'}"), ArtefactStore((tmp_path / "there").as_uri())
+    fresh.migrate()
+    name = f"trajectories/{trajectory(3).digest()}.npz"
+    pickled = tmp_path / "objects.npz"
+    np.savez(pickled, poses=np.array([{"run": "me"}], dtype=object))
+    original = (exported / name).read_bytes()
+    forged = {
+        pickled.read_bytes(): "is no trajectory",
+        b"x": "is no trajectory",
+        trajectory(999).to_bytes(): "than its",
+    }
+    for content, message in forged.items():
+        forge(exported, name, content)
+        with pytest.raises(DatasetError, match=message):
+            import_dataset(fresh, store, exported)
+    forge(exported, name, original)
+    forge(exported, "sessions.parquet", (exported / "participants.parquet").read_bytes())
+    with pytest.raises(DatasetError, match=r"sessions.parquet: column 'session' \(text\) is missing"):
+        import_dataset(fresh, store, exported)
+    with fresh.session() as s:
+        assert s.scalars(select(Study)).all() == []
+        assert s.scalars(select(Participant)).all() == []
+
+
+def test_a_folder_that_holds_something_is_not_written_into(full: SmallStudy, tmp_path: Path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("three years of work")
+    with pytest.raises(ExportError, match="is not an empty folder"):
+        export_study(full.database, full.files, full.id, tmp_path / "out")
+    with pytest.raises(LookupError, match="no study"):
+        export_study(full.database, full.files, "unknown", tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
+def test_an_export_that_fails_leaves_no_half_data_set(full: SmallStudy, tmp_path: Path):
+    full.files.delete(trajectory(3).digest())
+    with pytest.raises(ArtefactError, match="is not in the artefact store"):
+        export_study(full.database, full.files, full.id, tmp_path / "exports" / "out")
+    assert list((tmp_path / "exports").iterdir()) == []
+
+
+def test_a_study_without_answers_exports_empty_tables(study: SmallStudy, tmp_path: Path):
+    said = export_study(study.database, study.files, study.id, tmp_path / "out")
+    rows = {file["path"]: file["rows"] for file in said["files"]}
+    assert rows["responses.csv"] == rows["trajectory_steps.parquet"] == 0
+    assert csv_rows(tmp_path / "out", "responses") == []
+
+
+def test_the_dictionary_in_the_docs_is_the_one_in_the_data_sets():
+    text = (Path(__file__).resolve().parents[2] / "docs" / "data-dictionary.md").read_text()
+    assert text == data_dictionary()
+    assert all(f"`{column.name}`" in text for table in TABLES for column in table.columns)
+
+
+def test_an_export_can_be_moved_and_read_elsewhere(exported: Path, tmp_path: Path):
+    shutil.move(exported, tmp_path / "elsewhere")
+    fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
+    fresh.migrate()
+    said = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), tmp_path / "elsewhere")
+    assert said["responses"] == 16
