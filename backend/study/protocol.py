@@ -33,6 +33,7 @@ from backend.study.schema import (
 from backend.study.source import Problem, ProtocolError, Source
 
 PROTOCOLS = Path(__file__).resolve().parents[2] / "study_protocols"
+DATASETS = PROTOCOLS.parent / "datasets"
 POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
 M = TypeVar("M", bound=BaseModel)
 Read = Callable[[str], str | None]
@@ -102,7 +103,11 @@ def freeze_text(text: str, *, file: str = "protocol.yaml", folder: Path = PROTOC
         except (OSError, UnicodeDecodeError):
             return None
 
-    return _frozen(text, file, read)
+    frozen = _frozen(text, file, read)
+    problem = _query_set(frozen.protocol.query_set, Source(file, text))
+    if problem:
+        raise ProtocolError([problem])
+    return frozen
 
 
 def thaw(study: Study) -> FrozenProtocol:
@@ -149,7 +154,7 @@ def _frozen(text: str, file: str, read: Read) -> FrozenProtocol:
     for index, entry in enumerate(protocol.stages):
         here = ("stages", index, entry.kind)
         if isinstance(entry.stage, QuestionnaireStage):
-            wanted = [(entry.stage.use, (*here, "use"))]
+            wanted: list[tuple[str, yaml_source.Path]] = [(entry.stage.use, (*here, "use"))]
         elif isinstance(entry.stage, TrainStage) and entry.stage.meanwhile:
             wanted = [(entry.stage.meanwhile.questionnaire, (*here, "while", "questionnaire"))]
         else:
@@ -219,6 +224,17 @@ def _texts(
         else:
             files[chosen] = content
     return [source.problem(path, f"needs the file {', '.join(missing)} beside the protocol")] if missing else []
+
+
+def _query_set(name: str, source: Source) -> Problem | None:
+    """Whether there is such a query set, without opening it (`learning` and torch take seconds to import)."""
+    shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/queries*.npz"))
+    if name in shipped or (name.endswith(".npz") and Path(name).is_file()):
+        return None
+    allowed = ", ".join(shipped) or "none"
+    return source.problem(
+        ("query_set",), f"is no query set; shipped are: {allowed}; or the path of a .npz file{_meant(name, shipped)}"
+    )
 
 
 def _localized(text: dict[str, str], path: yaml_source.Path, protocol: Protocol, source: Source) -> list[Problem]:
@@ -355,7 +371,7 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     return None
 
 
-# ---- for the experimenter's page ---------------------------------------------------------------------------------------
+# ---- for the experimenter's page -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -428,4 +444,3 @@ def expected_minutes(protocol: Protocol, *, seconds_per_drive: float = 9.0) -> f
         else:
             pages += 1
     return round((trials * per_trial + pages * 30.0) / 60.0, 1)
-

@@ -1,0 +1,122 @@
+"""From a participant's answers to the comparison: starts the alignment, and turns its result into blind trials.
+
+The alignment itself is a job (`backend/jobs`); which step comes next is decided in `machine.py`.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.events import log_event
+from backend.store.models import Job, Response, Session, Study, TrajectoryRow, Trial
+from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
+from backend.store.snapshots import SnapshotError, take_snapshot
+from backend.study.planning import Step
+from backend.study.schema import Protocol, TrainStage
+
+SIMULATED_WAITS = 5  # ours: bots wait behind people
+LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
+
+
+def train_stage(protocol: Protocol) -> TrainStage:
+    """The protocol's train stage."""
+    return next(entry.train for entry in protocol.stages if entry.train)
+
+
+def start_training(
+    s: DatabaseSession, files: ArtefactStore, session: Session, study: Study, protocol: Protocol
+) -> Job | None:
+    """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
+
+    Too few answers: no job; the session's `personalisation` says so.
+    """
+    stage = train_stage(protocol)
+    try:
+        snapshot = take_snapshot(s, files, session_id=session.id)
+    except SnapshotError as problem:
+        session.personalisation = "too_few_answers"
+        log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
+        return None
+    scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
+    job = enqueue_job(
+        s,
+        stage.job,
+        {
+            "snapshot": snapshot.id,
+            "setup": snapshot.setup,
+            "recipe": stage.recipe,
+            "comparisons": scenes,
+            "seed": session.seed % (LARGEST_JOB_SEED + 1),
+        },
+        priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
+        study_id=study.id,
+        session_id=session.id,
+        created_by="study",
+    )
+    log_event(s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id)
+    return job
+
+
+def job_of(s: DatabaseSession, session: Session) -> Job | None:
+    """The session's alignment: the newest one that the study or a retry started."""
+    return s.scalars(
+        select(Job)
+        .where(Job.session_id == session.id, Job.kind == "align")
+        .order_by(Job.created_at.desc(), Job.id)
+        .limit(1)
+    ).first()
+
+
+def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: datetime) -> str | None:
+    """How the alignment stands for somebody who waits: None means not ready and still worth waiting for.
+
+    Else: shown, job_failed, late, gate_not_passed, too_few_answers.
+    """
+    if session.personalisation is not None:
+        return session.personalisation
+    job = job_of(s, session)
+    if job is None:
+        return "too_few_answers"
+    if job.state == "succeeded":
+        result = job.result or {}
+        if not result.get("passed"):
+            return "gate_not_passed"
+        return "shown" if result.get("comparisons") else "job_failed"
+    if job.state in ("failed", "cancelled", "cancelling"):
+        return "job_failed"
+    last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
+    since = max(job.created_at, last) if last else job.created_at
+    return "late" if now - since > timedelta(seconds=train_stage(protocol).give_up_after_s) else None
+
+
+def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int:
+    """The comparison trials from the job's drives; sides as the plan's lot says. Returns how many there are."""
+    job = job_of(s, session)
+    comparisons = (job.result or {})["comparisons"] if job is not None else []
+    planned: list[tuple[int, Step]] = [(i, step) for i, step in enumerate(session.plan) if step["kind"] == "comparison"]
+    pairs = list(zip(planned, comparisons, strict=False))
+    for (index, step), drives in pairs:
+        base = s.get(TrajectoryRow, drives["base"])
+        own, other = job.result["policy"], base.made_by if base is not None else None
+        a, b = ("own", "base") if step["turned"] else ("base", "own")
+        policies = {"own": own, "base": other}
+        s.add(
+            Trial(
+                session_id=session.id,
+                step_key=step["key"],
+                index=index,
+                block=step["stage"],
+                kind="comparison",
+                view=step["view"],
+                trajectory_a=drives[a],
+                trajectory_b=drives[b],
+                arms={"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"},
+                phase_since=now,
+            )
+        )
+    s.flush()
+    return len(pairs)
