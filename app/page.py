@@ -14,13 +14,15 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `webgl-missing`, `webgl-lost`, `webgl-restored` | | |
 | `replaced` | | the same stage was opened elsewhere; this one stays still |
 | `key` | `key` | a key pressed while the stage had the focus (A and B, say) |
-| `state` | `connected, ready, playback_id` | the answer to the parent's `{type: "hello"}` |
+| `state` | `connected, ready, webgl, playback_id` | the answer to the parent's `{type: "hello"}` |
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 
 from app import viser_hooks
@@ -29,11 +31,21 @@ _CLIENT = Path(__file__).parent / "client"
 _SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", "stage.js")
 
 
-def stage_page(page_origin: str) -> str:
-    """The page as HTML. page_origin: the only window that may hold it and hear from it, like "https://host:9400"."""
+@dataclass(frozen=True)
+class StagePage:
+    """The page's bytes and their strong ETag, so that a reload need not fetch three megabytes again."""
+
+    html: bytes
+    etag: str
+
+
+@lru_cache(maxsize=8)
+def stage_page(page_origin: str) -> StagePage:
+    """The page. page_origin: the only window that may hold it and hear from it, like "https://host:9400"."""
     config = json.dumps({"pageOrigin": page_origin}).replace("<", "\\u003c")
     head, tail = _parts()
-    return f"{head}<script>window.desirePathConfig = {config};</script>{tail}"
+    html = f"{head}<script>window.desirePathConfig = {config};</script>{tail}".encode()
+    return StagePage(html, f'"{hashlib.sha256(html).hexdigest()[:32]}"')
 
 
 @cache

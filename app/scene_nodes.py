@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import viser
@@ -38,13 +39,14 @@ def build(
     api.add_glb(f"{root}/place", to_glb(ground), cast_shadow=False, receive_shadow=False)
 
     person = scene.person
-    turn = _about_z(person.pose.yaw)
-    spot = (person.pose.x, person.pose.y, 0.0)
-    marks = [Surface(figures.person_place(facing=view == "top_down"), translucent=True)]
-    if view == "top_down":  # in the other two the participant stands there
-        marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
-        marks.append(Surface(figures.mannequin(person.height)))
-    api.add_glb(f"{root}/person", to_glb(marks), position=spot, wxyz=turn, cast_shadow=False, receive_shadow=False)
+    api.add_glb(
+        f"{root}/person",
+        _person(person.height, seen=view == "top_down"),  # in the other two the participant stands there
+        position=(person.pose.x, person.pose.y, 0.0),
+        wxyz=_about_z(person.pose.yaw),
+        cast_shadow=False,
+        receive_shadow=False,
+    )
     meshes.append(f"{root}/person")
 
     frames = []
@@ -53,8 +55,7 @@ def build(
         api.add_frame(
             frame, show_axes=False, position=(scene.start.x, scene.start.y, 0.0), wxyz=_about_z(scene.start.yaw)
         )
-        body = [Surface(figures.robot_glow(colours), translucent=True), Surface(figures.robot(colours))]
-        api.add_glb(f"{frame}/body", to_glb(body), cast_shadow=False, receive_shadow=False)
+        api.add_glb(f"{frame}/body", _robot(colours), cast_shadow=False, receive_shadow=False)
         frames.append(frame)
         meshes.append(f"{frame}/body")
     return Nodes(tuple(meshes), tuple(frames))
@@ -64,7 +65,24 @@ def add_path(api: viser.SceneApi, name: str, poses: np.ndarray, colour: tuple[in
     """A path on the floor for analysts. poses: (N, 3) metres and radians."""
     points = np.concatenate([poses[:, :2], np.full((len(poses), 1), 0.02)], axis=1).astype(np.float32)
     segments = np.stack([points[:-1], points[1:]], axis=1)
-    api.add_line_segments(name, segments, colour, thickness=3.0, thickness_units="screen")
+    # viser takes line colours to linear light; the page shows them unconverted, so they are sent brighter.
+    encoded = tuple(round(255 * (part / 255) ** (1 / 2.2)) for part in colour)
+    api.add_line_segments(name, segments, encoded, thickness=3.0, thickness_units="screen")
+
+
+@cache
+def _robot(colours: figures.RobotColours) -> bytes:
+    return to_glb([Surface(figures.robot_glow(colours), translucent=True), Surface(figures.robot(colours))])
+
+
+@cache
+def _person(height: float, *, seen: bool) -> bytes:
+    """The person's place, and the person on it when they are `seen`."""
+    marks = [Surface(figures.person_place(facing=seen), translucent=True)]
+    if seen:
+        marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
+        marks.append(Surface(figures.mannequin(height)))
+    return to_glb(marks)
 
 
 def _about_z(yaw: float) -> tuple[float, float, float, float]:

@@ -16,7 +16,7 @@ import numpy as np
 import viser
 
 from app import figures, scene_nodes, viser_hooks
-from app.views import View, camera_for, require_view
+from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
@@ -72,10 +72,12 @@ class Stage:
     ) -> None:
         """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
 
-        Builds the scene first when another one stands there. label: "A", "B", or "" for none.
+        Builds the scene first when another one stands there, or one whose frame is too small for this trajectory.
+        label: "A", "B", or "" for none. trajectories: as for `show`.
         """
         with self._lock:
-            self._show(trajectory.scene, require_view(view), trajectories or (trajectory,), (figures.NEUTRAL,))
+            if not self._stands(trajectory, require_view(view)):
+                self._show(trajectory.scene, require_view(view), trajectories or (trajectory,), (figures.NEUTRAL,))
             self._run(
                 {
                     "type": "play",
@@ -142,6 +144,16 @@ class Stage:
     @property
     def _root(self) -> str:
         return f"/scene{self._shown}"
+
+    def _stands(self, trajectory: Trajectory, view: View) -> bool:
+        """Whether the scene that is shown will do for this trajectory, so that B is not framed anew after A."""
+        now = self._showing
+        if now is None or (now.scene, now.view, now.robots) != (trajectory.scene, view, (figures.NEUTRAL,)):
+            return False
+        need = frame_of(trajectory.scene, (trajectory,))
+        return all(a <= b for a, b in zip(now.frame[:2], need[:2], strict=True)) and all(
+            a >= b for a, b in zip(now.frame[2:], need[2:], strict=True)
+        )
 
     def _show(
         self, scene: Scene, view: View, trajectories: Sequence[Trajectory], robots: tuple[figures.RobotColours, ...]

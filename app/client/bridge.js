@@ -8,7 +8,7 @@
   "use strict";
   const { pageOrigin } = window.desirePathConfig;
   /** @type {Record<string, unknown>} */
-  const state = { connected: false, ready: false, playback_id: null };
+  const state = { connected: false, ready: false, webgl: true, playback_id: null };
 
   /** @param {string} type @param {Record<string, unknown>} [detail] */
   function post(type, detail = {}) {

@@ -3,6 +3,8 @@
 (() => {
   "use strict";
   const MAX_PITCH = 1.4;
+  const ASLANT_RAD = 1.0;
+  const ASLANT_FOV_RAD = 0.6;
   const TRACKED_HEIGHT_M = 0.3; // as app/views.py
 
   /** @type {{view: string, eye: number[], target: number[], fov_rad: number, frame: number[]} | null} */
@@ -26,6 +28,21 @@
     const distance = Math.min(upright, up[0] ? lying : upright) / 2 / Math.tan(camera.fov_rad / 2);
     const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
     window.desirePath.viser.look({ eye: [...middle, distance], target: [...middle, 0], up, fovRad: camera.fov_rad });
+  }
+
+  function lookFromAslant() {
+    if (!camera) return;
+    const [xMin, yMin, xMax, yMax] = camera.frame;
+    const [width, height] = [xMax - xMin, yMax - yMin];
+    const aspect = window.innerWidth / Math.max(1, window.innerHeight);
+    const [long, short] = [Math.max(width, height), Math.min(width, height)];
+    const distance = (0.58 * Math.max(long / aspect, short)) / Math.tan(ASLANT_FOV_RAD / 2) + short / 4;
+    const back = distance * Math.cos(ASLANT_RAD);
+    const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
+    const eye = width >= height ? [middle[0], middle[1] - back] : [middle[0] - back, middle[1]];
+    window.desirePath.viser.look({
+      eye: [...eye, distance * Math.sin(ASLANT_RAD)], target: [...middle, 0], up: [0, 0, 1], fovRad: ASLANT_FOV_RAD,
+    });
   }
 
   function lookByGaze() {
@@ -52,6 +69,7 @@
     /** @param {NonNullable<typeof camera>} next */
     use(next) {
       free = false;
+      window.desirePath.viser.orbit(false);
       camera = next;
       document.documentElement.dataset.view = next.view;
       delete document.documentElement.dataset.camera;
@@ -78,9 +96,11 @@
       pitch = Math.max(-MAX_PITCH, Math.min(MAX_PITCH, pitch + up));
       apply();
     },
-    /** Hand the camera to viser's own controls (analysts' replay). */
+    /** Hand the camera to viser's own controls (analysts' replay); from above it first leans back to show height. */
     release() {
+      if (camera?.view === "top_down") lookFromAslant();
       free = true;
+      window.desirePath.viser.orbit(true);
       document.documentElement.dataset.camera = "free";
     },
   };

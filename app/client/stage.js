@@ -66,6 +66,8 @@
     }
   };
 
-  const probe = document.createElement("canvas");
-  if (!probe.getContext("webgl2")) bridge.post("webgl-missing");
+  const probe = document.createElement("canvas").getContext("webgl2");
+  bridge.state.webgl = Boolean(probe);
+  if (probe) probe.getExtension("WEBGL_lose_context")?.loseContext();
+  else bridge.post("webgl-missing");
 })();

@@ -8,6 +8,7 @@
   const { bridge } = window.desirePath;
   let replaced = false;
   let cameraReported = false;
+  let lost = false;
 
   // viser only reconnects while its document has the focus; ours sits in an iframe that rarely has it.
   document.hasFocus = () => !replaced;
@@ -16,10 +17,12 @@
   function fromWorker(data) {
     if (data?.type === "connected") {
       cameraReported = false;
+      lost = false;
       bridge.state.connected = true;
       document.documentElement.dataset.link = "up";
       bridge.post("connected");
-    } else if (data?.type === "closed" && bridge.state.connected) {
+    } else if (data?.type === "closed" && !lost) {
+      lost = true; // once per loss, not once per attempt; also when the very first attempt fails
       bridge.state.connected = false;
       bridge.state.ready = false;
       document.documentElement.dataset.link = "lost";
@@ -96,6 +99,11 @@
       const to = vector(target);
       cameraControl.setLookAt(from.x, from.y, from.z, to.x, to.y, to.z, false);
       mutable().requestRender();
+    },
+
+    /** @param {boolean} free whether viser's own controls may turn the camera: above the floor, never under it */
+    orbit(free) {
+      mutable().cameraControl.maxPolarAngle = free ? 1.45 : Math.PI;
     },
 
     /** Colours as they were baked, without any conversion; and not the empty background that viser draws over all. */

@@ -148,12 +148,16 @@ class StageDoor:
             "base-uri": "'none'",
             "form-action": "'none'",
         }
+        page = stage_page(origins.page)
+        known = page.etag in request.headers.get("if-none-match", "")
         return Response(
-            stage_page(origins.page),
+            b"" if known else page.html,
+            status_code=304 if known else 200,
             media_type="text/html",
             headers={
                 "Content-Security-Policy": "; ".join(f"{name} {value}" for name, value in policy.items()),
-                "Cache-Control": "no-store",
+                "Cache-Control": "private, no-cache",  # kept, but admission is asked every time
+                "ETag": page.etag,
                 "Referrer-Policy": "no-referrer",
                 "X-Content-Type-Options": "nosniff",
                 "Cross-Origin-Resource-Policy": "same-site",

@@ -23,7 +23,8 @@ from starlette.routing import Route
 from app.server import StageServer
 from app.stage import Stage
 from backend.api.stage_proxy import UVICORN_OPTIONS, StageDoor, StageGrant, same_host_origins, two_origins
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene
+from backend.simulation.scene import Scene
+from backend.simulation.scenes import draw_scene
 from backend.simulation.trajectory import Outcome, Trajectory
 
 CHROMIUM_FLAGS = [
@@ -146,10 +147,12 @@ class Visitor:
         raise AssertionError(f"no {type_} {fields} within {timeout_s} s; events: {self.events()}")
 
     def camera(self) -> list[float]:
-        """Camera position and look direction in viser's own frame."""
+        """Camera position (m) and look direction, both in the world frame, z up."""
         pose: list[float] = self.frame.evaluate(
-            "(() => { const c = window.__viserMutable.camera; const d = c.position.clone();"
-            " c.getWorldDirection(d); return [...c.position.toArray(), ...d.toArray()]; })()"
+            "(() => { const { camera, nodeRefFromName } = window.__viserMutable;"
+            " const back = nodeRefFromName[''].quaternion.clone().invert();"
+            " const look = camera.getWorldDirection(camera.position.clone());"
+            " return [camera.position.clone(), look].flatMap((v) => v.applyQuaternion(back).toArray()); })()"
         )
         return pose
 
@@ -162,41 +165,14 @@ class Visitor:
         return position
 
 
-def study_room() -> Scene:
-    """A furnished room made by hand: four sideboards, four columns, the person off centre."""
-    boxes = [(-2.4, 2.6, 0.0), (2.5, 3.2, 1.5708), (-1.2, -3.6, 1.5708), (2.6, -1.6, 0.0)]
-    pillars = [(-0.6, 3.9), (1.2, 1.3), (-2.9, -0.6), (0.9, -3.1)]
-    return Scene(
-        setup="study_room",
-        seed=1,
-        start=Pose(-1.4, -2.2, 1.1),
-        goal=Pose(1.4, 2.2),
-        goal_radius=0.36,
-        person=Person(Pose(0.2, 0.3, -2.2)),
-        obstacles=tuple(
-            [Obstacle("box", Pose(x, y, yaw), 0.8, 1.6, 1.2) for x, y, yaw in boxes]
-            + [Obstacle("pillar", Pose(x, y), 0.3, 0.3, 2.0) for x, y in pillars]
-        ),
-        room=Room(8.0, 11.0),
-    )
+def study_room(seed: int = 1) -> Scene:
+    """A furnished room with walls."""
+    return draw_scene("study_room", seed)
 
 
-def open_field() -> Scene:
-    """Open ground made by hand with four cubes."""
-    return Scene(
-        setup="open_field",
-        seed=2,
-        start=Pose(-3.0, -1.0, 0.3),
-        goal=Pose(3.2, 1.2),
-        goal_radius=0.4,
-        person=Person(Pose(0.3, 0.2, 2.9)),
-        obstacles=(
-            Obstacle("cube", Pose(-1.3, 1.1, 0.4), 0.6, 0.6, 0.6),
-            Obstacle("cube", Pose(1.4, -1.2, 0.9), 0.7, 0.7, 0.7),
-            Obstacle("cube", Pose(2.2, 1.9, 0.1), 0.8, 0.8, 0.8),
-            Obstacle("cube", Pose(-2.1, -2.2, 0.2), 0.5, 0.5, 0.5),
-        ),
-    )
+def open_field(seed: int = 0) -> Scene:
+    """Open ground with four cubes."""
+    return draw_scene("open_field", seed)
 
 
 def drive(scene: Scene, *, duration_s: float = 6.0, bend_m: float = 1.6) -> Trajectory:

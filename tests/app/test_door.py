@@ -127,7 +127,10 @@ def test_the_page_is_guarded_by_token_query_and_policy(house: StageHouse) -> Non
     assert policy["frame-ancestors"] == house.page_origin
     assert policy["default-src"] == "'none'"
     assert policy["connect-src"].split() == [f"ws://127.0.0.1:{house.stage_port}", "blob:", "data:"]
-    assert page.headers["cache-control"] == "no-store"
+    again = httpx.get(str(page.url), headers={"If-None-Match": page.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    forged = httpx.get(f"{house.stage_origin}/stage/forged/", headers={"If-None-Match": page.headers["etag"]})
+    assert forged.status_code == 403, "knowing the page is no admission"
     assert f'"pageOrigin": "{house.page_origin}"' in page.text
 
 

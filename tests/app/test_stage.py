@@ -51,6 +51,35 @@ def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(house: StageHouse, vi
     assert len(visitor.events("ready")) == 1, "playing in the scene that stands must not rebuild it"
 
 
+def test_a_and_b_share_one_frame_in_the_open(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    scene = open_field()
+    pair = [drive(scene, duration_s=0.4, bend_m=bend) for bend in (5.0, -0.5)]
+    cameras = []
+    for count, trajectory in enumerate(pair, start=1):
+        stage.play(
+            trajectory, label="", view="top_down", playback_id=str(count), trajectories=pair if count == 1 else ()
+        )
+        visitor.wait_for("played", playback_id=str(count))
+        cameras.append(visitor.camera())
+    assert cameras[0] == cameras[1]
+    assert len(visitor.events("ready")) == 1
+    stage.play(drive(scene, duration_s=0.4, bend_m=9.0), label="", view="top_down", playback_id="wide")
+    visitor.wait_for("played", playback_id="wide")
+    assert visitor.camera()[2] > cameras[0][2], "a path that leaves the frame gets a wider one"
+
+
+def test_a_stage_whose_page_is_gone_takes_orders_in_silence(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    visitor.page.goto("about:blank")
+    while house.server.stage("amber") is not None:
+        visitor.page.wait_for_timeout(50)
+    stage.play(drive(open_field()), label="A", view="top_down", playback_id="late")
+    stage.clear()
+
+
 def test_a_driven_clock_shortens_the_wait(house: StageHouse, browser: Any) -> None:
     context = browser.new_context(viewport={"width": 320, "height": 200})
     context.clock.install()
@@ -136,12 +165,12 @@ def test_first_person_looks_from_the_eyes_and_follows_the_robot(house: StageHous
     trajectory = drive(study_room(), duration_s=1.0)
     stage.play(trajectory, label="", view="first_person", playback_id="p")
     visitor.wait_for("played", playback_id="p")
-    x, y, z, dx, dy, dz = visitor.camera()  # viser's page has y up: world (x, y, z) lies at (x, z, -y)
+    x, y, z, dx, dy, dz = visitor.camera()
     person, end = trajectory.scene.person.pose, trajectory.poses[-1]
-    assert np.allclose((x, -z), (person.x, person.y), atol=1e-3)
-    assert 1.5 < y < 1.65
-    assert math.isclose(math.atan2(-dz, dx), math.atan2(end[1] - person.y, end[0] - person.x), abs_tol=0.01)
-    assert dy < 0
+    assert np.allclose((x, y), (person.x, person.y), atol=1e-3)
+    assert 1.5 < z < 1.65
+    assert math.isclose(math.atan2(dy, dx), math.atan2(end[1] - person.y, end[0] - person.x), abs_tol=0.01)
+    assert dz < 0
     assert visitor.frame.evaluate("window.__viserMutable.camera.fov") == pytest.approx(60)
 
 

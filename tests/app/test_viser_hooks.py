@@ -49,7 +49,7 @@ def test_the_camera_report_is_visers_own_message() -> None:
 def test_the_page_can_be_opened_up_for_our_scripts() -> None:
     html = viser_hooks.index_html()
     assert html.count("<head>") == 1
-    page = stage_page("https://host:9400/</script>")
+    page = stage_page("https://host:9400/</script>").html.decode()
     assert "</script>" not in page[page.index("pageOrigin") : page.index(";</script>")]
     scripts = [page.index(mark) for mark in ("document.hasFocus = ", "desirePath.player = ", "__viserZstdWasm")]
     assert page.index("window.desirePathConfig") < min(scripts), "the configuration comes first"
