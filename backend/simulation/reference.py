@@ -230,7 +230,7 @@ class ReferenceEngine:
             p.stepSimulation(**on)
             self._read_pose()
             if near and self._touching(near):
-                self.pose[:2] = free[:2]
+                self.pose[:] = free
                 return True
         return False
 
