@@ -1,0 +1,44 @@
+"""Small real parts that several learning tests share: a shortly trained policy, a few queries and their answers."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.learning.base import BaseConfig, BaseResult, train_base
+from backend.learning.oracles import make_oracle
+from backend.learning.preferences import Preference
+from backend.learning.queries import QuerySet
+from backend.learning.shipped import load_queries
+
+TINY_BASE = BaseConfig(
+    setup="open_field",
+    seed=3,
+    updates=240,
+    n_envs=32,
+    random_transitions=512,
+    buffer_size=20_000,
+    checkpoints=2,
+    selection_scenes=20,
+)
+
+
+@pytest.fixture(scope="session")
+def tiny_config() -> BaseConfig:
+    return TINY_BASE
+
+
+@pytest.fixture(scope="session")
+def tiny_base() -> BaseResult:
+    """A base policy after two hundred updates: real, and still bad."""
+    return train_base(TINY_BASE)
+
+
+@pytest.fixture(scope="session")
+def study_queries() -> QuerySet:
+    return load_queries("study_room/queries_200")
+
+
+@pytest.fixture(scope="session")
+def distance_answers(study_queries: QuerySet) -> list[Preference]:
+    """What somebody who wants the robot far away answers to all shipped queries."""
+    return make_oracle("min-human-distance").answer(study_queries.queries)

@@ -1,0 +1,50 @@
+"""Base training really learns, and the same seed learns the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from backend.learning.base import BaseConfig, BaseResult, BaseTraining, train_base
+from backend.learning.replay import collect
+
+
+def test_a_short_training_changes_the_weights_and_says_what_it_did(
+    tiny_base: BaseResult, tiny_config: BaseConfig
+) -> None:
+    untrained = BaseTraining(tiny_config).policy()
+    assert any(not np.array_equal(a, b) for a, b in zip(untrained.actor, tiny_base.policy.actor, strict=True))
+    assert tiny_base.policy.critic
+    assert len(tiny_base.history) == 2 * tiny_config.checkpoints  # as it is, and averaged
+    assert tiny_base.selection_success == max(entry["success_rate"] for entry in tiny_base.history)
+
+
+def test_the_same_seed_gives_the_same_policy_bit_by_bit(tiny_base: BaseResult, tiny_config: BaseConfig) -> None:
+    assert train_base(tiny_config).policy.digest() == tiny_base.policy.digest()
+    assert train_base(replace(tiny_config, seed=4)).policy.digest() != tiny_base.policy.digest()
+
+
+def test_the_progress_term_enters_base_training_only(tiny_base: BaseResult, tiny_config: BaseConfig) -> None:
+    """Core rewards of the open field are sparse: a regenerated buffer holds no reward per metre."""
+    training = BaseTraining(replace(tiny_config, progress_weight=1.0))
+    training.vector_step()
+    assert (training.buffer.filled().rewards != 0).float().mean() > 0.9
+    regenerated = collect(tiny_base.policy, 2_000, noise=(0.05, 0.5), seed=1)
+    assert (regenerated.filled().rewards != 0).float().mean() < 0.1
+
+
+def test_a_regenerated_buffer_is_the_same_for_the_same_seed(tiny_base: BaseResult) -> None:
+    digests = [collect(tiny_base.policy, 1_000, noise=(0.05, 0.5), seed=seed).digest() for seed in (1, 1, 2)]
+    assert digests[0] == digests[1] != digests[2]
+
+
+def test_the_learning_rate_falls_only_in_the_second_half() -> None:
+    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100))
+    rates = []
+    for updates in (0, 50, 75, 100):
+        training.agent.updates = updates
+        rates.append(training._learning_rate())
+    assert rates[0] == rates[1] == training.config.learning_rate
+    assert rates[1] > rates[2] > rates[3]
+    assert np.isclose(rates[3], training.config.final_learning_rate)

@@ -1,0 +1,71 @@
+"""The diversity term is equation 6.2, and it drives the members apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from backend.learning.base import BaseResult
+from backend.learning.ensemble import EnsembleConfig, diversity_loss, goal_modulation, train_ensemble
+from backend.learning.errors import LearningError
+
+TINY = EnsembleConfig(
+    members=3, steps=120, n_envs=10, base_transitions=2_000, selection_scenes=5, kappa=1.0, learning_rate=2e-3
+)
+
+
+def test_goal_modulation_has_the_values_of_table_6_1() -> None:
+    assert goal_modulation(torch.tensor([0.0, 2.0, 8.0])).tolist() == [0.25, 0.5, 1.25]
+
+
+def test_the_loss_is_equation_6_2_written_out() -> None:
+    random = np.random.default_rng(0)
+    own, others = random.uniform(-1, 1, (4, 2)), random.uniform(-1, 1, (3, 4, 2))
+    goal_distance = random.uniform(0, 10, 4)
+    expected = 0.0
+    for n in range(4):
+        apart = sum(float(np.sum((own[n] - other[n]) ** 2)) for other in others)
+        expected += -(0.0625 / 2**2) * (goal_distance[n] / 8 + 0.25) * apart / 4
+    value = diversity_loss(
+        torch.from_numpy(own), [torch.from_numpy(o) for o in others], torch.from_numpy(goal_distance), 0.0625
+    )
+    assert float(value) == pytest.approx(expected, rel=1e-9)
+
+
+def test_its_gradient_agrees_with_finite_differences() -> None:
+    generator = torch.Generator().manual_seed(1)
+    own = (torch.rand(6, 2, generator=generator, dtype=torch.float64) * 2 - 1).requires_grad_(True)
+    others = [torch.rand(6, 2, generator=generator, dtype=torch.float64) * 2 - 1 for _ in range(3)]
+    goal_distance = torch.rand(6, generator=generator, dtype=torch.float64) * 10
+    assert torch.autograd.gradcheck(lambda a: diversity_loss(a, others, goal_distance, 0.0625), (own,))
+    diversity_loss(own, others, goal_distance, 0.0625).backward()
+    step = 1e-6
+    for row, column in ((0, 0), (3, 1), (5, 0)):
+        shifted = []
+        for sign in (1, -1):
+            moved = own.detach().clone()
+            moved[row, column] += sign * step
+            shifted.append(float(diversity_loss(moved, others, goal_distance, 0.0625)))
+        assert own.grad is not None
+        assert float(own.grad[row, column]) == pytest.approx((shifted[0] - shifted[1]) / (2 * step), rel=1e-5)
+
+
+def test_members_differ_more_with_the_term_than_without(tiny_base: BaseResult) -> None:
+    with_term = train_ensemble(tiny_base.policy, TINY)
+    without = train_ensemble(tiny_base.policy, replace(TINY, kappa=0.0))
+    assert len(with_term.members) == len(with_term.success_rates) == 3
+    assert with_term.diversity > 1.5 * without.diversity
+    assert with_term.base_buffer_sha256 == without.base_buffer_sha256
+
+
+def test_an_actor_alone_cannot_start_an_ensemble(tiny_base: BaseResult) -> None:
+    with pytest.raises(LearningError, match="no critic"):
+        train_ensemble(tiny_base.policy.without_critic(), TINY)
+
+
+def test_one_member_is_no_ensemble(tiny_base: BaseResult) -> None:
+    with pytest.raises(LearningError, match="at least 2"):
+        train_ensemble(tiny_base.policy, replace(TINY, members=1))

@@ -1,0 +1,146 @@
+"""A policy is bound to its setup, survives storage, and acts the same in every format it is exported to."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+from numpy.typing import NDArray
+from stable_baselines3 import TD3
+
+from backend.learning.base import BaseResult
+from backend.learning.ensemble import agent_of
+from backend.learning.export import policy_to_onnx, policy_to_sb3_zip
+from backend.learning.networks import THESIS_HEADS, NetworkShape
+from backend.learning.policy import Policy, PolicyError
+from backend.learning.sb3 import policy_of_sb3
+from backend.learning.shipped import load_policy
+from backend.learning.td3 import Td3Config
+from backend.simulation.fast import FastEngine
+from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
+
+
+@pytest.fixture(params=["open_field", "study_room"])
+def policy(request: pytest.FixtureRequest) -> Policy:
+    return load_policy(f"{request.param}/base")
+
+
+def seen_by(policy: Policy, n: int = 64) -> NDArray[np.float32]:
+    return FastEngine(get_setup(policy.setup), n, seed=9).observations.copy()
+
+
+def test_numpy_and_torch_act_alike(tiny_base: BaseResult) -> None:
+    policy = tiny_base.policy
+    agent = agent_of(policy, Td3Config(), seed=0)
+    np.testing.assert_allclose(policy.act(seen_by(policy)), agent.act(seen_by(policy)), atol=1e-6)
+
+
+def test_actions_and_commands_stay_in_the_setup_limits(policy: Policy) -> None:
+    actions = policy.act(seen_by(policy))
+    assert actions.dtype == np.float32
+    assert (np.abs(actions) <= 1).all()
+    limits = get_setup(policy.setup).limits
+    commands = policy.commands(actions)
+    assert (commands[:, 0] >= limits.v_min).all()
+    assert (commands[:, 0] <= limits.v_max).all()
+    assert (np.abs(commands[:, 1]) <= limits.w_max + 1e-6).all()
+    corners = policy.commands(np.array([[-1, -1], [1, 1], [0, 0]], dtype=np.float32))
+    np.testing.assert_allclose(
+        corners,
+        [[limits.v_min, -limits.w_max], [limits.v_max, limits.w_max], [(limits.v_min + limits.v_max) / 2, 0]],
+        rtol=1e-6,
+    )
+
+
+def test_storage_gives_the_same_policy_and_the_same_bytes(policy: Policy, tmp_path: Path) -> None:
+    policy.save(tmp_path / "p.npz")
+    again = Policy.load(tmp_path / "p.npz")
+    assert again.digest() == policy.digest()
+    np.testing.assert_array_equal(again.act(seen_by(policy)), policy.act(seen_by(policy)))
+
+
+def test_the_other_setup_is_refused(policy: Policy) -> None:
+    other = STUDY_ROOM if policy.setup == "open_field" else OPEN_FIELD
+    with pytest.raises(SetupError, match=policy.setup):
+        policy.act(FastEngine(other, 2, seed=0).observations)
+    with pytest.raises(SetupError, match=other.name):
+        policy.require_setup(other)
+    with pytest.raises(SetupError, match="inputs"):
+        Policy(other.name, policy.shape, policy.actor)
+
+
+def test_broken_weights_and_foreign_files_are_refused(policy: Policy, tmp_path: Path) -> None:
+    with pytest.raises(PolicyError, match="'actor'"):
+        Policy(policy.setup, policy.shape, policy.actor[:-1])
+    with pytest.raises(PolicyError, match="NaN"):
+        Policy(policy.setup, policy.shape, (policy.actor[0] * np.float32("nan"), *policy.actor[1:]))
+    (tmp_path / "text.npz").write_text("weights")
+    np.savez(tmp_path / "other.npz", meta=np.frombuffer(b'{"format": "else"}', dtype=np.uint8))
+    for name in ("text.npz", "other.npz", "missing.npz"):
+        with pytest.raises(PolicyError):
+            Policy.load(tmp_path / name)
+
+
+def test_a_pickle_inside_a_policy_file_is_never_opened(tmp_path: Path) -> None:
+    np.savez(tmp_path / "evil.npz", meta=np.array([{"format": "desirepath-policy-1"}], dtype=object))
+    with pytest.raises(PolicyError):
+        Policy.load(tmp_path / "evil.npz")
+
+
+def test_onnx_acts_alike_and_carries_its_manifest(policy: Policy) -> None:
+    data = policy_to_onnx(policy)
+    session = onnxruntime.InferenceSession(data, providers=["CPUExecutionProvider"])
+    observations = seen_by(policy)
+    (actions,) = session.run(["action"], {"observation": observations})
+    np.testing.assert_allclose(actions, policy.act(observations), atol=1e-5)
+    properties = {entry.key: entry.value for entry in onnx.load(io.BytesIO(data)).metadata_props}
+    manifest = json.loads(properties["manifest"])
+    assert manifest == json.loads(json.dumps(policy.manifest()))
+    assert len(manifest["observation"]["layout"]) == observations.shape[1]
+    assert manifest["setup"] == policy.setup
+
+
+def test_sb3_zip_acts_alike_and_trains_on(policy: Policy) -> None:
+    model = TD3.load(io.BytesIO(policy_to_sb3_zip(policy)), device="cpu")
+    observations = seen_by(policy)
+    np.testing.assert_allclose(model.predict(observations, deterministic=True)[0], policy.act(observations), atol=1e-5)
+    again = policy_of_sb3(model, get_setup(policy.setup), policy.shape.heads)
+    assert again.digest() == policy.digest()
+
+
+def test_sb3_zip_opens_where_our_package_is_missing(policy: Policy, tmp_path: Path) -> None:
+    (tmp_path / "policy.zip").write_bytes(policy_to_sb3_zip(policy))
+    observations = seen_by(policy, 5)
+    np.save(tmp_path / "observations.npy", observations)
+    program = (
+        "import sys; sys.modules['backend'] = None\n"
+        "import numpy as np\n"
+        "from stable_baselines3 import TD3\n"
+        "model = TD3.load('policy.zip', device='cpu')\n"
+        "np.save('actions.npy', model.predict(np.load('observations.npy'), deterministic=True)[0])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    np.testing.assert_allclose(np.load(tmp_path / "actions.npy"), policy.act(observations), atol=1e-5)
+
+
+def test_the_thesis_heads_fit_everywhere() -> None:
+    shape = NetworkShape.of(OPEN_FIELD, THESIS_HEADS)
+    assert NetworkShape.from_dict(shape.as_dict()) == shape
+    random = np.random.default_rng(0)
+    actor = tuple(
+        random.standard_normal(size).astype(np.float32) * 0.1
+        for i, o in shape.actor_layers()
+        for size in ((i, o), (o,))
+    )
+    policy = Policy("open_field", shape, actor)
+    observations = seen_by(policy)
+    session = onnxruntime.InferenceSession(policy_to_onnx(policy), providers=["CPUExecutionProvider"])
+    np.testing.assert_allclose(session.run(None, {"observation": observations})[0], policy.act(observations), atol=1e-5)
