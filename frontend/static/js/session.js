@@ -125,6 +125,7 @@ function mount() {
   if (onStage && current.step) {
     const key = current.step.key;
     trial = new Trial($("trial"), current.step.trial ?? { phase: "ready" }, {
+      key,
       post: (path, body) => send(`${api}/trials/${encodeURIComponent(key)}/${path}`, body),
       answer: (value) => answer(key, value),
       refresh,
@@ -132,6 +133,7 @@ function mount() {
       announce,
       cover,
       reloadStage: () => stage.reload(),
+      moveOut,
     });
     stage.open(stageUrl(), step.querySelector("h1")?.textContent ?? "");
   } else if (kind === "wait") {

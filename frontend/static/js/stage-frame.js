@@ -6,9 +6,11 @@
 
 /**
  * @typedef {object} StageMessage
- * @property {string} type as app/page.py lists them: ready, state, playing, played, disconnected, reconnected, ...
+ * @property {string} type as app/page.py lists them
  * @property {string} [playback_id]
  * @property {boolean} [ready]
+ * @property {string} [reason]
+ * @property {string} [key]
  */
 
 export class StageFrame {

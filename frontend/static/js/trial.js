@@ -12,6 +12,7 @@ import { Refused, newRequestId, pause } from "./send.js";
 
 /**
  * @typedef {object} TrialNeeds what the trial gets from the page
+ * @property {string} key of the step
  * @property {(path: string, body: object) => Promise<any>} post to `/api/session/TOKEN/trials/KEY/PATH`
  * @property {(value: object) => Promise<void>} answer sends the choice and moves on
  * @property {() => Promise<void>} refresh asks the server where the session stands
@@ -19,12 +20,16 @@ import { Refused, newRequestId, pause } from "./send.js";
  * @property {(text: string) => void} announce to screen readers
  * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
  * @property {() => void} reloadStage
+ * @property {() => void} moveOut another window has taken over
  */
 
 /** The server's clock and ours differ a little: a `seen` that came too early is sent again after this. */
 const EARLY_WAIT_MS = 400;
 const EARLY_TRIES = 25;
 const SLOW_STAGE_MS = 25000;
+
+/** Why the stage stopped a drive, in the words of the server. @type {Record<string, "hidden" | "connection" | "webgl_lost">} */
+const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
 
 export class Trial {
   /**
@@ -39,6 +44,8 @@ export class Trial {
     this.stageReady = false;
     this.busy = false;
     this.over = false;
+    /** The end of the requests under way. @type {Promise<unknown>} */
+    this.line = Promise.resolve();
     this.cutting = false;
     /** @type {Phase | null} */
     this.shown = null;
@@ -80,6 +87,7 @@ export class Trial {
 
   /** @param {StageMessage} message */
   hear(message) {
+    const { cover, say } = this.needs;
     switch (message.type) {
       case "state":
         if (message.ready) this.setReady();
@@ -93,20 +101,29 @@ export class Trial {
       case "played":
         this.seen(message.playback_id);
         break;
-      case "disconnected":
+      case "interrupted":
+        if (message.playback_id === this.state.playback_id) this.interrupted(REASONS[message.reason ?? ""] ?? "connection");
+        break;
+      case "connection-lost":
         this.stageReady = false;
-        this.needs.cover(this.needs.say("reconnecting"));
+        cover(say("reconnecting"));
         this.interrupted("connection");
         break;
-      case "reconnected":
-        this.needs.cover(null);
-        this.needs.refresh();
-        break;
       case "webgl-lost":
+        this.stageReady = false;
+        cover(say("picture_lost"));
+        this.interrupted("webgl_lost").then(() => this.needs.reloadStage());
+        break;
       case "webgl-missing":
         this.stageReady = false;
-        this.needs.cover(this.needs.say("picture_lost"));
-        this.interrupted("webgl_lost").then(() => this.needs.reloadStage());
+        cover(say("picture_missing"));
+        this.interrupted("webgl_lost");
+        break;
+      case "replaced":
+        this.needs.moveOut();
+        break;
+      case "key":
+        this.press(message.key ?? "");
         break;
     }
   }
@@ -132,12 +149,14 @@ export class Trial {
 
   /** The stage has played a drive to its end. @param {string} [playbackId] */
   async seen(playbackId) {
-    const drive = this.state.phase === "playing_b" ? "b" : "a";
-    if (!this.playing) return;
     await this.work(async () => {
+      // The news can be faster than the answer to Start that says what is playing.
+      if (this.state.playback_id !== playbackId) await this.needs.refresh();
+      if (!this.playing || this.state.playback_id !== playbackId) return undefined;
+      const drive = this.state.phase === "playing_b" ? "b" : "a";
       for (let tries = 0; ; tries += 1) {
         try {
-          return await this.needs.post("seen", { drive, playback_id: playbackId ?? null });
+          return await this.needs.post("seen", { drive, playback_id: playbackId });
         } catch (error) {
           const early = error instanceof Refused && error.code === "too_early";
           if (!early || tries >= EARLY_TRIES || this.over) throw error;
@@ -152,7 +171,7 @@ export class Trial {
     if (!this.playing || this.cutting) return;
     this.cutting = true;
     try {
-      await this.work(() => this.needs.post("interrupted", { reason }));
+      await this.work(async () => (this.playing ? this.needs.post("interrupted", { reason }) : undefined));
     } finally {
       this.cutting = false;
     }
@@ -182,19 +201,30 @@ export class Trial {
     }
   }
 
-  /** One request at a time; whatever it answers, the page then shows the server's state. @param {() => Promise<any>} request */
+  /**
+   * One request after the other; whatever it answers, the page then shows the server's state.
+   * @param {() => Promise<any>} request
+   */
   async work(request) {
+    const before = this.line;
+    /** @type {() => void} */
+    let done = () => {};
+    this.line = new Promise((resolve) => (done = () => resolve(undefined)));
+    await before;
     this.busy = true;
     try {
-      const answered = await request();
-      const trial = answered?.step?.trial ?? answered?.trial;
-      if (trial) this.state = { ...this.state, ...trial };
-      else await this.needs.refresh();
+      if (!this.over) {
+        const answered = await request();
+        const trial = answered?.step?.trial ?? answered?.trial;
+        if (trial && answered.step?.key === this.needs.key) this.state = { ...this.state, ...trial };
+        else await this.needs.refresh();
+      }
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
       await this.needs.refresh();
     } finally {
       this.busy = false;
+      done();
       if (!this.over) this.show();
       // hidden while the request was under way: the drive that began meanwhile was not seen
       if (!this.over && document.hidden) this.interrupted("hidden");
@@ -206,16 +236,20 @@ export class Trial {
     if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
     if (document.querySelector("dialog[open]")) return;
     if (event.target instanceof HTMLTextAreaElement || event.target instanceof HTMLInputElement) return;
-    const letter = event.key.toLowerCase();
-    const pick = [...this.picks].find((button) => button.dataset.choice === letter);
-    if (pick) {
+    if (this.press(event.key)) {
       event.preventDefault();
-      this.choose(pick);
     } else if ((event.key === "Enter" || event.key === " ") && event.target === document.body) {
       // the focus was on nothing: the main button is meant
       event.preventDefault();
       this.begin();
     }
+  }
+
+  /** A letter, pressed here or while the stage had the focus. @param {string} key @returns {boolean} */
+  press(key) {
+    const pick = [...this.picks].find((button) => button.dataset.choice === key.toLowerCase());
+    if (pick) this.choose(pick);
+    return pick !== undefined;
   }
 
   /** Draws the phase. */
@@ -230,9 +264,11 @@ export class Trial {
       this.start.setAttribute("aria-disabled", String(!this.stageReady));
       if (this.stageReady) {
         const seconds = (/** @type {number} */ s) => Math.max(1, Math.round(s));
-        const what = a && b ? say("ready_durations", { a: seconds(a), b: seconds(b) }) : say("ready");
-        this.text("#start-hint-text", restarts ? `${say("restarted")} ${what}` : what);
-        if (changed && restarts) announce(say("restarted"));
+        let what = say("ready");
+        if (this.state.next_drive === "b" && b) what = say("ready_b", { b: seconds(b) });
+        else if (a && b) what = say("ready_durations", { a: seconds(a), b: seconds(b) });
+        this.text("#start-hint-text", restarts ? `${say(this.state.next_drive === "b" ? "restarted_b" : "restarted")} ${what}` : what);
+        if (changed && restarts) announce(say(this.state.next_drive === "b" ? "restarted_b" : "restarted"));
       } else {
         this.hint("preparing");
       }

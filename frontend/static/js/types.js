@@ -10,6 +10,7 @@
  * @property {number} [duration_b_s]
  * @property {number} [label_s]
  * @property {number} [restarts] how often this trial had to begin again
+ * @property {"a" | "b"} [next_drive] which drive Start plays: B where only B was cut short
  * @property {string | null} [playback_id] what is playing now
  *
  * @typedef {object} StepState
