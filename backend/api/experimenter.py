@@ -14,10 +14,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
 
-from backend.api import new_study, settings_pages, study_rows
+from backend.api import new_study, preview, settings_pages, study_rows
 from backend.api.auth import CheckedCsrf, SignedIn, checked_csrf
-from backend.api.dependencies import Db, Files, public_url
+from backend.api.dependencies import Db, Files, house, public_url
 from backend.api.lab import LabRefusal, lab_page
+from backend.api.preview import first_steps
 from backend.api.study_report import study_report
 from backend.store.erasure import erase_participant
 from backend.store.events import log_event
@@ -31,6 +32,7 @@ DICTIONARY = Path(__file__).resolve().parents[2] / "docs" / "data-dictionary.md"
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(new_study.router)
+router.include_router(preview.router)
 router.include_router(settings_pages.router)
 
 
@@ -206,7 +208,7 @@ def erase(
         if typed.strip() != study.name:
             return _person_page(request, s, study, code, status=422, problem="name_differs")
         participant_id = participant.id
-    erase_participant(database, files, participant_id, by=user.name)
+    erase_participant(database, files, participant_id, by=user.name, data=house(request).settings.data)
     return RedirectResponse(f"/lab/studies/{study_id}/erased?done=erased", status_code=303)
 
 
@@ -281,7 +283,8 @@ def protocol(request: Request, study_id: str, database: Db) -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
         stages = describe_stages(study.protocol, study.files)
-        return _tab(request, study, "protocol", frozen=thaw(study), stages=stages)
+        frozen = thaw(study)
+        return _tab(request, study, "protocol", frozen=frozen, stages=stages, first_steps=first_steps(frozen))
 
 
 @router.get("/lab/studies/{study_id}/protocol.yaml")

@@ -144,4 +144,4 @@ def erase(
         raise LookupError(f"no participant {participant!r} in study {study!r}")
     if not yes:
         typer.confirm(f"Erase everything of participant {participant}? This cannot be undone.", abort=True)
-    say(dict(erase_participant(database, files, identity, by="command line")), as_json)
+    say(erase_participant(database, files, identity, by="command line", data=get_settings().data), as_json)

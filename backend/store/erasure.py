@@ -70,7 +70,8 @@ class Erased:
 class _Doomed:
     """What hangs on one participant."""
 
-    names: set[str]  # ids and code that other rows may mention
+    ids: set[str]  # theirs, their sessions' and their artefacts': what other rows may mention
+    code: str
     sessions: list[str]
     artefacts: set[str] = field(default_factory=set)  # made from their answers alone
     pooled: set[str] = field(default_factory=set)  # made from theirs and others'
@@ -128,11 +129,11 @@ def erase_participant(
 
 def _find(s: Session, participant: Participant) -> _Doomed:
     sessions = list(s.scalars(select(SessionRow.id).where(SessionRow.participant_id == participant.id)))
-    doomed = _Doomed(names={participant.id, participant.code, *sessions}, sessions=sessions)
+    doomed = _Doomed(ids={participant.id, *sessions}, code=participant.code, sessions=sessions)
     for artefact_id, owners in _owners_of_artefacts(s).items():
         if participant.id in owners:
             (doomed.artefacts if owners == {participant.id} else doomed.pooled).add(artefact_id)
-    doomed.names |= doomed.artefacts
+    doomed.ids |= doomed.artefacts
     made = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
     doomed.jobs = {job_id for job_id in s.scalars(made) if job_id}
     drives = select(Trial.trajectory_a, Trial.trajectory_b)
@@ -141,8 +142,10 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     used = {t for row in s.execute(drives.where(Trial.session_id.not_in(sessions))) for t in row}
     for job in s.execute(select(Job.id, Job.session_id, Job.study_id, Job.params, Job.result)):
         payload = [job.params, job.result]
-        theirs = job.session_id in sessions or job.id in doomed.jobs
-        if theirs or (job.study_id in (None, participant.study_id) and _mentions(payload, doomed.names)):
+        # Another study may have a participant of the same code.
+        same_study = job.study_id == participant.study_id or _mentions(payload, doomed.pooled)
+        named = _mentions(payload, doomed.ids) or (same_study and _mentions(payload, {doomed.code}))
+        if named or job.session_id in sessions or job.id in doomed.jobs:
             doomed.jobs.add(job.id)
             own |= set(HASHES.findall(json.dumps(payload)))
         else:
@@ -186,7 +189,7 @@ def _quarantine(s: Session, files: ArtefactStore, doomed: _Doomed) -> list[tuple
             artefact.quarantined_at = utc_now()
             if artefact.kind == "snapshot":
                 taken_apart.append((artefact.id, Snapshot.from_bytes(files.get(artefact.id))))
-        artefact.card = _without(artefact.card, doomed.names)
+        artefact.card = _without(artefact.card, {*doomed.ids, doomed.code})
         if artefact.kind in ("snapshot", "evaluation"):
             files.delete(artefact.id)
     return taken_apart
@@ -218,7 +221,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
         "events": _count(s, delete(Event).where(Event.session_id.in_(of_sessions))),
         "problem_reports": _count(s, delete(ProblemReport).where(ProblemReport.session_id.in_(of_sessions))),
     }
-    names = doomed.names | doomed.jobs
+    names = {*doomed.ids, doomed.code, *doomed.jobs}
     about = [
         event.id
         for event in s.scalars(select(Event).where(Event.study_id == participant.study_id))

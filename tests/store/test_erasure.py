@@ -240,3 +240,15 @@ def test_the_same_person_may_take_part_again_after_an_erasure(study: SmallStudy)
     study.participant("P1")
     with study.database.session() as s:
         assert s.scalar(select(func.count()).select_from(RecruitingId)) == 1
+
+
+def test_a_participant_of_the_same_code_in_another_study_keeps_their_jobs(study: SmallStudy):
+    person, _ = study.participant("P1")
+    elsewhere = SmallStudy(study.database, study.files)
+    elsewhere.participant("P1", drives=100)
+    with study.database.transaction() as s:
+        enqueue_job(s, "reward_model", {"only": ["P1"]}, study_id=study.id)
+        others = enqueue_job(s, "reward_model", {"only": ["P1"]}, study_id=elsewhere.id).id
+        nobodys = enqueue_job(s, "reward_model", {"only": ["P1"]}).id
+    erase_participant(study.database, study.files, person, by="tester")
+    assert all_ids(study.database, Job) == {others, nobodys}
