@@ -8,6 +8,7 @@ import typer
 from sqlalchemy import select
 
 from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.science import parsed_settings, run_job
 from backend.commands.study import open_store
 from backend.store.models import Job
 
@@ -23,6 +24,17 @@ def _row(job: Job) -> dict[str, Any]:
         "message": job.message,
         "created_at": job.created_at.isoformat(),
     }
+
+
+@commands.command()
+@plain_errors
+def start(
+    kind: Annotated[str, typer.Argument(help="align, reward_model, compare, evaluate, train_base, ensemble, queries.")],
+    settings: Annotated[list[str] | None, typer.Option("--set", help="A parameter of the job, as name=value.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Start a job and wait for its result: what the analysts' pages show as the command behind an artefact."""
+    run_job(kind, parsed_settings(settings), None, as_json)
 
 
 @commands.command("list")

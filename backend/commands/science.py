@@ -46,7 +46,7 @@ def base(
     as_json: JsonFlag = False,
 ) -> None:
     """Train a base policy from nothing."""
-    _run("train_base", {"setup": setup, "seed": seed, **_parsed(more)}, out, as_json)
+    run_job("train_base", {"setup": setup, "seed": seed, **parsed_settings(more)}, out, as_json)
 
 
 @train.command()
@@ -58,7 +58,7 @@ def ensemble(
     as_json: JsonFlag = False,
 ) -> None:
     """Train an ensemble whose members drive differently."""
-    _run("ensemble", {"base": base_policy, "seed": seed, **_parsed(more)}, None, as_json)
+    run_job("ensemble", {"base": base_policy, "seed": seed, **parsed_settings(more)}, None, as_json)
 
 
 @train.command("reward-model")
@@ -72,7 +72,9 @@ def reward_model(
     as_json: JsonFlag = False,
 ) -> None:
     """Learn a reward model from answers, with its accuracy on answers it did not see."""
-    _run("reward_model", {"snapshot": _snapshot(study, snapshot), "seed": seed, **_parsed(more)}, out, as_json)
+    run_job(
+        "reward_model", {"snapshot": _snapshot(study, snapshot), "seed": seed, **parsed_settings(more)}, out, as_json
+    )
 
 
 @train.command()
@@ -87,8 +89,8 @@ def align(
     as_json: JsonFlag = False,
 ) -> None:
     """Turn answers into a policy."""
-    params = {"snapshot": _snapshot(study, snapshot), "recipe": recipe, "seed": seed, **_parsed(more)}
-    _run("align", params, out, as_json)
+    params = {"snapshot": _snapshot(study, snapshot), "recipe": recipe, "seed": seed, **parsed_settings(more)}
+    run_job("align", params, out, as_json)
 
 
 @queries.command()
@@ -103,7 +105,7 @@ def generate(
 ) -> None:
     """Make queries from an ensemble's drives."""
     members = [f"{setup}/ensemble/{k}" for k in range(4)]
-    _run("queries", {"members": members, "count": count, "seed": seed, **_parsed(more)}, out, as_json)
+    run_job("queries", {"members": members, "count": count, "seed": seed, **parsed_settings(more)}, out, as_json)
 
 
 @plain_errors
@@ -129,7 +131,7 @@ def evaluate(
     say(evaluate_policy(found, n=scenes, seed=seed, engine=engine), as_json)
 
 
-def _parsed(more: list[str] | None) -> dict[str, Any]:
+def parsed_settings(more: list[str] | None) -> dict[str, Any]:
     """`name=value` words; values are JSON where they can be, text otherwise."""
     parsed: dict[str, Any] = {}
     for word in more or []:
@@ -155,7 +157,7 @@ def _snapshot(study: str | None, snapshot: str | None) -> str:
         return take_snapshot(s, files, study_id=study).id
 
 
-def _run(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) -> None:
+def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) -> None:
     """Enqueue, wait with progress on stderr, print the result. Raises RuntimeError if the job does not succeed."""
     from backend.jobs.kinds import get_kind
     from backend.store.outbox import enqueue_job

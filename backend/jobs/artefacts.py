@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -117,6 +118,5 @@ def command_of(kind: str, params: Params) -> str:
     """The command that starts the same job again."""
     settings: list[str] = []
     for name, value in params.model_dump(mode="json", exclude_defaults=True).items():
-        given = ",".join(value) if isinstance(value, list) else value
-        settings += ["--set", f"{name}={given}"]
+        settings += ["--set", f"{name}={json.dumps(value) if isinstance(value, list) else value}"]
     return shlex.join(["desirepath", "jobs", "start", kind, *settings])
