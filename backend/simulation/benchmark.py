@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation.fast import FastEngine
-from backend.simulation.reference import SUBSTEPS, ReferenceEngine
+from backend.simulation.reference import SUBSTEPS, DriveMode, ReferenceEngine
 from backend.simulation.scenes import draw_scene
-from backend.simulation.setups import get_setup
+from backend.simulation.setups import Setup, get_setup
 
 ROUNDS = 5
+WARM_UP_CALLS = 40
 
 
 def _random_actions(rng: np.random.Generator, count: int) -> NDArray[np.float32]:
@@ -30,20 +31,40 @@ def _steps_in(seconds: float, step: Callable[[], int]) -> tuple[int, float]:
     return steps, spent
 
 
-def benchmark_simulate(
-    setup: str = "open_field", *, n_envs: int = 256, seconds: float = 18.0, seed: int = 0
-) -> dict[str, Any]:
-    """Steps per second of the fast engine and of PyBullet on the same kind of work, one thread each.
+class _Reference:
+    """PyBullet under random actions, in a new scene whenever an episode has ended."""
 
-    Both run the same setup with the same lidar, observation, collision and self-intersection checks and reward under
+    def __init__(self, setup: Setup, drive_mode: DriveMode, seed: int) -> None:
+        self._setup, self._rng, self._scene = setup, np.random.default_rng(seed), 0
+        self.engine = ReferenceEngine(setup, drive_mode=drive_mode)
+        self.building = 0.0  # processor seconds spent on building scenes, not on stepping
+
+    def step(self) -> int:
+        if self.engine.done:
+            begin = time.process_time()
+            self.engine.reset(draw_scene(self._setup, self._scene))
+            self._scene += 1
+            self.building += time.process_time() - begin
+        self.engine.step(_random_actions(self._rng, 1)[0])
+        return 1
+
+
+def benchmark_simulate(
+    setup: str = "study_room", *, n_envs: int = 256, seconds: float = 18.0, seed: int = 0
+) -> dict[str, Any]:
+    """Steps per second of the fast engine and of PyBullet on the same kind of work, one thread each, in one run.
+
+    All run the same setup with the same lidar, observation, collision and self-intersection checks and reward under
     random actions, in turns. Seconds are processor time of this process, which on an idle machine is wall-clock time
-    and on a busy one does not charge either engine for others' work. The fast engine's time includes its restarts in
-    fresh scenes; building PyBullet's scenes is not counted. PyBullet: velocity mode, rayTestBatch with numThreads=1.
+    and on a busy one charges nobody for others' work. The fast engine's time includes its restarts in fresh scenes;
+    building PyBullet's scenes is not counted. PyBullet: rayTestBatch with numThreads=1, 48 physics steps per control
+    step. `pybullet_steps_per_s` and `ratio` are of the wheeled robot on its floor, the drive mode one would train in;
+    the `_velocity_mode` pair is of a body without floor, motors or contact forces.
     """
     chosen, rng = get_setup(setup), np.random.default_rng(seed)
     fast = FastEngine(chosen, n_envs, seed=seed)
     actions = [_random_actions(rng, n_envs) for _ in range(64)]
-    turn, scene_seed, building = 0, 0, 0.0
+    turn = 0
 
     def fast_step() -> int:
         nonlocal turn
@@ -51,42 +72,38 @@ def benchmark_simulate(
         fast.step(actions[turn % len(actions)])
         return n_envs
 
-    with ReferenceEngine(chosen) as reference:
-
-        def reference_step() -> int:
-            nonlocal scene_seed, building
-            if reference.done:
-                begin = time.process_time()
-                reference.reset(draw_scene(chosen, scene_seed))
-                scene_seed += 1
-                building += time.process_time() - begin
-            reference.step(_random_actions(rng, 1)[0])
-            return 1
-
-        for warm_up in (fast_step, reference_step):  # compile, fill caches
-            for _ in range(40):
-                warm_up()
-        fast_steps = reference_steps = 0
-        fast_time = reference_time = building = 0.0
-        for _ in range(ROUNDS):
-            steps, spent = _steps_in(seconds / ROUNDS / 3, fast_step)
-            fast_steps, fast_time = fast_steps + steps, fast_time + spent
-            steps, spent = _steps_in(seconds / ROUNDS * 2 / 3, reference_step)
-            reference_steps, reference_time = reference_steps + steps, reference_time + spent
-        reference_time -= building
-    fast_rate, reference_rate = fast_steps / fast_time, reference_steps / reference_time
+    modes: tuple[DriveMode, ...] = ("wheels", "velocity")
+    references = {mode: _Reference(chosen, mode, seed) for mode in modes}
+    contestants = {"fast": fast_step} | {mode: reference.step for mode, reference in references.items()}
+    steps, spent = dict.fromkeys(contestants, 0), dict.fromkeys(contestants, 0.0)
+    for warm_up in contestants.values():  # compile, fill caches
+        for _ in range(WARM_UP_CALLS):
+            warm_up()
+    for reference in references.values():
+        reference.building = 0.0
+    for _ in range(ROUNDS):
+        for who, step in contestants.items():
+            made, took = _steps_in(seconds / ROUNDS / len(contestants), step)
+            steps[who], spent[who] = steps[who] + made, spent[who] + took
+    for mode, reference in references.items():
+        spent[mode] -= reference.building
+        reference.engine.close()
+    rate = {who: steps[who] / spent[who] for who in contestants}
     return {
-        "fast_steps_per_s": fast_rate,
-        "pybullet_steps_per_s": reference_rate,
-        "ratio": fast_rate / reference_rate,
+        "fast_steps_per_s": rate["fast"],
+        "pybullet_steps_per_s": rate["wheels"],
+        "ratio": rate["fast"] / rate["wheels"],
+        "pybullet_steps_per_s_velocity_mode": rate["velocity"],
+        "ratio_velocity_mode": rate["fast"] / rate["velocity"],
         "setup": chosen.name,
         "lidar_beams": chosen.lidar.beams,
         "fast_environments": n_envs,
+        "pybullet_drive_mode": "wheels",
         "pybullet_substeps": SUBSTEPS,
-        "pybullet_drive_mode": "velocity",
         "pybullet_ray_threads": 1,
         "threads": 1,
-        "fast_steps": fast_steps,
-        "pybullet_steps": reference_steps,
+        "seconds_are": "processor time",
+        "fast_steps": steps["fast"],
+        "pybullet_steps": steps["wheels"],
         "seed": seed,
     }
