@@ -35,6 +35,8 @@ let trial = null;
 let wait = null;
 /** @type {EventSource | null} */
 let stream = null;
+/** Watches for the end of a long text. @type {IntersectionObserver | null} */
+let ending = null;
 let elsewhere = false;
 /** Counts arrivals of steps, so that a slow page never overwrites a newer one. */
 let arrival = 0;
@@ -147,11 +149,30 @@ function mount() {
       kept: keep.drafted(key),
     });
   }
+  tellMore(kind);
   const link = step.querySelector("[data-own-link]");
   if (link) link.textContent = `${location.origin}/p/${data.token}`;
 }
 
 const stageUrl = () => current.stage_url ?? `${data.stage_origin}/stage/${data.token}/`;
+
+/** Long texts: the bar says that there is more below, until the end has come into sight. @param {string} kind */
+function tellMore(kind) {
+  ending?.disconnect();
+  const next = step.querySelector(".bottombar > .next");
+  const end = step.querySelector(".content")?.lastElementChild;
+  if (!next || !end || !["information", "consent", "instruction", "debriefing"].includes(kind)) return;
+  const words = next.textContent;
+  const bar = /** @type {HTMLElement} */ (next.parentElement).offsetHeight;
+  ending = new IntersectionObserver(
+    ([seen]) => {
+      next.textContent = seen.isIntersecting ? words : say("more");
+      if (seen.isIntersecting) ending?.disconnect();
+    },
+    { rootMargin: `0px 0px ${-bar}px 0px` },
+  );
+  ending.observe(end);
+}
 
 /** @param {string} kind @param {number} index @param {number} total */
 function showProgress(kind, index, total) {
