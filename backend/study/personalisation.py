@@ -6,6 +6,7 @@ The alignment itself is a job (`backend/jobs`); which step comes next is decided
 from __future__ import annotations
 
 from datetime import datetime, timedelta
+from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
@@ -96,14 +97,13 @@ def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: da
 def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int:
     """The comparison trials from the job's drives; sides as the plan's lot says. Returns how many there are."""
     job = job_of(s, session)
-    comparisons = (job.result or {})["comparisons"] if job is not None else []
+    result: dict[str, Any] = (job.result or {}) if job is not None else {}
     planned: list[tuple[int, Step]] = [(i, step) for i, step in enumerate(session.plan) if step["kind"] == "comparison"]
-    pairs = list(zip(planned, comparisons, strict=False))
+    pairs = list(zip(planned, result.get("comparisons", []), strict=False))
     for (index, step), drives in pairs:
         base = s.get(TrajectoryRow, drives["base"])
-        own, other = job.result["policy"], base.made_by if base is not None else None
+        policies = {"own": result["policy"], "base": base.made_by if base is not None else None}
         a, b = ("own", "base") if step["turned"] else ("base", "own")
-        policies = {"own": own, "base": other}
         s.add(
             Trial(
                 session_id=session.id,

@@ -1,0 +1,547 @@
+"""Participants' routes: the recruiting link, the session's pages, its API and its stream.
+
+Each route hands what came in to the session machine and shows what it says. No rule of a study lives here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import json
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime, timedelta
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Body, Query, Request
+from fastapi.responses import StreamingResponse
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import JSONResponse, RedirectResponse, Response
+
+from backend.api.dependencies import House, TheHouse, contact, house, page, stage_origin
+from backend.api.stage_bridge import Listener, bridge_of, stage_cookie, stage_token
+from backend.store.events import log_event
+from backend.store.models import Participant, Session, Study, utc_now
+from backend.store.models import Response as Answer
+from backend.study import machine, personalisation
+from backend.study.pages import payload_of
+from backend.study.protocol import thaw
+from backend.study.refusals import Refused, log_refusal
+from backend.study.sessions import acting, find_session
+from backend.study.studies import check_open, join_study, study_by_link
+from backend.study.words import TRIAL_KINDS
+
+router = APIRouter()
+
+PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
+DEVICE_FIELDS = ("width", "height", "pixel_ratio", "pointer", "touch", "webgl", "scheme", "reduced_motion")
+LONGEST_DEVICE_VALUE = 40
+PAGE_EVENTS = {"stage_ready", "stage_slow", "visibility", "resized", "script_error", "connection", "device", "viewed"}
+LARGEST_EVENT = 4000  # bytes of JSON; ours
+STREAM_LOOK_S = 5.0  # how often a stream looks by itself; changes made in this process wake it at once
+STREAM_WAIT_LOOK_S = 0.7  # while somebody waits for a job, whose progress comes from another process
+SEEN_EVERY = timedelta(seconds=20)
+
+Json = Annotated[dict[str, Any], Body()]
+
+
+# ---- the recruiting link ---------------------------------------------------------------------------------------------
+
+
+@router.get("/join/{recruiting_token}")
+def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None, Query()] = None) -> Response:
+    """Device check and welcome; nothing is stored yet."""
+    parts = house(request)
+    with parts.database.session() as s:
+        study = study_by_link(s, recruiting_token)
+        check_open(s, study)
+        frozen = thaw(study)
+    languages = tuple(frozen.protocol.languages)
+    best = parts.texts.best(request.headers.get("Accept-Language"), languages)
+    language = lang if lang in languages else best
+    here = request.url.path
+    return page(
+        request,
+        "participant/join.html",
+        language=language,
+        study_title=frozen.title(language),
+        languages=languages,
+        recruiting={name: request.query_params[name] for name in PLATFORM_FIELDS if request.query_params.get(name)},
+        contact=frozen.protocol.contact or contact(request),
+        action=here,
+        join_url=here,
+    )
+
+
+@router.post("/join/{recruiting_token}")
+async def join(recruiting_token: str, request: Request) -> Response:
+    """A new participant. A form is answered with the way to the session, JSON (bots) with its token."""
+    is_json = request.headers.get("content-type", "").startswith("application/json")
+    given = await _body(request, is_json)
+    return await asyncio.to_thread(_join, recruiting_token, request, given, is_json)
+
+
+async def _body(request: Request, is_json: bool) -> dict[str, Any]:
+    if not is_json:
+        return {key: str(value) for key, value in (await request.form()).items()}
+    try:
+        given = await request.json()
+    except ValueError:
+        given = None
+    if not isinstance(given, dict):
+        raise Refused(422, "bad_value", "The body must be a JSON object.", field="body")
+    return given
+
+
+def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_json: bool) -> Response:
+    parts = house(request)
+    recruiting = {field: str(given[name]) for name, field in PLATFORM_FIELDS.items() if given.get(name)}
+    simulated = is_json and given.get("simulated") is True
+    oracle = given.get("oracle")
+    with parts.database.transaction() as s:
+        session, token = join_study(
+            s,
+            study_by_link(s, recruiting_token),
+            files=parts.files,
+            language=str(given.get("language", "")),
+            recruiting={"platform": "prolific", **recruiting} if recruiting else None,
+            device=_device(given.get("device")),
+            simulated=simulated,
+            oracle=oracle if isinstance(oracle, dict) else None,
+        )
+        code = s.get_one(Participant, session.participant_id).code
+    if is_json:
+        return JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
+    return RedirectResponse(f"/p/{token}", status_code=303)
+
+
+def _device(given: Any) -> dict[str, Any]:
+    """What the device check told, only the fields we know."""
+    if isinstance(given, str):
+        try:
+            given = json.loads(given)
+        except ValueError:
+            given = None
+    if not isinstance(given, dict):
+        return {}
+    known = {field: given[field] for field in DEVICE_FIELDS if isinstance(given.get(field), str | int | float | bool)}
+    return {field: value[:LONGEST_DEVICE_VALUE] if isinstance(value, str) else value for field, value in known.items()}
+
+
+# ---- the session's pages ---------------------------------------------------------------------------------------------
+
+
+@router.get("/p/{token}")
+def session_page(token: str, request: Request) -> Response:
+    """The whole page at the current step. A drive that an older page was playing is not seen any more."""
+    parts = house(request)
+    now = utc_now()
+    with acting(parts.database, token, request="page", now=now) as (s, session):
+        reloaded = machine.interrupted(s, session, reason="page_loaded", now=now)
+        machine.settle(s, parts.files, session, now=now)
+        name, value = stage_cookie(session)
+        context = _context(request, s, session, token)
+    if reloaded:
+        bridge_of(parts).show(session.id, afresh=True)
+        bridge_of(parts).changed(session.id)
+    response = page(request, "participant/session.html", language=session.language, **context)
+    response.set_cookie(name, value, path="/stage", httponly=True, samesite="lax", secure=request.url.scheme == "https")
+    response.headers["X-Step-Key"] = context["step"].key
+    return response
+
+
+@router.get("/p/{token}/step")
+def step_fragment(token: str, request: Request) -> Response:
+    """The current step alone, to be swapped into the page."""
+    with _looking(house(request), token) as (s, session):
+        context = _context(request, s, session, token)
+    response = page(request, "participant/step.html", language=session.language, **context)
+    response.headers["X-Step-Key"] = context["step"].key
+    return response
+
+
+@router.get("/p/{token}/consent")
+def consent_copy(token: str, request: Request) -> Response:
+    """The participant's copy of what they consented to."""
+    with _looking(house(request), token) as (s, session):
+        frozen = thaw(s.get_one(Study, session.study_id))
+        step = next(step for step in session.plan if step["kind"] == "consent")
+        given_at = s.scalar(select(Answer.created_at).where(Answer.session_id == session.id, Answer.kind == "consent"))
+        code = s.get_one(Participant, session.participant_id).code
+    return page(
+        request,
+        "participant/consent_copy.html",
+        language=session.language,
+        study_title=frozen.title(session.language),
+        payload=payload_of(frozen, step, session.language),
+        given_at=given_at,
+        code=code,
+        contact=frozen.protocol.contact or contact(request),
+    )
+
+
+@router.get("/p/{token}/help")
+def help_page(token: str, request: Request) -> Response:
+    """Whom to ask and how things work."""
+    with _looking(house(request), token) as (s, session):
+        context = _context(request, s, session, token)
+    return page(request, "participant/help.html", language=session.language, **context)
+
+
+def _context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
+    frozen = thaw(s.get_one(Study, session.study_id))
+    view = machine.current(s, session)
+    return {
+        "token": token,
+        "study_title": frozen.title(session.language),
+        "contact": frozen.protocol.contact or contact(request),
+        "step": view,
+        "state": _state(request, session, view),
+        "expires_at": session.expires_at,
+    }
+
+
+def _state(request: Request, session: Session, view: machine.StepView) -> dict[str, Any]:
+    """What `GET /api/session/{token}` answers."""
+    state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
+    if view.kind in TRIAL_KINDS:
+        state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
+    return state
+
+
+@contextmanager
+def _looking(parts: House, token: str) -> Iterator[tuple[DatabaseSession, Session]]:
+    """A reading transaction on the token's session, which first lets a waiting session go on. Refusals are logged."""
+    try:
+        with parts.database.session() as s:
+            due = _may_settle(s, find_session(s, token, now=utc_now(), lock=False))
+        if due:
+            _settle(parts, token)
+        with parts.database.session() as s:
+            yield s, find_session(s, token, now=utc_now(), lock=False)
+    except Refused as refused:
+        log_refusal(parts.database, refused, request="look")
+        raise
+
+
+def _may_settle(s: DatabaseSession, session: Session) -> bool:
+    if session.state != "active" or machine.step_of(session)["kind"] != "wait":
+        return False
+    protocol = thaw(s.get_one(Study, session.study_id)).protocol
+    return personalisation.outcome_of(s, session, protocol, utc_now()) is not None
+
+
+def _settle(parts: House, token: str) -> None:
+    now = utc_now()
+    with acting(parts.database, token, request="settle", now=now) as (s, session):
+        moved = machine.settle(s, parts.files, session, now=now)
+    if moved:
+        bridge_of(parts).changed(session.id)
+
+
+# ---- the session's API -----------------------------------------------------------------------------------------------
+
+
+@router.get("/api/session/{token}")
+def state(token: str, request: Request) -> dict[str, Any]:
+    """Where the session stands."""
+    with _looking(house(request), token) as (s, session):
+        return _state(request, session, machine.current(s, session))
+
+
+@router.post("/api/session/{token}/steps/{key}")
+def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Store an answer; the reply is the acknowledgement."""
+    parts = house(request)
+    now = utc_now()
+    request_id = _request_id(body)
+    client_time = _client_time(body.get("client_time"))
+    with acting(parts.database, token, request="answer", now=now) as (s, session):
+        submitted = machine.submit(
+            s,
+            parts.files,
+            session,
+            key,
+            body.get("value") or {},
+            request_id=request_id,
+            client_time=client_time,
+            now=now,
+        )
+        reply = _state(request, session, machine.current(s, session))
+    if not submitted.duplicate:
+        bridge_of(parts).show(session.id)
+        bridge_of(parts).changed(session.id)
+    return {"accepted": True, "duplicate": submitted.duplicate, **reply}
+
+
+@router.post("/api/session/{token}/trials/{key}/start")
+def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Play the first drive that was not seen yet."""
+
+    def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
+        if not session.simulated and not bridge_of(house(request)).connected(session.id):
+            raise Refused(
+                409,
+                "stage_not_ready",
+                "The picture is not there yet.",
+                session_id=session.id,
+                study_id=session.study_id,
+            )
+        return machine.start_trial(s, session, key, request_id=body.get("request_id"), now=now)
+
+    return _on_trial(request, token, "start", act)
+
+
+@router.post("/api/session/{token}/trials/{key}/seen")
+def seen(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """The stage told the page that a drive has been watched to its end."""
+    drive: Literal["a", "b"] = _drive(body.get("drive"))
+    playback = body.get("playback_id")
+    return _on_trial(
+        request,
+        token,
+        "seen",
+        lambda s, session, now: machine.drive_seen(s, session, key, drive, playback, now=now),
+    )
+
+
+@router.post("/api/session/{token}/trials/{key}/interrupted")
+def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """A drive could not be watched: hidden tab (that drive again), lost picture or connection (the trial again)."""
+    reason = body.get("reason")
+    if reason not in ("hidden", "webgl_lost", "connection"):
+        raise Refused(
+            422, "bad_value", "must be hidden, webgl_lost or connection", field="reason", value=str(reason)[:40]
+        )
+
+    def act(s: DatabaseSession, session: Session, now: datetime) -> None:
+        if machine.step_of(session)["key"] == key:
+            again = machine.restart_drive if reason == "hidden" else machine.interrupted
+            again(s, session, reason=reason, now=now)
+
+    return _on_trial(request, token, "interrupted", act, afresh=True)
+
+
+def _on_trial(
+    request: Request,
+    token: str,
+    asked: str,
+    act: Callable[[DatabaseSession, Session, datetime], machine.Playback | None],
+    *,
+    afresh: bool = False,
+) -> dict[str, Any]:
+    """One change of a trial: commit it, then play what it says, then tell the page's stream."""
+    parts = house(request)
+    now = utc_now()
+    with acting(parts.database, token, request=asked, now=now) as (s, session):
+        playback = act(s, session, now)
+        reply = _state(request, session, machine.current(s, session))
+    bridge = bridge_of(parts)
+    if playback is not None:
+        bridge.play(session.id, playback)
+    elif afresh:
+        bridge.show(session.id, afresh=True)
+    bridge.changed(session.id)
+    return reply
+
+
+@router.get("/api/session/{token}/trial-data")
+def trial_data(token: str, parts: TheHouse) -> dict[str, str]:
+    """The two drives of the current trial as NPZ in base64, for oracles; simulated sessions only."""
+    with _looking(parts, token) as (s, session):
+        if not session.simulated:
+            raise Refused(403, "simulated_only", "Only simulated sessions may read drives.", session_id=session.id)
+        trial = machine.trial_of(s, session)
+        if trial is None:
+            raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
+    drives = {"a": trial.trajectory_a, "b": trial.trajectory_b}
+    return {name: base64.b64encode(parts.files.get(drive)).decode() for name, drive in drives.items()}
+
+
+@router.post("/api/session/{token}/events", status_code=204)
+def page_event(token: str, parts: TheHouse, body: Json) -> Response:
+    """Something the page noticed: into the log, with the browser's own time."""
+    kind, data = body.get("kind"), body.get("data") or {}
+    if kind not in PAGE_EVENTS or not isinstance(data, dict) or len(json.dumps(data)) > LARGEST_EVENT:
+        allowed = ", ".join(sorted(PAGE_EVENTS))
+        raise Refused(422, "bad_value", f"must be one of {allowed} with a small object as data", field="kind")
+    with acting(parts.database, token, request="event", now=utc_now()) as (s, session):
+        log_event(
+            s,
+            f"page_{kind}",
+            session_id=session.id,
+            client_time=_client_time(body.get("client_time")),
+            step=machine.step_of(session)["key"],
+            page=data,
+        )
+    return Response(status_code=204)
+
+
+@router.post("/api/session/{token}/pause")
+def pause(token: str, request: Request) -> dict[str, Any]:
+    """Stop for now; the link stays valid."""
+    return _change(request, token, "pause", lambda s, session, now: machine.pause(s, session, now=now))
+
+
+@router.post("/api/session/{token}/resume")
+def resume(token: str, request: Request) -> dict[str, Any]:
+    """Go on."""
+    return _change(request, token, "resume", lambda s, session, now: machine.resume(s, session, now=now))
+
+
+@router.post("/api/session/{token}/withdraw")
+def withdraw(token: str, request: Request) -> dict[str, Any]:
+    """Leave the study for good."""
+    return _change(request, token, "withdraw", lambda s, session, now: machine.withdraw(s, session, now=now))
+
+
+@router.post("/api/session/{token}/problem", status_code=204)
+def problem(token: str, parts: TheHouse, body: Json) -> Response:
+    """Report a problem."""
+    with acting(parts.database, token, request="problem", now=utc_now()) as (s, session):
+        machine.report_problem(s, session, str(body.get("text", "")))
+    return Response(status_code=204)
+
+
+def _change(
+    request: Request, token: str, asked: str, act: Callable[[DatabaseSession, Session, datetime], None]
+) -> dict[str, Any]:
+    parts = house(request)
+    now = utc_now()
+    with acting(parts.database, token, request=asked, now=now) as (s, session):
+        act(s, session, now)
+        reply = _state(request, session, machine.current(s, session))
+    bridge_of(parts).show(session.id, afresh=True)
+    bridge_of(parts).changed(session.id)
+    return reply
+
+
+# ---- the stream ------------------------------------------------------------------------------------------------------
+
+
+@router.get("/api/session/{token}/stream")
+async def stream(token: str, request: Request) -> StreamingResponse:
+    """Server-sent events: `state` (look again), `job` (progress while waiting), `moved` (another window took over)."""
+    parts = house(request)
+    first = await asyncio.to_thread(_glance, parts, token)
+    listener = bridge_of(parts).listen(first.session_id)
+    return StreamingResponse(
+        _tell(parts, token, first, listener),
+        media_type="text/event-stream",
+        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+    )
+
+
+class _Glance:
+    """What a stream compares: where the session stands, and how far its job is while somebody waits for it."""
+
+    def __init__(self, s: DatabaseSession, session: Session) -> None:
+        self.session_id = session.id
+        step = machine.step_of(session)
+        trial = machine.trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
+        shown = (trial.phase, trial.restarts) if trial is not None else None
+        self.state = (session.state, session.position, shown)
+        self.position = session.position
+        self.waiting = step["kind"] == "wait" and session.state == "active"
+        self.job: dict[str, Any] | None = None
+        if self.waiting:
+            job = personalisation.job_of(s, session)
+            self.job = {"progress": round(job.progress, 3) if job is not None else 0.0, "done": False}
+
+
+def _glance(parts: House, token: str) -> _Glance:
+    with _looking(parts, token) as (s, session):
+        glance = _Glance(s, session)
+        unseen = session.last_seen_at is None or utc_now() - session.last_seen_at > SEEN_EVERY
+    if unseen:
+        with acting(parts.database, token, request="stream", now=utc_now()):
+            pass  # `acting` notes when the session was last seen
+    return glance
+
+
+async def _tell(parts: House, token: str, before: _Glance, listener: Listener) -> AsyncIterator[str]:
+    bridge = bridge_of(parts)
+    try:
+        yield _event("state", {})  # whatever happened before the stream was open
+        if before.job:
+            yield _event("job", before.job)
+        while True:
+            await listener.wait(STREAM_WAIT_LOOK_S if before.waiting else STREAM_LOOK_S)
+            if listener.taken_over:
+                yield _event("moved", {"reason": "other_window"})
+                return
+            try:
+                now = await asyncio.to_thread(_glance, parts, token)
+            except Refused:
+                yield _event("moved", {"reason": "step"})
+                return
+            if now.job and now.job != before.job:
+                yield _event("job", now.job)
+            if before.waiting and now.position != before.position:
+                yield _event("job", {"progress": 1.0, "done": True})
+            if now.state != before.state:
+                yield _event("state", {})
+            else:
+                yield ": still here\n\n"
+            before = now
+    finally:
+        bridge.leave(before.session_id, listener)
+
+
+def _event(name: str, data: dict[str, Any]) -> str:
+    return f"event: {name}\ndata: {json.dumps(data)}\n\n"
+
+
+# ---- what comes in ---------------------------------------------------------------------------------------------------
+
+
+def _request_id(body: dict[str, Any]) -> str:
+    given = body.get("request_id")
+    if not isinstance(given, str) or not 8 <= len(given) <= 64:
+        raise Refused(
+            422, "bad_value", "must be a text of 8 to 64 characters, another one per answer", field="request_id"
+        )
+    return given
+
+
+def _client_time(given: Any) -> datetime | None:
+    """The browser's clock, where it says something that is a time with a zone."""
+    try:
+        told = datetime.fromisoformat(given) if isinstance(given, str) else None
+    except ValueError:
+        return None
+    return told if told is not None and told.tzinfo is not None else None
+
+
+def _drive(given: Any) -> Literal["a", "b"]:
+    if given == "a":
+        return "a"
+    if given == "b":
+        return "b"
+    raise Refused(422, "bad_value", "must be 'a' or 'b'", field="drive", value=str(given)[:20])
+
+
+def _refusal(request: Request, problem: Exception) -> Response:
+    """A Refused as the page (people) or JSON (scripts) that says what happened."""
+    assert isinstance(problem, Refused)  # noqa: S101  registered for this class only
+    parts = house(request)
+    wants_json = request.url.path.startswith("/api/") or request.headers.get("content-type", "").startswith(
+        "application/json"
+    )
+    if request.url.path.startswith("/join/"):  # everything on a session's own path was logged where it was refused
+        log_refusal(parts.database, problem, request="join")
+    if wants_json:
+        return JSONResponse(problem.as_dict(), problem.status)
+    languages = parts.texts.languages
+    return page(
+        request,
+        "participant/refusal.html",
+        language=parts.texts.best(request.headers.get("Accept-Language"), languages),
+        status=problem.status,
+        code=problem.code,
+        contact=contact(request),
+    )
+
+
+exception_handlers = {Refused: _refusal}
