@@ -191,6 +191,8 @@ class Database:
                 said = "the file is damaged or no database; restore a backup (`desirepath restore`)"
             elif "database is locked" in message:
                 said = f"another process kept writing for more than {BUSY_TIMEOUT_MS / 1000:.0f} s; nothing was stored"
+            elif "connection failed" in message or "could not translate host name" in message:
+                said = "no database server answers there; check DESIREPATH_DATABASE_URL and that the server runs"
             elif isinstance(problem, OperationalError) and problem.connection_invalidated:
                 said = "the connection was lost; nothing of this change was stored"
             else:

@@ -9,11 +9,14 @@ import sqlite3
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from sqlalchemy import select, text
 
+from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError, check_writable
 from backend.store.models import Setting
 
@@ -130,26 +133,53 @@ def test_a_nearly_full_disk_is_told_at_start(tmp_path: Path):
 
 
 @pytest.fixture
-def read_only_folder(tmp_path: Path):
-    """A folder that really cannot be written, also by root: a read-only mount where we may mount, else by its mode."""
-    folder = tmp_path / "read-only"
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A real disk of 1 MB; skipped where this user may not mount one."""
+    folder = tmp_path / "disk"
     folder.mkdir()
-    mounted = os.geteuid() == 0 and (
-        subprocess.run(["mount", "-t", "tmpfs", "-o", "ro,size=1m", "tmpfs", folder], capture_output=True).returncode
-        == 0
-    )
-    if os.geteuid() == 0 and not mounted:
-        pytest.skip("root writes everywhere and cannot mount here")
-    folder.chmod(0o500) if not mounted else None
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("only root can mount a small disk, and only outside of most containers")
     yield folder
-    if mounted:
-        subprocess.run(["umount", folder], check=True)
+    subprocess.run(["umount", "--lazy", folder], check=True)  # a test that failed may still hold a file open
+
+
+@pytest.fixture
+def read_only_folder(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
+    """A folder that this user cannot write: by its mode, for root a disk mounted so."""
+    if os.geteuid() == 0:
+        folder = request.getfixturevalue("small_disk")
+        subprocess.run(["mount", "-o", "remount,ro", folder], check=True)
     else:
+        folder = tmp_path / "read-only"
+        folder.mkdir(0o500)
+    yield folder
+    if os.geteuid() != 0:
         folder.chmod(0o700)
 
 
+def test_a_small_disk_that_fills_up_keeps_what_was_stored(small_disk: Path):
+    with pytest.raises(StorageError, match="only 1 MB free on its disk"):
+        check_writable(small_disk)
+    files = ArtefactStore((small_disk / "artefacts").as_uri())
+    first = files.put(b"weights")
+    with pytest.raises(StorageError, match=r"No space left on device.*check free space"):
+        files.put(b"x" * 2_000_000)
+    assert [path.name for path in small_disk.rglob("*") if path.is_file()] == [first]
+    with pytest.raises(StorageError, match="disk is full"):
+        fill(f"sqlite:///{small_disk / 'desirepath.sqlite'}")
+
+
+def fill(url: str) -> None:
+    with closing(Database(url)) as database:
+        database.migrate()
+        for k in range(100):
+            with database.transaction() as s:
+                s.add(Setting(key=f"answer-{k}", value={"text": "x" * 20_000}))
+
+
 def test_a_read_only_data_folder_is_told_at_start(read_only_folder: Path):
-    with pytest.raises(StorageError, match=r"cannot be written.*DESIREPATH_DATA|free on its disk"):
+    with pytest.raises(StorageError, match=r"cannot be written.*DESIREPATH_DATA"):
         check_writable(read_only_folder, min_free_bytes=0)
     with pytest.raises(StorageError, match="cannot be opened"):
         Database(f"sqlite:///{read_only_folder / 'desirepath.sqlite'}").migrate()
@@ -170,6 +200,11 @@ def test_a_file_that_is_no_database_is_told(tmp_path: Path):
     (tmp_path / "desirepath.sqlite").write_bytes(b"these are not the pages you are looking for" * 100)
     with pytest.raises(StorageError, match="damaged or no database"):
         Database(f"sqlite:///{tmp_path / 'desirepath.sqlite'}").migrate()
+
+
+def test_a_database_server_that_does_not_answer_is_told():
+    with pytest.raises(StorageError, match="no database server answers there"):
+        Database("postgresql://nobody@127.0.0.1:1/nothing").migrate()
 
 
 @pytest.mark.parametrize("url", ["sqlite://", "sqlite:///:memory:", "mysql://localhost/x"])

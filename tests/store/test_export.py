@@ -203,11 +203,8 @@ def test_checksums_cover_every_file_and_are_what_the_command_says(full: SmallStu
         assert hashlib.sha256((exported / name).read_bytes()).hexdigest() == file["sha256"], name
 
 
-def test_an_export_comes_back_to_the_same_answers(full: SmallStudy, exported: Path, tmp_path: Path):
-    there, their_files = (
-        Database(f"sqlite:///{tmp_path / 'there.sqlite'}"),
-        ArtefactStore((tmp_path / "there").as_uri()),
-    )
+def test_an_export_comes_back_to_the_same_answers(full: SmallStudy, exported: Path, tmp_path: Path, either: Database):
+    there, their_files = either, ArtefactStore((tmp_path / "there").as_uri())
     there.migrate()
     said = import_dataset(there, their_files, exported)
     assert said == {"study": full.id, "participants": 4, "sessions": 4, "responses": 16, "trajectories": 24}
