@@ -160,7 +160,8 @@ const stageUrl = () => current.stage_url ?? `${data.stage_origin}/stage/${data.t
 function tellMore(kind) {
   ending?.disconnect();
   const next = step.querySelector(".bottombar > .next");
-  const end = step.querySelector(".content")?.lastElementChild;
+  let end = step.querySelector(".content")?.lastElementChild;
+  while (end?.lastElementChild && end.matches(".prose, ul, ol, fieldset")) end = end.lastElementChild;
   if (!next || !end || !["information", "consent", "instruction", "debriefing"].includes(kind)) return;
   const words = next.textContent;
   const bar = /** @type {HTMLElement} */ (next.parentElement).offsetHeight;
@@ -169,7 +170,7 @@ function tellMore(kind) {
       next.textContent = seen.isIntersecting ? words : say("more");
       if (seen.isIntersecting) ending?.disconnect();
     },
-    { rootMargin: `0px 0px ${-bar}px 0px` },
+    { rootMargin: `0px 0px ${-bar}px 0px`, threshold: 0.9 },
   );
   ending.observe(end);
 }
