@@ -6,20 +6,23 @@ Takes plain scenes, returns the names of what it made; poses over time are the p
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 import viser
 
 from app import figures, furniture, surfaces
 from app.glb import Surface, to_glb
-from app.shapes import Shape, box, disc, merged
+from app.shapes import Shape, disc, merged
 from app.views import Camera, View
 from backend.simulation.scene import Scene
 
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
 FIELD_RADIUS_M = 26.0  # and gone here
+
+_drawing = threading.Lock()  # floors are drawn one at a time: twenty pages at once would need half a gigabyte
 
 
 @dataclass(frozen=True)
@@ -35,8 +38,9 @@ def build(
 ) -> Nodes:
     """Add the scene under the node name `root`, robots at the start. Nothing tells start or goal."""
     meshes = [f"{root}/place"]
-    ground = [*_ground(scene, camera), _standing(scene, view)]
-    api.add_glb(f"{root}/place", to_glb(ground), cast_shadow=False, receive_shadow=False)
+    with _drawing:
+        place = _place(scene, camera.frame, cut=view == "top_down")
+    api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
     person = scene.person
     api.add_glb(
@@ -89,24 +93,24 @@ def _about_z(yaw: float) -> tuple[float, float, float, float]:
     return math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
 
 
-def _standing(scene: Scene, view: View) -> Surface:
-    """Furniture and walls as one mesh; walls are cut low for the view from above."""
+@lru_cache(maxsize=64)
+def _place(scene: Scene, frame: tuple[float, float, float, float], *, cut: bool) -> bytes:
+    """Floor, furniture and walls; `cut` low for the view from above. Kept, as participants share their queries."""
     shapes = [furniture.piece(obstacle, index) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
-        shapes.append(furniture.room_walls(scene.room, cut=view == "top_down"))
-    if not shapes:  # an empty field still needs a mesh here, or the page would wait for it
-        shapes = [box((0.001, 0.001, 0.001), (0.0, 0.0, -0.01), (0, 0, 0))]
-    return Surface(merged(shapes))
+        shapes.append(furniture.room_walls(scene.room, cut=cut))
+    standing = [Surface(merged(shapes))] if shapes else []
+    return to_glb([*_ground(scene, frame), *standing])
 
 
-def _ground(scene: Scene, camera: Camera) -> list[Surface]:
+def _ground(scene: Scene, frame: tuple[float, float, float, float]) -> list[Surface]:
     """The floor with its shadows; in the open, ground around it that fades out."""
     indoors = scene.room is not None
     if scene.room is not None:
         half_x, half_y = scene.room.length / 2, scene.room.width / 2
         bounds = (-half_x, -half_y, half_x, half_y)
     else:
-        bounds = camera.frame
+        bounds = frame
     picture = surfaces.floor("wood" if indoors else "concrete", scene.solids(), bounds)
     ground = [Surface(_rectangle(bounds), uv=_RECTANGLE_UV, image=picture)]
     if not indoors:

@@ -88,5 +88,8 @@ class StageServer:
             stage = self._stage_of_client.pop(client.client_id, None)
             if stage is not None and self._stage_of_key.get(stage.key) is stage:
                 del self._stage_of_key[stage.key]
-        if stage is not None and self._on_disconnect is not None:
+        if stage is None:
+            return
+        stage.leave()
+        if self._on_disconnect is not None:
             self._on_disconnect(stage, stage.key)

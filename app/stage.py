@@ -51,6 +51,7 @@ class Stage:
         self._showing: _Showing | None = None
         self._nodes = scene_nodes.Nodes((), ())
         self._shown = 0
+        self._gone = False
 
     def show(self, scene: Scene, view: View, *, trajectories: Sequence[Trajectory] = ()) -> None:
         """Build the scene with the robot at its start. The page posts `ready` when all of it can be seen.
@@ -111,6 +112,8 @@ class Stage:
         if not speed > 0:
             raise ValueError(f"replay field 'speed' = {speed!r}: needs a number above 0, 1 is real time")
         with self._lock:
+            if self._gone:
+                return
             colours = (figures.LEFT, figures.RIGHT)
             self._show(left.scene, require_view(view), (left, right), colours)
             for name, trajectory, colour in zip(("left", "right"), (left, right), colours, strict=True):
@@ -130,9 +133,15 @@ class Stage:
     def clear(self) -> None:
         """An empty stage."""
         with self._lock:
+            if self._gone:
+                return
             self._client.scene.reset()
             self._showing = None
             self._run({"type": "clear"})
+
+    def leave(self) -> None:
+        """The page is gone: orders that come late do nothing. `StageServer` says so."""
+        self._gone = True
 
     def retire(self) -> None:
         """Tell the page that another connection took its place, and drop it. It will not come back by itself."""
@@ -161,7 +170,7 @@ class Stage:
         camera = camera_for(scene, view, trajectories)
         showing = _Showing(scene, view, camera.frame, robots)
         with self._lock:
-            if showing == self._showing:
+            if self._gone or showing == self._showing:
                 return
             self._shown += 1
             with self._client.atomic():
@@ -179,7 +188,8 @@ class Stage:
             self._showing = showing
 
     def _run(self, command: dict[str, Any]) -> None:
-        viser_hooks.run_javascript(self._client, f"window.desirePath.run({json.dumps(command)})")
+        if not self._gone:
+            viser_hooks.run_javascript(self._client, f"window.desirePath.run({json.dumps(command)})")
 
 
 def _samples(trajectory: Trajectory) -> list[list[float]]:

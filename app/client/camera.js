@@ -7,7 +7,8 @@
   const ASLANT_FOV_RAD = 0.6;
   const TRACKED_HEIGHT_M = 0.3; // as app/views.py
 
-  /** @type {{view: string, eye: number[], target: number[], fov_rad: number, frame: number[]} | null} */
+  /** @typedef {{view: string, eye: number[], target: number[], fov_rad: number, frame: number[]}} Camera */
+  /** @type {Camera | null} */
   let camera = null;
   let free = false;
   let yaw = 0;
@@ -66,7 +67,7 @@
   window.addEventListener("resize", () => requestAnimationFrame(apply));
 
   window.desirePath.camera = {
-    /** @param {NonNullable<typeof camera>} next */
+    /** @param {Camera} next as app/views.py */
     use(next) {
       free = false;
       window.desirePath.viser.orbit(false);
@@ -79,7 +80,8 @@
     /** The gaze of the immersive view back to where the robot starts, the same for every drive in a scene. */
     recentre() {
       if (!camera) return;
-      const [dx, dy, dz] = camera.target.map((value, i) => value - /** @type {any} */ (camera).eye[i]);
+      const { eye, target } = camera;
+      const [dx, dy, dz] = target.map((value, i) => value - eye[i]);
       yaw = Math.atan2(dy, dx);
       pitch = Math.max(-0.35, Math.atan2(dz, Math.hypot(dx, dy)));
       apply();
