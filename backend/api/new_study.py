@@ -12,9 +12,9 @@ from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, TheHouse
 from backend.api.drafts import Draft, DraftError
 from backend.api.lab import LabRefusal, lab_language, lab_page
-from backend.store.events import log_event
+from backend.api.preview import first_steps
 from backend.study.protocol import ProtocolError, describe_stages, expected_minutes, freeze, shipped_protocols
-from backend.study.studies import create_study
+from backend.study.studies import StudyError, create_study
 
 LONGEST_NAME = 200
 
@@ -109,7 +109,7 @@ def _check_page(
     try:
         frozen = draft.freeze()
     except ProtocolError as wrong:
-        problems = wrong.problems
+        problems = sorted(wrong.problems, key=lambda one: (one.file, one.line))
     return lab_page(
         request,
         "lab/new_check.html",
@@ -118,6 +118,7 @@ def _check_page(
         frozen=frozen,
         stages=describe_stages(frozen.data, frozen.files) if frozen else [],
         minutes=expected_minutes(frozen.protocol) if frozen else None,
+        first_steps=first_steps(frozen) if frozen else {},
         problems=problems,
         wrong_lines={one.line for one in problems if one.file == draft.file.name},
         problem=problem,
@@ -141,9 +142,9 @@ def open_study(
         if not name:
             raise DraftError("no_name")
         with database.transaction() as s:
-            study = create_study(s, files, frozen, name=name, created_by=user.id)
-            log_event(s, "study_created", study_id=study.id, by=user.name, protocol_hash=frozen.hash)
-            study_id = study.id
+            study_id = create_study(s, files, frozen, name=name, created_by=user.id).id
+    except StudyError as refused:
+        return _check_page(request, draft, status=422, problem=DraftError("study", problem=refused), name=name)
     except ProtocolError:
         return _check_page(request, draft, status=422)
     except DraftError as problem:

@@ -89,14 +89,13 @@ class Person:
 
 @dataclass(frozen=True)
 class Answer:
-    """One response with whose it is and its trial; `about`: the trial that a guess was about."""
+    """One response with whose it is and its trial, where it has one."""
 
     response: Response
     code: str
     simulated: bool
     excluded: bool
     trial: Trial | None
-    about: Trial | None = None
 
 
 @dataclass(frozen=True)
@@ -291,12 +290,6 @@ def answers(s: DatabaseSession, study_id: str, where: AnswerFilter) -> list[Answ
         query = query.where(Participant.simulated == (where.who == "simulated"))
     if where.usable:
         query = query.where(Participant.excluded_at.is_(None), Participant.withdrawn_at.is_(None))
-    compared = {
-        (trial.session_id, trial.step_key): trial
-        for trial in s.scalars(
-            select(Trial).join(Session).where(Session.study_id == study_id, Trial.kind == "comparison")
-        )
-    }
     found = [
         Answer(
             response,
@@ -304,7 +297,6 @@ def answers(s: DatabaseSession, study_id: str, where: AnswerFilter) -> list[Answ
             participant.simulated,
             participant.excluded_at is not None,
             trial,
-            compared.get((response.session_id, str(response.value.get("about")))),
         )
         for response, participant, trial in s.execute(query)
     ]
@@ -331,9 +323,11 @@ def answer_kinds(s: DatabaseSession, study_id: str) -> list[tuple[str, str | Non
 
 
 def own_chosen(answer: Answer) -> bool | None:
-    """Whether the drive made from the participant's own answers was chosen (or guessed); None where not asked."""
-    trial = answer.trial or answer.about
-    own = (trial.arms or {}).get("own") if trial else None
+    """Whether a comparison or a guess named the drive made from the participant's own answers; None for others."""
+    if answer.response.kind == "guess":
+        right: bool | None = answer.response.value.get("right")
+        return right
+    own = (answer.trial.arms or {}).get("own") if answer.trial else None
     return None if own is None else answer.response.value.get("choice") == own
 
 

@@ -1,0 +1,158 @@
+"""Looking at a protocol as a participant will: real pages, real drives, nothing stored. For drafts and for studies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import Response
+
+from backend.api.auth import CheckedCsrf, checked_csrf
+from backend.api.dependencies import Db, TheHouse, contact, house, page
+from backend.api.drafts import find_draft
+from backend.api.lab import LabRefusal, lab_language
+from backend.api.replay_stages import replays
+from backend.simulation.trajectory import Trajectory
+from backend.store.models import Study
+from backend.study.machine import StepView
+from backend.study.pages import payload_of
+from backend.study.planning import Step, make_plan, queries_needed
+from backend.study.protocol import FrozenProtocol, ProtocolError, thaw
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+    from app.views import View
+
+EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's completion code will
+ON_STAGE = ("trial", "comparison")
+
+router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
+
+
+@dataclass(frozen=True)
+class QueryPreview:
+    """A query on a stage: still at first, then whichever drive is asked for."""
+
+    a: Trajectory
+    b: Trajectory
+    view: View
+
+    def show(self, stage: Stage) -> None:
+        stage.show(self.a.scene, self.view, trajectories=(self.a, self.b))
+
+    def play(self, stage: Stage, drive: str) -> None:
+        trajectory = self.a if drive == "a" else self.b
+        both = (self.a, self.b)
+        stage.play(trajectory, label=drive.upper(), view=self.view, playback_id=drive, trajectories=both)
+
+
+@dataclass(frozen=True)
+class _Placeholder:
+    """A query of which a plan only needs that it exists."""
+
+    id: str
+    setup: str = ""
+    trajectory_a: str = ""
+    trajectory_b: str = ""
+    duration_a_s: float = 0.0
+    duration_b_s: float = 0.0
+
+
+def preview_steps(frozen: FrozenProtocol) -> list[Step]:
+    """One step of every sort that a session has, in its order: the first of each stage, kind and role of trial."""
+    placeholders = [_Placeholder(f"preview-{n}") for n in range(queries_needed(frozen.protocol))]
+    steps: dict[tuple[str, str, str], Step] = {}
+    for step in make_plan(frozen.protocol, 0, placeholders):
+        steps.setdefault((step["stage"], step["kind"], step.get("role", "")), step)
+    return list(steps.values())
+
+
+def first_steps(frozen: FrozenProtocol) -> dict[str, int]:
+    """Stage -> number (from 1) of its first step in the preview."""
+    numbers: dict[str, int] = {}
+    for number, step in enumerate(preview_steps(frozen), 1):
+        numbers.setdefault(step["stage"], number)
+    return numbers
+
+
+@lru_cache(maxsize=4)
+def example_query(query_set: str) -> tuple[Trajectory, Trajectory] | None:
+    """The first query of a query set, None where the set cannot be read; the check of the protocol says why."""
+    from backend.learning.errors import LearningError  # torch comes with it: only where somebody looks
+    from backend.learning.shipped import load_queries
+
+    try:
+        queries = load_queries(query_set).queries
+    except LearningError:
+        return None
+    return (queries[0].trajectory_a, queries[0].trajectory_b) if queries else None
+
+
+@router.get("/new/{draft_id}/preview/{number}")
+def preview_draft(request: Request, parts: TheHouse, draft_id: str, number: int, language: str = "") -> Response:
+    draft = find_draft(parts.settings.data, draft_id)
+    if draft is None:
+        raise LabRefusal(404, "no_draft")
+    try:
+        frozen = draft.freeze()
+    except ProtocolError:
+        raise LabRefusal(422, "not_valid") from None
+    return _preview_page(request, frozen, number, language, back=f"/lab/new/{draft.id}")
+
+
+@router.get("/studies/{study_id}/preview/{number}")
+def preview_study(request: Request, study_id: str, number: int, database: Db, language: str = "") -> Response:
+    with database.session() as s:
+        study = s.get(Study, study_id)
+        if study is None:
+            raise LabRefusal(404, "no_study")
+        return _preview_page(request, thaw(study), number, language, back=f"/lab/studies/{study.id}/protocol")
+
+
+@router.post("/preview-stage/{token}/{drive}", status_code=204)
+def play(parts: TheHouse, token: str, drive: str, user: CheckedCsrf) -> None:
+    """Play drive `a` or `b` on a preview's stage."""
+    found = replays(parts).shown_by(token)
+    key = replays(parts).key_of(token)
+    stage = parts.stage.stage(key) if parts.stage and key else None
+    if not isinstance(found, QueryPreview) or stage is None or drive not in ("a", "b"):
+        raise LabRefusal(404, "no_preview")
+    found.play(stage, drive)
+
+
+def _preview_page(request: Request, frozen: FrozenProtocol, number: int, language: str, *, back: str) -> Response:
+    steps = preview_steps(frozen)
+    if not 1 <= number <= len(steps):
+        raise LabRefusal(404, "no_stage", stages=len(steps))
+    languages: Sequence[str] = frozen.protocol.languages
+    if language not in languages:
+        language = wish if (wish := lab_language(request)) in languages else languages[0]
+    step = steps[number - 1]
+    query = example_query(frozen.protocol.query_set) if step["kind"] in ON_STAGE else None
+    return page(
+        request,
+        "lab/preview.html",
+        language=language,
+        step=StepView(
+            kind=step["kind"],
+            key=step["key"],
+            index=number - 1,
+            total=len(steps),
+            payload=payload_of(frozen, step, language, completion_code=EXAMPLE_CODE),
+        ),
+        stage_name=step["stage"],
+        number=number,
+        steps=steps,
+        languages=languages,
+        study_title=frozen.title(language),
+        contact=frozen.protocol.contact or contact(request),
+        back=back,
+        here=request.url.path.rsplit("/", 1)[0],
+        lab=house(request).texts.get(lab_language(request)),
+        stage_token=replays(house(request)).grant(QueryPreview(*query, view=step["view"])) if query else None,
+        drives=[round(one.duration_s, 1) for one in query] if query else [0.0, 0.0] if step["kind"] in ON_STAGE else [],
+        csrf=request.state.sign_in.csrf,
+    )
