@@ -64,12 +64,11 @@ class NavigationEnv(gymnasium.Env[Floats, Floats]):
             raise ValueError(f"engine = {engine!r}: must be 'fast' or 'pybullet'")
         self.observation_space, self.action_space = observation_space(self.setup), action_space()
         self._pool = ScenePool(self.setup, seed)
-        self._reference = (
-            ReferenceEngine(self.setup, drive_mode=drive_mode, progress_weight=progress_weight)
-            if engine == "pybullet"
-            else None
-        )
-        self._fast = FastEngine(self.setup, 1, auto_reset=False, progress_weight=progress_weight, seed=seed)
+        self._engine: FastEngine | ReferenceEngine
+        if engine == "pybullet":
+            self._engine = ReferenceEngine(self.setup, drive_mode=drive_mode, progress_weight=progress_weight)
+        else:
+            self._engine = FastEngine(self.setup, 1, auto_reset=False, progress_weight=progress_weight, seed=seed)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Start an episode. Raises SceneError for a scene that cannot be run."""
@@ -80,28 +79,29 @@ class NavigationEnv(gymnasium.Env[Floats, Floats]):
         if scene is None:
             rows, seeds = self._pool.take(1)
             scene = row_to_scene(self.setup, int(seeds[0]), rows[0])
-        if self._reference is not None:
-            return self._reference.reset(scene).copy(), self._info()
-        return self._fast.reset([scene])[0].copy(), self._info()
+        engine = self._engine
+        if isinstance(engine, ReferenceEngine):
+            return engine.reset(scene).copy(), self._info()
+        return engine.reset([scene])[0].copy(), self._info()
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
         """One control step (0.2 s). Raises ActionError for actions that are not two finite numbers."""
-        if self._reference is not None:
-            self._reference.step(action)
-            return self._reference.observation.copy(), self._reference.reward, self._reference.done, False, self._info()
-        self._fast.step(np.asarray(action, dtype=np.float32).reshape(1, -1))
-        observation, reward = self._fast.next_observations[0].copy(), float(self._fast.rewards[0])
-        return observation, reward, bool(self._fast.dones[0]), False, self._info()
+        engine = self._engine
+        if isinstance(engine, ReferenceEngine):
+            engine.step(action)
+            return engine.observation.copy(), engine.reward, engine.done, False, self._info()
+        engine.step(np.asarray(action, dtype=np.float32).reshape(1, -1))
+        observation, reward = engine.next_observations[0].copy(), float(engine.rewards[0])
+        return observation, reward, bool(engine.dones[0]), False, self._info()
 
     def _info(self) -> dict[str, Any]:
-        if self._reference is not None:
-            engine = self._reference
+        engine = self._engine
+        if isinstance(engine, ReferenceEngine):
             outcome, crossings = engine.outcome, engine.self_intersections
             human, clearance = engine.human_distance, engine.obstacle_clearance
         else:
-            fast = self._fast
-            outcome, crossings = Outcome(int(fast.outcomes[0])), int(fast.self_intersections[0])
-            human, clearance = float(fast.human_distance[0]), float(fast.obstacle_clearance[0])
+            outcome, crossings = Outcome(int(engine.outcomes[0])), int(engine.self_intersections[0])
+            human, clearance = float(engine.human_distance[0]), float(engine.obstacle_clearance[0])
         return {
             "outcome": outcome.name.lower(),
             "human_distance_m": human,
@@ -110,8 +110,8 @@ class NavigationEnv(gymnasium.Env[Floats, Floats]):
         }
 
     def close(self) -> None:
-        if self._reference is not None:
-            self._reference.close()
+        if isinstance(self._engine, ReferenceEngine):
+            self._engine.close()
 
 
 class FastVecEnv(VecEnv):
