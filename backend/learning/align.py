@@ -54,7 +54,8 @@ class AlignConfig:
     replay_exploration: tuple[float, float] = (0.05, 0.6)
     online_exploration: tuple[float, float] = (0.05, 0.4)
     selection_scenes: int = 300
-    min_success: float = 0.94  # a checkpoint below is not chosen, while another reaches it
+    min_success: float = 0.94  # a checkpoint below is not chosen while another reaches it ...
+    max_selection_loss: float = 0.02  # ... nor one that loses more than this against the base policy (ours)
     gate_scenes: int = 500
     gate_max_loss: float = 0.05  # may lose this much success against the base policy on the same scenes ...
     gate_min_success: float = 0.90  # ... and must reach this
@@ -206,7 +207,8 @@ def align(
                 policy.save(checkpoint_folder / f"checkpoint_{len(policies)}.npz")
         elif update % 200 == 0:
             on_progress(update / config.updates, {"updates": update})
-    chosen = choose_checkpoint([entry["success_rate"] for entry in history], config)
+    base_success = success_rate(evaluate(base.act, setup, scenes).outcome)
+    chosen = choose_checkpoint([entry["success_rate"] for entry in history], base_success, config)
     return AlignResult(
         policies[chosen],
         check_gate(policies[chosen], base, config),
@@ -237,9 +239,10 @@ def _summary(table: EpisodeTable) -> dict[str, float]:
     }
 
 
-def choose_checkpoint(success_rates: list[float], config: AlignConfig) -> int:
-    """Refine: the last that reaches `min_success`. Thesis, and where none does: the one with most success."""
-    reaching = [k for k, rate in enumerate(success_rates) if rate >= config.min_success]
+def choose_checkpoint(success_rates: list[float], base_success: float, config: AlignConfig) -> int:
+    """Refine: the last one with enough success. Thesis, and where none has: the one with most success."""
+    enough = max(config.min_success, base_success - config.max_selection_loss)
+    reaching = [k for k, rate in enumerate(success_rates) if rate >= enough]
     if config.recipe == "refine" and reaching:
         return reaching[-1]
     return int(np.argmax(success_rates))

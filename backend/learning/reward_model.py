@@ -69,6 +69,7 @@ class LinearConfig:
 
     reduction: Reduction = "sum"
     prior_std: float = 1.0
+    scale_floor: float = 0.25  # of a summed feature: a smaller difference between two drives is an accident
     iterations: int = 3_000
 
 
@@ -106,6 +107,7 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
     """MAP weights: minimise sum -log P[chosen > rejected] + |w|^2 / (2 prior^2) over w >= 0, by projected gradient.
 
     Features are scaled by their root-mean-square difference over the given pairs, so the prior treats them alike.
+    The floor keeps a feature that hardly occurs in them from getting a huge weight.
     Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """
     config = config or LinearConfig()
@@ -117,8 +119,9 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
         return total
 
     differences = np.stack([reduced(p.chosen) - reduced(p.rejected) for p in kept])
-    # The summed features grow with a drive's length: the same floor in both reductions keeps unused ones at zero.
-    scale = np.sqrt(np.square(differences).mean(0)) + 1e-6
+    mean_steps = np.mean([len(drive.actions) for p in kept for drive in (p.chosen, p.rejected)])
+    floor = config.scale_floor if config.reduction == "sum" else config.scale_floor / mean_steps
+    scale = np.sqrt(np.square(differences).mean(0) + floor**2)
     x = differences / scale
     step = 1.0 / (0.25 * np.square(x).sum() + 1.0 / config.prior_std**2)
     w = np.full(x.shape[1], 0.1)
