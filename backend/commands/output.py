@@ -21,7 +21,8 @@ P = ParamSpec("P")
 def log_to_stderr() -> None:
     """Everything logged goes to stderr, so that stdout holds only the answer."""
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
-    logging.getLogger("httpx").setLevel(logging.WARNING)
+    for chatty in ("httpx", "alembic"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,

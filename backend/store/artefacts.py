@@ -10,7 +10,7 @@ import hashlib
 import os
 import re
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,7 @@ from backend.store.models import (
 from backend.store.models import Session as SessionRow
 
 ARTEFACT_KINDS = ("policy", "reward_model", "query_set", "snapshot", "evaluation")
+SYNC_ALL_FROM = 8  # files; measured: about 20 ms a file one by one on a busy disk
 SHA256 = re.compile(r"[0-9a-f]{64}")
 QUARANTINED = "answers it was made from have been erased; make it again from a new snapshot"
 
@@ -51,20 +52,27 @@ class ArtefactStore:
 
     def put(self, content: bytes) -> str:
         """Store `content` and return its sha256. On a local disk it has reached the disk when this returns."""
-        sha = hashlib.sha256(content).hexdigest()
-        path = self._path(sha)
-        if self._fs.exists(path) and self._fs.size(path) == len(content):
-            return sha
+        return self.put_all([content])[0]
+
+    def put_all(self, contents: Iterable[bytes]) -> list[str]:
+        """Store many at once, which on a local disk is far faster than one by one: it waits for the disk once."""
+        named = [(hashlib.sha256(content).hexdigest(), content) for content in contents]
+        new = {
+            self._path(sha): content
+            for sha, content in named
+            if not (self._fs.exists(self._path(sha)) and self._fs.size(self._path(sha)) == len(content))
+        }
         try:
             if isinstance(self._fs, LocalFileSystem):
-                _write_durably(Path(path), content)
+                _write_durably({Path(path): content for path, content in new.items()})
             else:
-                self._fs.pipe_file(path, content)
+                for path, content in new.items():
+                    self._fs.pipe_file(path, content)
         except OSError as problem:
             raise StorageError(
                 f"artefact store {self.url}: {problem.strerror or problem}; check free space and permissions"
             ) from problem
-        return sha
+        return [sha for sha, _ in named]
 
     def get(self, sha: str) -> bytes:
         """The content of that name. Raises ArtefactError if it is not there or is not what its name says."""
@@ -100,44 +108,63 @@ class ArtefactStore:
         return f"{self._root}/{sha[:2]}/{sha}"
 
 
-def _write_durably(path: Path, content: bytes) -> None:
-    """Write to a temporary name, sync, rename, sync the folder: a crash leaves the whole file or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+def _write_durably(contents: dict[Path, bytes]) -> None:
+    """Write to temporary names, sync, rename, sync the folders: a crash leaves a whole file or none."""
+    temporary = {path: path.with_name(f".{path.name}.{uuid.uuid4().hex}") for path in contents}
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporary[path].write_bytes(content)
+        _sync(temporary.values())
+        for path in contents:
+            temporary[path].replace(path)
+        _sync({path.parent for path in contents})
     finally:
-        temporary.unlink(missing_ok=True)
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+        for left in temporary.values():
+            left.unlink(missing_ok=True)
+
+
+def _sync(paths: Collection[Path]) -> None:
+    """Wait until these files or folders are on the disk; for many, one sync of everything is faster."""
+    if len(paths) > SYNC_ALL_FROM:
+        os.sync()
+        return
+    for path in paths:
+        opened = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(opened)
+        finally:
+            os.close(opened)
 
 
 def save_trajectory(
     s: Session, files: ArtefactStore, trajectory: Trajectory, made_by: str | None = None
 ) -> TrajectoryRow:
     """Store a trajectory once; saving it again returns the row there is. made_by: artefact id of the policy."""
-    sha = files.put(trajectory.to_bytes())
-    row = s.get(TrajectoryRow, sha)
-    if row is None:
-        row = TrajectoryRow(
-            id=sha,
-            setup=trajectory.scene.setup,
-            scene_hash=trajectory.scene.digest(),
-            steps=len(trajectory.actions),
-            duration_s=trajectory.duration_s,
-            outcome=int(trajectory.outcome),
-            made_by=made_by,
-        )
-        s.add(row)
-        s.flush()
-    return row
+    return save_trajectories(s, files, [trajectory], made_by)[0]
+
+
+def save_trajectories(
+    s: Session, files: ArtefactStore, trajectories: Sequence[Trajectory], made_by: str | None = None
+) -> list[TrajectoryRow]:
+    """`save_trajectory` for many at once, faster; rows in the order given."""
+    rows: list[TrajectoryRow] = []
+    for sha, trajectory in zip(files.put_all(t.to_bytes() for t in trajectories), trajectories, strict=True):
+        row = s.get(TrajectoryRow, sha)
+        if row is None:
+            row = TrajectoryRow(
+                id=sha,
+                setup=trajectory.scene.setup,
+                scene_hash=trajectory.scene.digest(),
+                steps=len(trajectory.actions),
+                duration_s=trajectory.duration_s,
+                outcome=int(trajectory.outcome),
+                made_by=made_by,
+            )
+            s.add(row)
+        rows.append(row)
+    s.flush()
+    return rows
 
 
 def load_trajectory(files: ArtefactStore, trajectory_id: str) -> Trajectory:

@@ -82,6 +82,7 @@ def restore(source: Path, data: Path) -> dict[str, Any]:
     data.mkdir(parents=True, exist_ok=True)
     files = ArtefactStore((data / ARTEFACT_FOLDER).resolve().as_uri())
     partial = data / f".{DATABASE_MEMBER}-{uuid.uuid4().hex}"
+    artefacts: list[bytes] = []
     try:
         with tarfile.open(source, "r:") as tar:
             manifest = json.loads(_member(tar, MANIFEST_MEMBER))
@@ -94,9 +95,10 @@ def restore(source: Path, data: Path) -> dict[str, Any]:
                 if hashlib.sha256(content).hexdigest() != sha:
                     raise BackupError(f"{source}: {name} is damaged (its sha256 differs)")
                 if ARTEFACT_MEMBER.fullmatch(name):
-                    files.put(content)
+                    artefacts.append(content)
                 elif name == DATABASE_MEMBER:
                     partial.write_bytes(content)
+        files.put_all(artefacts)
         if not partial.exists():
             raise BackupError(f"{source}: holds no database")
         shutil.move(partial, target)

@@ -159,16 +159,18 @@ def _add_study(s: Session, folder: Path, about: Row) -> None:
 
 
 def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list[Row]) -> None:
+    contents: list[bytes] = []
     for row in rows:
         name = f"{TRAJECTORY_FOLDER}/{row['trajectory']}.npz"
         try:
+            # The bytes as they came: another machine's compressor may write the same arrays differently.
             content = (folder / name).read_bytes()
             trajectory = Trajectory.from_bytes(content)
         except (OSError, ValueError, KeyError, TypeError, BadZipFile) as problem:
             raise DatasetError(f"{name}: is no trajectory ({problem})") from None
-        # The bytes as they came: another machine's compressor may write the same arrays differently.
-        if files.put(content) != row["trajectory"]:
+        if hashlib.sha256(content).hexdigest() != row["trajectory"]:
             raise DatasetError(f"{name}: holds another trajectory than its name says")
+        contents.append(content)
         if s.get(TrajectoryRow, row["trajectory"]) is None:
             s.add(
                 TrajectoryRow(
@@ -182,6 +184,7 @@ def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list
                     created_at=row["created_at"],
                 )
             )
+    files.put_all(contents)
 
 
 def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy.orm import Session
 
-from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectory
+from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectories
 from backend.store.models import Artefact
 from backend.store.shipped import register_parents
 
@@ -76,20 +76,20 @@ def save_query_set(
     if not query_set.queries:
         raise ArtefactError(f"query set {name!r} holds no queries; a study needs at least one")
     content = query_set.to_bytes() if content is None else content
-    stored: list[dict[str, Any]] = []
-    for query in query_set.queries:
-        row_a, row_b = (save_trajectory(s, files, t) for t in (query.trajectory_a, query.trajectory_b))
-        stored.append(
-            {
-                "id": query.digest(),
-                "setup": query.scene.setup,
-                "scene_hash": row_a.scene_hash,
-                "trajectory_a": row_a.id,
-                "trajectory_b": row_b.id,
-                "duration_a_s": row_a.duration_s,
-                "duration_b_s": row_b.duration_s,
-            }
-        )
+    drives = [t for query in query_set.queries for t in (query.trajectory_a, query.trajectory_b)]
+    rows = save_trajectories(s, files, drives)
+    stored = [
+        {
+            "id": hashlib.sha256(f"{a.id}{b.id}".encode()).hexdigest(),  # Query.digest(), without compressing again
+            "setup": a.setup,
+            "scene_hash": a.scene_hash,
+            "trajectory_a": a.id,
+            "trajectory_b": b.id,
+            "duration_a_s": a.duration_s,
+            "duration_b_s": b.duration_s,
+        }
+        for a, b in zip(rows[0::2], rows[1::2], strict=True)
+    ]
     return save_artefact(
         s,
         files,
