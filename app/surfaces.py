@@ -113,8 +113,8 @@ def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, f
     x_min, y_min, x_max, y_max = bounds
     tile = _wood() if material == "wood" else _concrete()
     columns, rows = (max(8, round(side * _PIXELS_PER_M)) for side in (x_max - x_min, y_max - y_min))
-    x = np.linspace(x_min, x_max, columns, dtype=np.float32)
-    y = np.linspace(y_max, y_min, rows, dtype=np.float32)
+    x = x_min + (np.arange(columns) + 0.5) * (x_max - x_min) / columns  # the middles of the pixels
+    y = y_max - (np.arange(rows) + 0.5) * (y_max - y_min) / rows
     across = (np.floor(x * _PIXELS_PER_M).astype(int)) % tile.shape[1]
     down = (np.floor(-y * _PIXELS_PER_M).astype(int)) % tile.shape[0]
     lit = Image.fromarray(_light_left(solids, bounds)).resize((columns, rows), Image.Resampling.BILINEAR)

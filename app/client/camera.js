@@ -28,7 +28,10 @@
     const up = lying < 0.95 * upright ? [1, 0, 0] : [0, 1, 0];
     const distance = Math.min(upright, up[0] ? lying : upright) / 2 / Math.tan(camera.fov_rad / 2);
     const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
-    window.desirePath.viser.look({ eye: [...middle, distance], target: [...middle, 0], up, fovRad: camera.fov_rad });
+    // Far off, a near plane at the nose would leave too little depth to tell a lid from the crate under it.
+    window.desirePath.viser.look({
+      eye: [...middle, distance], target: [...middle, 0], up, fovRad: camera.fov_rad, near: distance / 2,
+    });
   }
 
   function lookFromAslant() {
@@ -42,7 +45,7 @@
     const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
     const eye = width >= height ? [middle[0], middle[1] - back] : [middle[0] - back, middle[1]];
     window.desirePath.viser.look({
-      eye: [...eye, distance * Math.sin(ASLANT_RAD)], target: [...middle, 0], up: [0, 0, 1], fovRad: ASLANT_FOV_RAD,
+      eye: [...eye, distance * Math.sin(ASLANT_RAD)], target: [...middle, 0], up: [0, 0, 1], fovRad: ASLANT_FOV_RAD, near: 0.3,
     });
   }
 

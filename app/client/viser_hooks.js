@@ -80,8 +80,8 @@
       mutable().requestRender();
     },
 
-    /** @param {{eye: number[], target: number[], up: number[], fovRad: number}} view */
-    look({ eye, target, up, fovRad }) {
+    /** @param {{eye: number[], target: number[], up: number[], fovRad: number, near?: number}} view metres, radians */
+    look({ eye, target, up, fovRad, near = 0.05 }) {
       const { camera, cameraControl } = mutable();
       const upward = vector(up);
       if (camera.up.distanceToSquared(upward) > 1e-9) {
@@ -89,9 +89,9 @@
         cameraControl.updateCameraUp();
       }
       const degrees = (fovRad * 180) / Math.PI;
-      if (Math.abs(camera.fov - degrees) > 1e-6 || camera.near !== 0.05) {
+      if (Math.abs(camera.fov - degrees) > 1e-6 || camera.near !== near) {
         camera.fov = degrees;
-        camera.near = 0.05;
+        camera.near = near;
         camera.far = 400;
         camera.updateProjectionMatrix();
       }

@@ -37,7 +37,7 @@ def visit(browser: Browser, house: StageHouse) -> Iterator[Callable[..., Visitor
     """Open the stage in a fresh browser context: `visit("key")`."""
     contexts = []
 
-    def open_page(key: str = "amber", width: int = 480, height: int = 300) -> Visitor:
+    def open_page(key: str = "amber", width: int = 320, height: int = 200) -> Visitor:
         context = browser.new_context(viewport={"width": width, "height": height})
         contexts.append(context)
         return Visitor(context.new_page(), house, key)

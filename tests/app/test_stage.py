@@ -113,7 +113,7 @@ def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(house: StageH
     mouse.move(200, 150)
     for button in ("left", "right", "middle"):
         mouse.down(button=button)  # type: ignore[arg-type]
-        mouse.move(320, 60, steps=4)
+        mouse.move(300, 60, steps=4)
         mouse.up(button=button)  # type: ignore[arg-type]
         mouse.move(200, 150)
     mouse.wheel(0, 600)
@@ -132,7 +132,7 @@ def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(house: StageH
         "SPAN",
     }
     hit = visitor.frame.evaluate(
-        "[[5,5],[240,150],[470,5],[470,290],[20,285]].map(([x, y]) => document.elementFromPoint(x, y).id)"
+        "[[5,5],[160,100],[315,5],[315,195],[20,185]].map(([x, y]) => document.elementFromPoint(x, y).id)"
     )
     assert set(hit) == {"desire-path-sheet"}
     assert visitor.frame.evaluate("document.activeElement.id || document.activeElement.tagName") in (
@@ -185,9 +185,9 @@ def test_immersive_turns_the_head_and_never_moves_the_feet(house: StageHouse, vi
     visitor.wait_for("ready")
     start = visitor.camera()
     mouse = visitor.page.mouse
-    mouse.move(240, 150)
+    mouse.move(140, 120)
     mouse.down()
-    mouse.move(340, 110, steps=5)
+    mouse.move(240, 90, steps=5)
     mouse.up()
     mouse.wheel(0, 900)
     visitor.page.wait_for_timeout(300)
