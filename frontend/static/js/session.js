@@ -137,7 +137,7 @@ function mount() {
       reloadStage: () => stage.reload(),
       moveOut,
     });
-    stage.open(stageUrl(), step.querySelector("h1")?.textContent ?? "");
+    stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
   } else if (kind === "wait") {
     wait = readyWait(step, say);
   } else if (current.step) {
@@ -153,8 +153,6 @@ function mount() {
   const link = step.querySelector("[data-own-link]");
   if (link) link.textContent = `${location.origin}/p/${data.token}`;
 }
-
-const stageUrl = () => current.stage_url ?? `${data.stage_origin}/stage/${data.token}/`;
 
 /** Long texts: the bar says that there is more below, until the end has come into sight. @param {string} kind */
 function tellMore(kind) {
@@ -233,8 +231,7 @@ async function deliver(url, body) {
   try {
     const answered = await send(url, body);
     keep.release();
-    if (answered.step) await follow({ ...current, state: answered.state ?? current.state, step: answered.step });
-    await refresh();
+    await follow(answered);
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
     keep.release();

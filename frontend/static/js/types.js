@@ -20,11 +20,11 @@
  * @property {number} total
  * @property {TrialState | null} [trial]
  *
- * @typedef {object} SessionState what `GET /api/session/{token}` answers
+ * @typedef {object} SessionState what `GET /api/session/{token}` answers, and every POST beside its own things
  * @property {"active" | "paused" | "completed" | "withdrawn" | "expired"} state
  * @property {StepState | null} step
  * @property {string} language
- * @property {string} [stage_url]
+ * @property {string} [stage_url] where the step is a trial
  *
  * @typedef {{[key: string]: string | Table}} Table texts by key, nested
  *
