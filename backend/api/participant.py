@@ -205,6 +205,8 @@ def _context(request: Request, s: DatabaseSession, session: Session, token: str)
 def _state(request: Request, session: Session, view: machine.StepView) -> dict[str, Any]:
     """What `GET /api/session/{token}` answers."""
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
+    if session.simulated and view.kind == "questionnaire":  # bots read no pages
+        state["step"]["items"] = [item for block in view.payload["blocks"] for item in block["items"]]
     if view.kind in TRIAL_KINDS:
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state

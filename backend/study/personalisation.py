@@ -19,6 +19,7 @@ from backend.store.snapshots import SnapshotError, take_snapshot
 from backend.study.planning import Step
 from backend.study.schema import Protocol, TrainStage
 
+BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 SIMULATED_WAITS = 5  # ours: bots wait behind people
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
@@ -91,7 +92,8 @@ def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: da
         return "job_failed"
     last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
     since = max(job.created_at, last) if last else job.created_at
-    return "late" if now - since > timedelta(seconds=train_stage(protocol).give_up_after_s) else None
+    patience = timedelta(seconds=train_stage(protocol).give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
+    return "late" if now - since > patience else None
 
 
 def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int:

@@ -18,7 +18,18 @@ from backend.study.studies import create_study, join_study
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
-ITEMS = ("ease confidence mental_effort clarity naturalness spatial_understanding realism presence fun boredom").split()
+ITEMS = [
+    "ease",
+    "confidence",
+    "mental_effort",
+    "clarity",
+    "naturalness",
+    "spatial_understanding",
+    "realism",
+    "presence",
+    "fun",
+    "boredom",
+]
 VALUES = {
     "information": {},
     "consent": {"given": True, "version": "2026-11"},

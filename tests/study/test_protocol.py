@@ -1,0 +1,196 @@
+"""A protocol says what is wrong with it: file, line, field, value, and what would work."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from backend.study.pages import payload_of
+from backend.study.protocol import (
+    PROTOCOLS,
+    ProtocolError,
+    describe_stages,
+    expected_minutes,
+    freeze,
+    freeze_text,
+    shipped_protocols,
+    validate_protocol_file,
+)
+from backend.study.schema import StageEntry, json_schema
+from backend.study.words import STAGE_KINDS
+
+QUICK = PROTOCOLS / "quick_preference_study.yaml"
+
+
+def broken(tmp_path: Path, old: str, new: str) -> dict:
+    """The first error of the quick study with one text replaced."""
+    folder = tmp_path / "protocols"
+    shutil.copytree(PROTOCOLS, folder)
+    file = folder / QUICK.name
+    text = QUICK.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+    result = validate_protocol_file(file)
+    assert result["valid"] is False
+    return result["errors"][0]
+
+
+def line_of(text: str) -> int:
+    return next(n for n, line in enumerate(QUICK.read_text().splitlines(), 1) if text in line)
+
+
+@pytest.mark.parametrize("file", shipped_protocols(), ids=lambda file: file.stem)
+def test_every_shipped_protocol_is_valid(file: Path):
+    assert validate_protocol_file(file) == {"valid": True, "errors": []}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "field", "value", "says"),
+    [
+        ("view: top_down", "view: topdown", "view:", "stages[4].block.view", "topdown", "did you mean top_down"),
+        ("count: 15", "count: 0", "count: 15", "stages[4].block.trials[1].queries.count", 0, "at least 1"),
+        (
+            "choose: random",
+            "chose: random",
+            "choose: random",
+            "stages[4].block.trials[1].queries.chose",
+            "random",
+            "did you mean choose",
+        ),
+        ("query_set: study_room/queries_200", 'query_set: ""', "query_set:", "query_set", "", "must not be empty"),
+        (
+            "study_room/queries_200",
+            "study_room/queries_20",
+            "query_set:",
+            "query_set",
+            "study_room/queries_20",
+            "did you mean study_room/queries_200",
+        ),
+        ("use: demographics", "use: demografics", "use:", "stages[2].questionnaire.use", "demografics", "no file"),
+        ("version: 1\n", "version: one\n", "version: 1", "version", "one", "valid integer"),
+        ("languages: [en, de]", "languages: [en, fr]", "title:", "title", None, "no text for fr"),
+        ("texts/consent.md", "../consent.md", "consent:", "stages[1].consent.text", "../consent.md", "without '..'"),
+        ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
+        ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "valid integer"),
+        ("arms: [base, own]", "arms: [own, base]", "comparison:", "stages[6].comparison.arms[0]", "own", "base"),
+    ],
+)
+def test_an_error_names_file_line_field_value_and_what_is_allowed(tmp_path, old, new, line, field, value, says):
+    error = broken(tmp_path, old, new)
+    assert error["file"] == QUICK.name
+    assert error["line"] == line_of(line)
+    assert error["field"] == field
+    assert error["value"] == value
+    assert says in error["message"]
+
+
+def test_a_missing_key_is_named_where_it_should_stand(tmp_path):
+    error = broken(tmp_path, "query_set: study_room/queries_200\n", "")
+    assert (error["field"], error["message"]) == ("query_set", "is missing")
+
+
+def test_all_errors_are_told_at_once(tmp_path):
+    text = QUICK.read_text().replace("view: top_down", "view: below").replace("scenes: 3", "scenes: 99")
+    with pytest.raises(ProtocolError) as wrong:
+        freeze_text(text)
+    assert {error["field"] for error in wrong.value.errors} == {"stages[4].block.view", "stages[6].comparison.scenes"}
+
+
+@pytest.mark.parametrize(
+    ("move", "says"),
+    [
+        (lambda s: s[:1] + s[2:], "needs a consent stage"),
+        (lambda s: [s[0], s[2], s[1], *s[3:]], "before the consent stage"),
+        (lambda s: s[:-1], "end with its one debriefing"),
+        (lambda s: s[:4] + s[5:], "at least one block"),
+        (lambda s: [*s[:5], s[6], s[7]], "needs a train stage before it"),
+        (lambda s: [*s[:2], s[1], *s[2:]], "at most one consent"),
+    ],
+)
+def test_stages_in_an_order_that_makes_no_sense_are_refused(move, says):
+    head, _, tail = QUICK.read_text().partition("stages:\n")
+    stages: list[str] = []
+    for line in tail.splitlines(keepends=True):
+        if line.startswith("  - "):
+            stages.append(line)
+        else:
+            stages[-1] += line
+    with pytest.raises(ProtocolError, match=says):
+        freeze_text(head + "stages:\n" + "".join(move(stages)))
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "says"),
+    [
+        ("a: [1, 2\nb: 3", 2, "not valid YAML"),
+        ("", 1, "must be a mapping"),
+        ("- a", 1, "must be a mapping"),
+        ("protocol: x\nversion: 1\nprotocol: y", 3, "given twice"),
+    ],
+)
+def test_a_file_that_is_no_protocol_at_all(text, line, says):
+    with pytest.raises(ProtocolError) as wrong:
+        freeze_text(text)
+    assert wrong.value.errors[0]["line"] == line
+    assert says in wrong.value.errors[0]["message"]
+
+
+def test_a_file_that_is_not_there_is_told_kindly(tmp_path):
+    result = validate_protocol_file(tmp_path / "nothing.yaml")
+    assert not result["valid"]
+    assert "cannot be read" in result["errors"][0]["message"]
+
+
+def test_a_questionnaires_error_points_into_the_questionnaires_file(tmp_path):
+    folder = tmp_path / "protocols"
+    shutil.copytree(PROTOCOLS, folder)
+    file = folder / "questionnaires" / "demographics.yaml"
+    file.write_text(file.read_text().replace("type: number", "type: numbr"))
+    error = validate_protocol_file(folder / QUICK.name)["errors"][0]
+    assert error["file"] == "questionnaires/demographics.yaml"
+    assert error["field"] == "blocks[0].items[0].type"
+    assert "did you mean number" in error["message"]
+
+
+def test_the_hash_changes_with_any_text(tmp_path):
+    folder = tmp_path / "protocols"
+    shutil.copytree(PROTOCOLS, folder)
+    before = freeze(folder / QUICK.name).hash
+    assert before == freeze(QUICK).hash
+    text = folder / "texts" / "consent.de.md"
+    text.write_text(text.read_text() + "\nNoch ein Satz.\n")
+    assert freeze(folder / QUICK.name).hash != before
+
+
+def test_every_stage_is_readable_in_both_languages():
+    frozen = freeze(QUICK)
+    stages = describe_stages(frozen.data, frozen.files)
+    assert [stage.kind for stage in stages] == [entry.kind for entry in frozen.protocol.stages]
+    assert len({stage.key for stage in stages}) == len(stages)
+    for stage in stages:
+        assert stage.kind not in ("information", "consent", "debriefing") or len(stage.texts) == 2
+    for language in ("en", "de"):
+        consent = payload_of(frozen, {"kind": "consent", "stage": "consent"}, language)
+        assert len(consent["points"]) == 4
+        assert "[ ]" not in consent["text"]
+        items = payload_of(
+            frozen, {"kind": "questionnaire", "stage": "train", "questionnaire": "interface_items"}, language
+        )
+        assert sum(len(block["items"]) for block in items["blocks"]) == 10  # spec 07: ten items
+
+
+def test_the_minutes_told_to_participants_fit_the_protocol():
+    protocol = freeze(QUICK).protocol
+    assert abs(expected_minutes(protocol) - protocol.minutes) < 3
+
+
+def test_schema_and_words_agree():
+    assert set(STAGE_KINDS) == set(StageEntry.model_fields)
+    assert "stages" in json_schema()["properties"]
+
+
+def test_only_true_and_false_are_booleans():
+    """YAML 1.1 reads `on:` as True, which would make our own keys unreadable."""
+    assert freeze(QUICK).protocol.stages[5].train.on == "own_answers"
