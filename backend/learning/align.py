@@ -38,12 +38,13 @@ class AlignConfig:
     recipe: Recipe = "refine"
     seed: int = 0
     preference_weight: float | None = None  # refine: r = r_core + weight * R', None: from the share; thesis: lambda
-    preference_share: float = 0.45  # refine: of what is at stake in an episode (goal - timeout reward), see `weight`
+    preference_share: float = 0.75  # refine: of what is at stake in an episode (goal - timeout reward), see `weight`
     penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
     updates: int = 8_000
-    checkpoints: int = 6
+    checkpoints: int = 10
     gamma: float | None = 0.99  # None: the setup's
     learning_rate: float = 5e-4
+    final_learning_rate: float = 1e-4  # ours: reached linearly over the second half, steadies the late checkpoints
     tau: float = 0.005
     batch_size: int = 128
     online_share: float = 0.5  # of each batch, from steps made during alignment; 0 means none are made
@@ -55,7 +56,7 @@ class AlignConfig:
     online_exploration: tuple[float, float] = (0.05, 0.4)
     selection_scenes: int = 300
     min_success: float = 0.94  # a checkpoint below is not chosen while another reaches it ...
-    max_selection_loss: float = 0.02  # ... nor one that loses more than this against the base policy (ours)
+    max_selection_loss: float = 0.025  # ... nor one that loses more than this against the base policy (ours)
     gate_scenes: int = 500
     gate_max_loss: float = 0.05  # may lose this much success against the base policy on the same scenes ...
     gate_min_success: float = 0.90  # ... and must reach this
@@ -73,7 +74,8 @@ def thesis_config(*, seed: int = 0, epochs: int = 3) -> AlignConfig:
         updates=10_000 * epochs,
         checkpoints=epochs,
         gamma=None,
-        learning_rate=3e-4,  # ours
+        learning_rate=3e-4,  # ours, constant
+        final_learning_rate=3e-4,
         online_share=0.0,
     )
 
@@ -103,10 +105,10 @@ class AlignResult:
 class PreferenceReward:
     """Turns a reward model's output into the reward of alignment, calibrated once on base drives.
 
-    weight: what the preference part is multiplied with. Where the configuration leaves it open, it makes the median
-    drive of the base policy pay `preference_share` of what is at stake (goal - timeout reward). A fixed weight of 1,
-    good in the open field, made robots in the study room wait for the timeout: passing the person cost more there
-    than the goal is worth.
+    weight: what the preference part is multiplied with. Where the configuration leaves it open, it makes an expensive
+    drive of the base policy (90th percentile) pay `preference_share` of what is at stake (goal - timeout reward). A
+    fixed weight of 1, good in the open field, made robots in the study room wait for the timeout: passing the person
+    cost more there than the goal is worth.
     """
 
     def __init__(self, model: RewardModel, config: AlignConfig, replay: Batch, base: Policy) -> None:
@@ -121,8 +123,8 @@ class PreferenceReward:
         scenes = scene_set(setup.name, config.weighing_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
         drives = rollout(setup, base.act, scenes)
         paid = [-self._penalty(self._model.rewards(d.observations, d.actions, d.next_observations)) for d in drives]
-        median = float(np.median([steps.sum() for steps in paid]))
-        return config.preference_share * (setup.reward.goal - setup.reward.timeout) / max(median, 1.0)
+        dear = float(np.quantile([steps.sum() for steps in paid], 0.9))
+        return config.preference_share * (setup.reward.goal - setup.reward.timeout) / max(dear, 1.0)
 
     def _raw(self, batch: Batch) -> Floats:
         chunks = [
@@ -197,6 +199,7 @@ def align(
                 latest = online.latest(config.online_envs)
                 latest.rewards.copy_(reward.combined(latest))
             batch = concatenate(online.sample(n_online, sampler), replay.sample(config.batch_size - n_online, sampler))
+        agent.set_learning_rate(_learning_rate(config, update))
         agent.update(batch)
         if update in marks:
             policy = policy_of(agent, setup.name).without_critic()
@@ -217,6 +220,11 @@ def align(
         reward.weight,
         replay_sha256,
     )
+
+
+def _learning_rate(config: AlignConfig, update: int) -> float:
+    late = max(0.0, 2 * update / config.updates - 1)
+    return config.learning_rate + late * (config.final_learning_rate - config.learning_rate)
 
 
 def _check(config: AlignConfig) -> None:

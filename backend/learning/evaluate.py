@@ -6,14 +6,13 @@ What an episode's numbers are lives in the engines, hypothesis tests in `analysi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.metrics import measure
 from backend.learning.errors import LearningError
 from backend.learning.policy import Policy
 from backend.learning.scene_sets import Purpose, scene_set
@@ -21,7 +20,7 @@ from backend.simulation.fast import EpisodeTable
 from backend.simulation.fast import evaluate as evaluate_fast
 from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup, require_same
-from backend.simulation.trajectory import Outcome, Trajectory
+from backend.simulation.trajectory import Outcome
 
 Doubles = NDArray[np.float64]
 BOOTSTRAPS = 2_000
@@ -74,28 +73,10 @@ def episodes(policy: Policy, scenes: list[Scene], engine: str = "fast") -> Episo
     if engine == "fast":
         return evaluate_fast(policy.act, setup, scenes)
     if engine == "pybullet":
-        from backend.simulation.reference import rollout_reference  # PyBullet is imported only when asked for
+        from backend.simulation.reference import evaluate_reference  # PyBullet is imported only when asked for
 
-        return table_of(rollout_reference(setup, policy.act, scenes))
+        return evaluate_reference(policy.act, setup, scenes)
     raise LearningError(f"engine = {engine!r}: known are fast, pybullet")
-
-
-def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
-    """The same table from full trajectories, whichever engine made them."""
-    metrics = measure(trajectories)
-    return EpisodeTable(
-        outcome=metrics.outcome,
-        steps=metrics.steps.astype(np.int32),
-        path_length=metrics.path_length.astype(np.float32),
-        min_human_distance=metrics.min_human_distance.astype(np.float32),
-        min_clearance=metrics.min_obstacle_distance.astype(np.float32),
-        self_intersections=np.array([t.self_intersections for t in trajectories], dtype=np.int32),
-        accumulated_angle=metrics.accumulated_angle.astype(np.float32),
-        path_area=metrics.path_area.astype(np.float32),
-        total_reward=np.array([t.rewards.sum() for t in trajectories], dtype=np.float32),
-        straight_distance=metrics.straight_distance.astype(np.float32),
-        ceiling=np.array([t.scene.human_distance_ceiling_m() for t in trajectories], dtype=np.float32),
-    )
 
 
 def evaluate_policy(

@@ -15,6 +15,7 @@ from backend.learning.networks import NetworkShape
 from backend.learning.policy import Policy
 from backend.learning.sb3_extractor import TwoBranchExtractor
 from backend.learning.td3 import Td3Config
+from backend.simulation.environments import action_space, observation_space
 from backend.simulation.setups import Setup, get_setup
 
 
@@ -22,8 +23,7 @@ class SpacesOnly(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
     """The spaces of a setup without a simulation, for models that are only saved. Cannot be stepped."""
 
     def __init__(self, setup: Setup) -> None:
-        self.observation_space = gymnasium.spaces.Box(-2.0, 2.0, (setup.observation_size,), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.observation_space, self.action_space = observation_space(setup), action_space()
 
 
 def sb3_td3(
