@@ -27,6 +27,7 @@ FORMAT = "desirepath-backup-1"
 DATABASE_MEMBER = "desirepath.sqlite"
 ARTEFACT_FOLDER = "artefacts"
 MANIFEST_MEMBER = "manifest.json"
+FILES_AT_ONCE = 256  # held in memory while restoring
 ARTEFACT_MEMBER = re.compile(rf"{ARTEFACT_FOLDER}/([0-9a-f]{{64}})")
 
 
@@ -82,7 +83,7 @@ def restore(source: Path, data: Path) -> dict[str, Any]:
     data.mkdir(parents=True, exist_ok=True)
     files = ArtefactStore((data / ARTEFACT_FOLDER).resolve().as_uri())
     partial = data / f".{DATABASE_MEMBER}-{uuid.uuid4().hex}"
-    artefacts: list[bytes] = []
+    waiting: list[bytes] = []
     try:
         with tarfile.open(source, "r:") as tar:
             manifest = json.loads(_member(tar, MANIFEST_MEMBER))
@@ -95,10 +96,13 @@ def restore(source: Path, data: Path) -> dict[str, Any]:
                 if hashlib.sha256(content).hexdigest() != sha:
                     raise BackupError(f"{source}: {name} is damaged (its sha256 differs)")
                 if ARTEFACT_MEMBER.fullmatch(name):
-                    artefacts.append(content)
+                    waiting.append(content)
+                    if len(waiting) == FILES_AT_ONCE:
+                        files.put_all(waiting)
+                        waiting = []
                 elif name == DATABASE_MEMBER:
                     partial.write_bytes(content)
-        files.put_all(artefacts)
+        files.put_all(waiting)
         if not partial.exists():
             raise BackupError(f"{source}: holds no database")
         shutil.move(partial, target)

@@ -204,6 +204,7 @@ def migration_config(connection: Connection) -> Config:
     """Alembic's configuration for our scripts, running inside `connection`'s transaction."""
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
+    config.set_main_option("file_template", "v%%(rev)s_%%(slug)s")
     config.attributes["connection"] = connection
     return config
 

@@ -1,7 +1,8 @@
 """The tables. One row of `response` is one answer; nothing here knows the web or how studies run.
 
 Times are UTC, timezone-aware. Ids are random UUID hex unless said otherwise. JSON columns hold plain data whose
-shape is documented beside them and in docs/data-dictionary.md.
+shape is documented beside them and in docs/data-dictionary.md. After a change here draft the next revision:
+`python -m backend.store.migrations "what changes"`; tests compare the newest revision with what stands here.
 """
 
 from __future__ import annotations

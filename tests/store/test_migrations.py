@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -10,12 +11,13 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from small_study import SmallStudy
-from sqlalchemy import delete, inspect, text, update
+from sqlalchemy import Column, String, delete, inspect, text, update
 from sqlalchemy.exc import DBAPIError
 
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, migration_config
+from backend.store.database import MIGRATIONS, Database, migration_config
 from backend.store.erasure import erase_participant
+from backend.store.migrations.__main__ import draft_revision
 from backend.store.models import (
     Base,
     Erasing,
@@ -37,6 +39,43 @@ def test_an_empty_database_becomes_what_the_models_say(either: Database):
         assert compare_metadata(context, Base.metadata) == []
         newest = ScriptDirectory.from_config(migration_config(connection)).get_current_head()
         assert context.get_current_revision() == newest
+
+
+def test_the_newest_revision_has_the_models_constraints(either: Database, tmp_path: Path):
+    """What Alembic's comparison leaves out: checks, unique constraints and foreign keys, by name."""
+
+    def constraints(database: Database) -> set[tuple[str, str | None]]:
+        seen = inspect(database.engine)
+        kinds = (seen.get_check_constraints, seen.get_unique_constraints, seen.get_foreign_keys, seen.get_indexes)
+        return {
+            (table, found["name"])
+            for table in set(seen.get_table_names()) - {"alembic_version"}
+            for kind in kinds
+            for found in kind(table)
+        }
+
+    either.migrate()
+    plain = Database(f"sqlite:///{tmp_path / 'plain.sqlite'}")
+    Base.metadata.create_all(plain.engine)
+    wanted = constraints(plain)
+    assert ("trial", "ck_trial_phase") in wanted
+    assert ("response", "uq_response_session_id_step_key") in wanted
+    assert wanted <= constraints(either)
+
+
+def test_the_next_revision_is_drafted_from_the_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    scripts = tmp_path / "migrations"
+    shutil.copytree(MIGRATIONS, scripts)
+    monkeypatch.setattr("backend.store.database.MIGRATIONS", scripts)
+    remark = Column("remark", String(20))
+    Base.metadata.tables["setting"].append_column(remark)
+    try:
+        drafted = draft_revision("Remarks on settings", "0099")
+    finally:
+        Base.metadata.tables["setting"]._columns.remove(remark)
+    assert drafted.name == "v0099_remarks_on_settings.py"
+    assert "down_revision = '0001'" in drafted.read_text()
+    assert "sa.Column('remark', sa.String(length=20), nullable=True)" in drafted.read_text()
 
 
 def test_migrations_can_be_taken_back(either: Database):
