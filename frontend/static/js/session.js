@@ -7,6 +7,7 @@
 import { copyText, localTimes } from "./copy.js";
 import { readyDialogs } from "./dialogs.js";
 import { keeper } from "./keep.js";
+import { noticer } from "./notice.js";
 import { readyForm } from "./questions.js";
 import { pageData, speaker } from "./say.js";
 import { Refused, ask, fetchText, newRequestId, watchConnection } from "./send.js";
@@ -23,6 +24,7 @@ const data = /** @type {PageData} */ (pageData());
 const say = speaker(data.texts, data.language);
 const api = `/api/session/${data.token}`;
 const keep = keeper(data.token);
+const notice = noticer(api);
 const $ = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
 const step = $("step");
 const banner = $("banner");
@@ -118,6 +120,7 @@ function mount() {
   const total = Number(body?.dataset.total ?? 1);
   showProgress(kind, index, total);
   localTimes(step);
+  notice("viewed", { step: body?.dataset.key, kind });
 
   const onStage = Boolean(step.querySelector("#trial")) && current.state === "active";
   document.body.dataset.layout = onStage ? "stage" : "text";
@@ -136,6 +139,7 @@ function mount() {
       cover,
       reloadStage: () => stage.reload(),
       moveOut,
+      notice,
     });
     stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
   } else if (kind === "wait") {
@@ -354,7 +358,13 @@ function moveOut() {
 
 // ---- begin ---------------------------------------------------------------------------------------------------------
 
-watchConnection((lost) => showBanner(lost ? say(keep.held() ? "offline_answer" : "offline") : null));
+watchConnection((lost) => {
+  showBanner(lost ? say(keep.held() ? "offline_answer" : "offline") : null);
+  if (!lost) notice("connection", { back: true });
+});
+document.addEventListener("visibilitychange", () => notice("visibility", { hidden: document.hidden }));
+addEventListener("error", (event) => notice("script_error", { message: String(event.message).slice(0, 300) }));
+addEventListener("unhandledrejection", (event) => notice("script_error", { message: String(event.reason).slice(0, 300) }));
 readyDialogs();
 mount();
 listen();

@@ -20,6 +20,7 @@ import { Refused, newRequestId, pause } from "./send.js";
  * @property {(text: string) => void} announce to screen readers
  * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
  * @property {() => void} reloadStage
+ * @property {ReturnType<typeof import("./notice.js").noticer>} notice to the server's log
  * @property {() => void} moveOut another window has taken over
  */
 
@@ -60,7 +61,7 @@ export class Trial {
     document.addEventListener("keydown", this.onKey);
     document.addEventListener("visibilitychange", this.onHidden);
     document.addEventListener("opened", this.onDialog);
-    this.slow = setTimeout(() => this.stageReady || this.hint("preparing_slow"), SLOW_STAGE_MS);
+    this.slow = setTimeout(() => this.tellSlow(), SLOW_STAGE_MS);
     /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
     this.show();
@@ -128,7 +129,14 @@ export class Trial {
     }
   }
 
+  tellSlow() {
+    if (this.stageReady) return;
+    this.hint("preparing_slow");
+    this.needs.notice("stage_slow");
+  }
+
   setReady() {
+    if (!this.stageReady) this.needs.notice("stage_ready");
     this.stageReady = true;
     this.needs.cover(null);
     if (!this.busy) this.show();
@@ -263,10 +271,11 @@ export class Trial {
       this.part("ready");
       this.start.setAttribute("aria-disabled", String(!this.stageReady));
       if (this.stageReady) {
-        const seconds = (/** @type {number} */ s) => Math.max(1, Math.round(s));
+        // One figure for both drives: two would tell them apart before they were seen.
+        const label = this.state.label_s ?? 0;
         let what = say("ready");
-        if (this.state.next_drive === "b" && b) what = say("ready_b", { b: seconds(b) });
-        else if (a && b) what = say("ready_durations", { a: seconds(a), b: seconds(b) });
+        if (this.state.next_drive === "b" && b) what = say("ready_b", { seconds: Math.round(b + label) });
+        else if (a && b) what = say("ready_durations", { seconds: Math.round(a + b + 2 * label) });
         this.text("#start-hint-text", restarts ? `${say(this.state.next_drive === "b" ? "restarted_b" : "restarted")} ${what}` : what);
         if (changed && restarts) announce(say(this.state.next_drive === "b" ? "restarted_b" : "restarted"));
       } else {
