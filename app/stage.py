@@ -24,11 +24,6 @@ LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
 HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
 
 
-def viewing_time_s(trajectory: Trajectory) -> float:
-    """The shortest time in which a trajectory can have been watched: label, motion, end, in seconds."""
-    return LABEL_S + trajectory.duration_s + HOLD_S
-
-
 @dataclass(frozen=True)
 class _Showing:
     scene: Scene

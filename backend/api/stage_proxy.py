@@ -1,8 +1,8 @@
 """The door to the stage: the only way from a browser to viser, on an origin of its own.
 
 Admission is asked of the caller (`admit`); the rules for what passes are here. No study logic, no other pages.
-The stage needs `unsafe-eval`, so it must not share an origin with our pages: `two_origins` serves both from one process
-by the port that was connected to.
+The stage needs `unsafe-eval`, so it must not share an origin with our pages: serve it on a port or host name of its
+own, without websocket compression (geometry is compressed already, and it costs a core).
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from app import viser_hooks
@@ -28,9 +27,6 @@ MESSAGES_PER_S = 20.0  # a page of ours sends one message per connection; the re
 MESSAGES_BURST = 40.0
 REFUSALS_BEFORE_CLOSING = 100  # a client that goes on sending what it may not is dropped
 TOKEN_PREFIX_LENGTH = 6
-
-# For uvicorn: no compression (geometry is compressed already, and it costs a core), small frames from clients.
-UVICORN_OPTIONS = {"ws": "websockets-sansio", "ws_per_message_deflate": False, "ws_max_size": 65_536}
 
 _TOKEN = re.compile(r"[A-Za-z0-9_.~-]{1,400}")
 _POLICY_VIOLATION, _GOING_AWAY = 1008, 1001
@@ -54,25 +50,6 @@ class Origins:
 Admit = Callable[[str, Mapping[str, str], str | None], Awaitable[StageGrant | None]]
 OnRefused = Callable[[str, str], None]
 OriginsOf = Callable[[str], Origins | None]
-
-
-def fixed_origins(page: str, stage: str) -> OriginsOf:
-    """One public address of each; requests to any other host name are refused."""
-    origins = Origins(page.rstrip("/"), stage.rstrip("/"))
-    host = origins.stage.partition("://")[2]
-    return lambda requested: origins if requested == host else None
-
-
-def same_host_origins(page_port: int, stage_port: int, scheme: str = "http") -> OriginsOf:
-    """Pages and stage under whatever host name the browser used, told apart by port (local use, tests)."""
-
-    def of(requested: str) -> Origins | None:
-        name, _, port = requested.rpartition(":")
-        if not name or port != str(stage_port):
-            return None
-        return Origins(f"{scheme}://{name}:{page_port}", f"{scheme}://{name}:{stage_port}")
-
-    return of
 
 
 class _Allowance:
@@ -104,7 +81,8 @@ class StageDoor:
     ) -> None:
         """admit(token, cookies, origin): a grant or None; `origin` is None for the page itself, which has none.
 
-        upstream_url(key): viser's websocket address (`StageServer.upstream_url`). on_refused(reason, token_prefix):
+        upstream_url(key): viser's websocket address (`StageServer.upstream_url`). origins(host): where page and stage
+        live for a request with that Host header, None for a name that is not ours. on_refused(reason, token_prefix):
         for the log, which must never see a whole token.
         """
         self._admit, self._upstream_url = admit, upstream_url
@@ -243,17 +221,3 @@ class StageDoor:
                 await socket.send_bytes(frame)
             else:
                 await socket.send_text(frame)
-
-
-def two_origins(pages: ASGIApp, stage: ASGIApp, *, stage_port: int) -> ASGIApp:
-    """One ASGI application for both origins: what arrives on `stage_port` goes to the stage, all else to the pages.
-
-    Told by the socket that the request came in on, which a client cannot choose by a header. Serve it with one
-    uvicorn on two sockets: `uvicorn.Server(Config(app, **UVICORN_OPTIONS)).serve(sockets=[page, stage])`.
-    """
-
-    async def application(scope: Scope, receive: Receive, send: Send) -> None:
-        on_stage_port = scope["type"] in ("http", "websocket") and (scope.get("server") or ("", 0))[1] == stage_port
-        await (stage if on_stage_port else pages)(scope, receive, send)
-
-    return application

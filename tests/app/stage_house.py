@@ -22,7 +22,7 @@ from starlette.routing import Route
 
 from app.server import StageServer
 from app.stage import Stage
-from backend.api.stage_proxy import UVICORN_OPTIONS, StageDoor, StageGrant, same_host_origins, two_origins
+from backend.api.stage_proxy import Origins, StageDoor, StageGrant
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import draw_scene
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -71,7 +71,7 @@ def bound_socket(port: int = 0) -> socket.socket:
 
 
 class StageHouse:
-    """Pages on one port and the stage on another, served by one uvicorn; tokens are `token-for-KEY`."""
+    """Pages on one port and the stage on another; tokens are `token-for-KEY`."""
 
     def __init__(self, on_connect: Callable[[Stage, str], None]) -> None:
         self.refusals: list[tuple[str, str]] = []
@@ -85,16 +85,25 @@ class StageHouse:
         door = StageDoor(
             admit=self.admit,
             upstream_url=lambda key: self.server.upstream_url(key),
-            origins=same_host_origins(self.page_port, self.stage_port),
+            origins=self.origins,
             on_refused=lambda reason, prefix: self.refusals.append((reason, prefix)),
         )
         pages = Starlette(routes=[Route("/{token}", self.parent)])
-        app = two_origins(pages, door.asgi(), stage_port=self.stage_port)
-        self.uvicorn = uvicorn.Server(uvicorn.Config(app, log_level="error", **UVICORN_OPTIONS))
-        self.thread = threading.Thread(target=self.uvicorn.run, args=([page_socket, stage_socket],), daemon=True)
-        self.thread.start()
-        while not self.uvicorn.started:
+        self.web = [self.serve(pages, page_socket), self.serve(door.asgi(), stage_socket)]
+
+    def serve(self, application: Starlette, sock: socket.socket) -> tuple[uvicorn.Server, threading.Thread]:
+        """Serve on that socket, on a thread of its own, the way the product does."""
+        config = uvicorn.Config(application, log_level="error", ws="websockets-sansio", ws_per_message_deflate=False)
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, args=([sock],), daemon=True)
+        thread.start()
+        while not server.started:
             time.sleep(0.02)
+        return server, thread
+
+    def origins(self, host: str) -> Origins | None:
+        known = host == self.stage_origin.partition("://")[2]
+        return Origins(self.page_origin, self.stage_origin) if known else None
 
     def new_server(self, port: int) -> StageServer:
         return StageServer(port=port, on_connect=self._connected)
@@ -116,9 +125,10 @@ class StageHouse:
         self.server = self.new_server(port)
 
     def stop(self) -> None:
-        self.uvicorn.should_exit = True
         self.server.stop()
-        self.thread.join(timeout=10)
+        for server, thread in self.web:
+            server.should_exit = True
+            thread.join(timeout=10)
 
 
 class Visitor:

@@ -12,7 +12,7 @@ import websockets
 from stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
 
 from app.viser_hooks import SUBPROTOCOL
-from backend.api.stage_proxy import MESSAGES_BURST, REFUSALS_BEFORE_CLOSING, fixed_origins, same_host_origins
+from backend.api.stage_proxy import MESSAGES_BURST, REFUSALS_BEFORE_CLOSING
 
 
 def frame(message: dict[str, object]) -> bytes:
@@ -137,14 +137,3 @@ def test_the_page_is_guarded_by_token_query_and_policy(house: StageHouse) -> Non
 def test_pages_and_stage_never_share_an_origin(house: StageHouse) -> None:
     assert httpx.get(f"{house.page_origin}/stage/token-for-amber/").status_code == 404
     assert httpx.get(f"{house.stage_origin}/token-for-amber").status_code == 404
-
-
-def test_origins_follow_the_host_name() -> None:
-    local = same_host_origins(9000, 9001)
-    assert local("localhost:9001") is not None
-    assert local("localhost:9001").page == "http://localhost:9000"  # type: ignore[union-attr]
-    assert local("[::1]:9001").stage == "http://[::1]:9001"  # type: ignore[union-attr]
-    assert local("localhost:9000") is None
-    public = fixed_origins("https://study.example/", "https://stage.study.example")
-    assert public("stage.study.example").page == "https://study.example"  # type: ignore[union-attr]
-    assert public("study.example") is None

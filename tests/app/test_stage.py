@@ -14,7 +14,7 @@ import pytest
 from stage_house import StageHouse, Visitor, drive, open_field, study_room
 
 from app import viser_hooks
-from app.stage import Stage, viewing_time_s
+from app.stage import HOLD_S, Stage
 
 Visit = Callable[..., Visitor]
 
@@ -47,7 +47,7 @@ def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(house: StageHouse, vi
     assert np.allclose(visitor.robot()[:2], trajectory.poses[-1, :2], atol=1e-3)
     assert played["frames"] > 3
     # The browser's clock, not ours: label, motion and rest have all been waited for.
-    assert played["duration_ms"] >= 1000 * (viewing_time_s(trajectory) - 2.0 + 0.8) - 1
+    assert played["duration_ms"] >= 1000 * (0.8 + trajectory.duration_s + HOLD_S) - 1
     assert [event["type"] for event in visitor.events() if event.get("playback_id")] == ["label", "playing", "played"]
     assert len(visitor.events("ready")) == 1, "playing in the scene that stands must not rebuild it"
 
