@@ -119,7 +119,9 @@ def policies(request: Request, database: Db) -> Response:
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}
         for artefact in s.scalars(chosen):
             found[artefact.kind].append(artefact)
-        return lab_page(request, "analyst/policies.html", found=found)
+        for listed in found.values():  # one's own first, newest first; then what came with the product, by name
+            listed.sort(key=lambda one: "" if one.job_id else one.name)
+        return lab_page(request, "analyst/policies.html", found=found, measured_of=measured_of)
 
 
 @router.get("/lab/policies/{artefact_id}")
@@ -216,6 +218,15 @@ def is_comparison(artefact: Artefact) -> bool:
     return artefact.kind == "evaluation" and "paired" in artefact.card.get("results", {})
 
 
+def measured_of(artefact: Artefact) -> dict[str, Any] | None:
+    """The numbers on an artefact's card that an evaluation measured: its own results, or on shipped cards the first."""
+    results: dict[str, Any] = artefact.card.get("results", {})
+    for numbers in (results, results.get("first", {})):
+        if "success_rate" in numbers:
+            return numbers
+    return None
+
+
 def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
     tree = lineage(s, artefact.id)
     job = s.get(Job, artefact.job_id) if artefact.job_id else None
@@ -233,6 +244,7 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         job=job,
         measured=measured,
         children=_children(s, artefact.id),
+        on_card=measured_of(artefact),
         held_out=_held_out(artefact),
         held_out_figure=_held_out_figure(request, artefact),
         href=artefact_href,

@@ -105,7 +105,7 @@ def curve(
     points: Sequence[tuple[float, float]], *, title: str, x_label: str, number: Number = _number, width: int = 420
 ) -> str:
     """A line through (step, value) points, with its last value written at its end."""
-    height, left, right, top, bottom = 200, 56, 16, 14, 40
+    height, left, right, top, bottom = 200, 56, 28, 14, 40
     drawing = _Drawing(width, height, title)
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     x_low, x_high = min(xs), max(max(xs), min(xs) + 1)
@@ -185,11 +185,11 @@ def differences(
         drawing.text(left - 6, up(tick) + 4, number(tick), anchor="end")
     for count, first, last in zip(counts, edges[:-1], edges[1:], strict=True):
         if count:
-            better = int((first + last) / 2 > 0)
-            drawing.rect(
-                at(first) + 0.5, up(count), at(last) - at(first) - 1, up(0) - up(count),
-                fill=SIDES[better], css=f"fill-{better + 1}",
-            )  # fmt: skip
+            middle = (first + last) / 2
+            side = int(middle > 0)
+            fill, css = (SOFT, "fill-none") if abs(middle) < reach / bins else (SIDES[side], f"fill-{side + 1}")
+            x, y = at(first) + 0.5, up(count)
+            drawing.rect(x, y, at(last) - at(first) - 1, up(0) - y, fill=fill, css=css)
     drawing.line(at(0), top, at(0), height - bottom, stroke=INK, css="ink-line")
     for tick in ticks(-reach, reach, 6):
         drawing.text(at(tick), height - bottom + 16, number(tick), anchor="middle")
@@ -214,7 +214,7 @@ def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[
         spare = 0.05
     (x_low, y_low), (x_high, y_high) = points.min(0) - spare, points.max(0) + spare
     scale = min(600 / (x_high - x_low), 440 / (y_high - y_low))
-    legend = 26
+    legend = 22 * len(trajectories) + 6
     width, height = (x_high - x_low) * scale, (y_high - y_low) * scale + legend
     drawing = _Drawing(width, height, title)
 
@@ -239,9 +239,10 @@ def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[
         path = [at(float(x), float(y)) for x, y in np.asarray(trajectory.poses)[:, :2]]
         drawing.path(path, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
         drawing.circle(*path[-1], 4.5, fill=SIDES[k], css=f"fill-{k + 1}")
-        x = 8 + k * width / 2
-        drawing.line(x, height - 11, x + 22, height - 11, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
-        drawing.text(x + 28, height - 7, name, fill=INK, css="ink")
+        y = height - legend + 22 * k + 14
+        drawing.line(8, y, 30, y, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
+        fits = int((width - 44) / 6.5)
+        drawing.text(36, y + 4, name if len(name) <= fits else f"{name[: fits - 1]}…", fill=INK, css="ink")
     return drawing.svg()
 
 

@@ -58,7 +58,6 @@ class Engine:
     ) -> None:
         _use_wal(url)
         self._processes = processes
-        DBOS.destroy(destroy_registry=True)
         DBOS(
             config=DBOSConfig(
                 name="desirepath",

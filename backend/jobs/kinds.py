@@ -13,7 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticUndefined
 
 SetupName = Literal["study_room", "open_field"]
-LARGEST_SEED = 9_999  # backend/learning/scene_sets.py: a purpose has room for so many scene sets
+# backend/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
+MOST_SCENES = 10_000
+LARGEST_SEED = 9_999
 
 
 class JobParamsError(ValueError):
@@ -45,7 +47,7 @@ class EvaluateParams(Params):
     """Measure one policy on fresh scenes."""
 
     policy: str = _artefact("policy")
-    scenes: int = _from("ours", 2_000, ge=20, le=20_000)
+    scenes: int = _from("ours", 2_000, ge=20, le=MOST_SCENES)
     seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
 
 
@@ -54,7 +56,7 @@ class CompareParams(Params):
 
     policy_a: str = _artefact("policy")
     policy_b: str = _artefact("policy")
-    scenes: int = _from("ours", 1_000, ge=20, le=20_000)
+    scenes: int = _from("ours", 1_000, ge=20, le=MOST_SCENES)
     seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
     replays: int = _from("ours", 12, ge=0, le=50, advanced=True)
 
@@ -97,7 +99,7 @@ class TrainBaseParams(Params):
     progress_weight: float = _from("spec_06_progress", 1.0, ge=0, le=10)
     learning_rate: float = _from("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
     batch_size: int = _from("design_speed", 128, ge=8, le=4_096, advanced=True)
-    selection_scenes: int = _from("ours", 2_000, ge=50, le=20_000, advanced=True)
+    selection_scenes: int = _from("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
 
 
 class EnsembleParams(Params):

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from pydantic import ValidationError
+from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import get_kind
@@ -23,8 +24,11 @@ from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Job
+from backend.store.outbox import enqueue_job
 
 ORPHAN_POLL_S = 0.5
+MEASURED_KINDS = ("align", "train_base")
+MEASURING_PRIORITY = 20  # after everything that somebody started
 NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the server goes before both
 
 
@@ -58,6 +62,7 @@ def main(job_id: str, worker_pid: int) -> ExitCode:
                 else:
                     row.result = result
                     finish(row, "succeeded")
+                    _measure_later(s, row)
         return ExitCode.DONE
 
 
@@ -66,6 +71,20 @@ def _work(context: JobContext) -> dict[str, object]:
     from backend.jobs.runners import run_kind
 
     return run_kind(context, get_kind(context.job.kind).parse(context.job.params))
+
+
+def _measure_later(s: DatabaseSession, job: Job) -> None:
+    """A policy's card wants success and distances with intervals; who waits for the policy does not wait for them."""
+    policy = (job.result or {}).get("policy")
+    if job.kind in MEASURED_KINDS and policy:
+        enqueue_job(
+            s,
+            "evaluate",
+            {"policy": policy},
+            priority=MEASURING_PRIORITY,
+            study_id=job.study_id,
+            created_by=job.created_by,
+        )
 
 
 def _fail(database: Database, job_id: str, problem: Exception) -> ExitCode:

@@ -20,8 +20,10 @@ from sqlalchemy import select
 from backend.jobs.engine import Engine, EngineState, Queue
 from backend.jobs.process import FINAL_STATES, conclude, end_group, finish, run_attempt
 from backend.settings import Settings
+from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, check_writable
 from backend.store.models import Job, utc_now
+from backend.store.shipped import register_shipped
 
 OUTBOX_POLL_S = 0.25  # a participant is waiting
 STALE_CHECK_S = 5.0
@@ -43,6 +45,8 @@ class Worker:
         self._settings = settings
         self._database = Database(settings.database)
         self._database.migrate()
+        with self._database.transaction() as s:
+            register_shipped(s, ArtefactStore(settings.artefacts))
         self._slot, executor_id = _take_slot(settings)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._submitted: set[str] = set()
