@@ -1,0 +1,166 @@
+"""From the last answer to the comparison: what is shown, what is blind, and what the data say when nothing is shown."""
+
+from __future__ import annotations
+
+from datetime import timedelta
+
+import pytest
+from conftest import ITEMS, Walker
+from sqlalchemy import select
+
+from backend.store.models import Event, Job, Response, Session, TrajectoryRow, Trial, utc_now
+from backend.study import machine
+from backend.study.refusals import Refused
+from backend.study.studies import queries_of_study
+
+
+@pytest.fixture
+def waiting(walker):
+    """At the waiting step, the alignment still queued."""
+    walker.walk_to("train.wait")
+    return walker
+
+
+def end_job(database, files, study, *, passed=True, comparisons=3, state="succeeded"):
+    """What the worker writes when the alignment has ended, with stored drives standing in for the policies' own."""
+    with database.transaction() as s:
+        queries = queries_of_study(s, files, study)[:comparisons]
+        for query in queries:
+            s.get_one(TrajectoryRow, query.trajectory_a).made_by = "base-policy"
+        job = s.scalars(select(Job)).one()
+        job.state, job.progress = state, 1.0
+        job.result = {
+            "policy": "own-policy",
+            "passed": passed,
+            "comparisons": [{"base": q.trajectory_a, "own": q.trajectory_b} for q in queries],
+        }
+
+
+def settle(walker):
+    return walker.do(lambda s, session: machine.settle(s, walker.files, session, now=walker.now))
+
+
+machine.settle.__name__ = "settle"
+
+
+def state(database, walker):
+    with database.session() as s:
+        return s.get_one(Session, walker.session.id)
+
+
+def test_nobody_goes_on_before_the_job_has_ended(waiting):
+    assert not settle(waiting)
+    assert waiting.view.key == "train.wait"
+    assert waiting.view.payload == {}  # nothing that unblinds
+    with pytest.raises(Refused) as no:
+        waiting.submit("train.wait", {})
+    assert no.value.code == "still_waiting"
+
+
+def test_three_blind_pairs_then_a_guess_about_the_last_then_the_code(database, files, study, waiting):
+    end_job(database, files, study)
+    assert settle(waiting)
+    assert not settle(waiting)
+    with database.session() as s:
+        trials = list(s.scalars(select(Trial).where(Trial.kind == "comparison").order_by(Trial.index)))
+    assert len(trials) == 3
+    for trial in trials:
+        own = trial.arms["own"]
+        assert trial.arms[own] == "own-policy"
+        assert trial.arms["ab".replace(own, "")] == "base-policy"
+    for number in (1, 2, 3):
+        view = waiting.view
+        assert view.key == f"comparison.{number}"
+        told = str(view.payload) + str(view.as_dict())
+        assert not any(word in told for word in ("own", "base", "policy", trials[number - 1].trajectory_a))
+        waiting.watch(view.key)
+        waiting.submit(view.key, {"choice": "b"})
+    own = trials[2].arms["own"]
+    waiting.submit("comparison.guess", {"choice": own})
+    with database.session() as s:
+        guess = s.scalars(select(Response).where(Response.kind == "guess")).one()
+    assert guess.value == {"choice": own, "about": "comparison.3", "right": True}
+    assert waiting.view.kind == "debriefing"
+    ended = state(database, waiting)
+    assert (ended.state, ended.personalisation) == ("completed", "shown")
+    assert len(ended.completion_code) == 8
+    assert waiting.view.payload["completion_code"] == ended.completion_code
+
+
+def test_fewer_pairs_than_planned_are_shown_and_the_guess_is_about_the_last_of_them(database, files, study, waiting):
+    end_job(database, files, study, comparisons=2)
+    settle(waiting)
+    waiting.walk_to("comparison.guess")
+    waiting.submit("comparison.guess", {"choice": "a"})
+    with database.session() as s:
+        assert s.scalars(select(Response).where(Response.kind == "guess")).one().value["about"] == "comparison.2"
+
+
+@pytest.mark.parametrize(
+    ("job", "outcome"),
+    [
+        ({"passed": False}, "gate_not_passed"),
+        ({"comparisons": 0}, "job_failed"),
+        ({"state": "failed"}, "job_failed"),
+        ({"state": "cancelled"}, "job_failed"),
+    ],
+)
+def test_without_a_policy_to_show_the_session_ends_kindly_and_says_why(database, files, study, waiting, job, outcome):
+    end_job(database, files, study, **job)
+    settle(waiting)
+    assert waiting.view.kind == "debriefing"
+    ended = state(database, waiting)
+    assert (ended.state, ended.personalisation) == ("completed", outcome)
+    with database.session() as s:
+        event = s.scalars(select(Event).where(Event.kind == "personalisation")).one()
+    assert event.data["outcome"] == outcome
+
+
+def test_a_job_that_is_late_is_waited_for_only_so_long(database, walker):
+    walker.now = utc_now()
+    walker.walk_to("train.interface_items")
+    walker.later(600)  # a slow reader: the wait only begins after the questionnaire
+    walker.submit("train.interface_items", dict.fromkeys(ITEMS, 4))
+    assert walker.view.key == "train.wait"
+    walker.later(119)
+    assert not settle(walker)
+    walker.later(2)
+    assert settle(walker)
+    assert state(database, walker).personalisation == "late"
+
+
+def test_bots_are_more_patient_than_people(database, files, study):
+    bot = Walker(database, files, study, simulated=True)
+    bot.walk_to("train.wait")
+    bot.later(500)
+    assert not settle(bot)
+
+
+def test_a_job_that_has_ended_during_the_questionnaire_leaves_nothing_to_wait_for(database, files, study, walker):
+    walker.walk_to("train.interface_items")
+    end_job(database, files, study)
+    walker.submit("train.interface_items", dict.fromkeys(ITEMS, 4))
+    assert walker.view.key == "comparison.1"
+
+
+def test_too_few_usable_answers_train_nothing(database, files):
+    from conftest import QUICK
+
+    from backend.study.protocol import freeze_text
+    from backend.study.studies import create_study
+
+    text = QUICK.read_text().replace("count: 15", "count: 1")
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text), name="Small", created_by=None)
+    walker = Walker(database, files, study)
+    walker.walk_to("train.interface_items")
+    walker.submit("train.interface_items", dict.fromkeys(ITEMS, 4))
+    ended = state(database, walker)
+    assert (ended.state, ended.personalisation) == ("completed", "too_few_answers")
+    with database.session() as s:
+        assert s.scalars(select(Job)).first() is None
+
+
+def test_expected_outcomes_never_come_before_the_clock(waiting):
+    waiting.now -= timedelta(seconds=30)  # a clock that was set back
+    assert not settle(waiting)

@@ -1,0 +1,111 @@
+"""Opening studies and joining them: who is let in, under which code, and who is not."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from conftest import QUICK
+from sqlalchemy import select
+
+from backend.store.models import Event, Participant, RecruitingId, Session
+from backend.study.protocol import freeze, freeze_text, thaw
+from backend.study.refusals import Refused
+from backend.study.studies import StudyError, create_study, join_study, study_by_link
+
+PROLIFIC = {"platform": "prolific", "external_id": "5f3c0ffee0ddba11", "study": "x"}
+
+
+def join(database, files, study, **named):
+    with database.transaction() as s:
+        return join_study(s, study, files=files, **{"language": "en", **named})
+
+
+def test_a_study_keeps_its_own_copy_of_everything(database, files, study):
+    frozen = freeze(QUICK)
+    assert study.protocol_hash == frozen.hash
+    assert study.files == frozen.files
+    assert study.protocol_yaml == QUICK.read_text()
+    assert thaw(study).protocol == frozen.protocol
+    assert study.protocol["materials"]["setup"] == "study_room"
+
+
+def test_the_token_is_stored_as_a_hash_only(database, files, study):
+    session, token = join(database, files, study)
+    assert token not in str({column.name: getattr(session, column.name) for column in session.__table__.columns})
+    assert len(token) >= 32
+
+
+def test_people_get_a_code_by_lot_and_bots_are_counted(database, files, study):
+    join(database, files, study)
+    for _ in range(2):
+        join(database, files, study, simulated=True, oracle={"name": "random"})
+    with database.session() as s:
+        people = {p.code: p for p in s.scalars(select(Participant))}
+    assert sorted(people)[1:] == ["S001", "S002"]
+    assert re.fullmatch(r"P-[2-9A-Z]{5}", min(people))
+    assert people["S001"].oracle == {"name": "random"}
+
+
+def test_two_people_see_different_queries_in_different_order(database, files, study):
+    plans = [[step.get("query") for step in join(database, files, study)[0].plan] for _ in range(2)]
+    assert plans[0] != plans[1]
+
+
+def test_the_same_person_of_a_platform_is_let_in_once(database, files, study):
+    join(database, files, study, recruiting=PROLIFIC)
+    with pytest.raises(Refused) as no:
+        join(database, files, study, recruiting=PROLIFIC)
+    assert no.value.code == "already_joined"
+    with database.session() as s:
+        assert s.scalars(select(RecruitingId)).one().details == {"study": "x"}
+        assert len(list(s.scalars(select(Participant)))) == 1
+        logged = " ".join(str(event.data) for event in s.scalars(select(Event)))
+    assert PROLIFIC["external_id"] not in logged
+
+
+def test_a_closed_study_takes_nobody_in(database, files, study):
+    with database.transaction() as s:
+        study_by_link(s, study.recruiting_token).state = "closed"
+    with pytest.raises(Refused) as no:
+        join(database, files, study)
+    assert no.value.code == "closed"
+
+
+def test_a_full_study_takes_nobody_in_but_bots_and_drop_outs_do_not_count(database, files):
+    with database.transaction() as s:
+        frozen = freeze_text(QUICK.read_text().replace("minutes: 12", "participants: 1"))
+        study = create_study(s, files, frozen, name="One", created_by=None)
+    join(database, files, study, simulated=True)
+    session, _ = join(database, files, study)
+    with pytest.raises(Refused) as no:
+        join(database, files, study)
+    assert no.value.code == "full"
+    with database.transaction() as s:
+        s.get_one(Session, session.id).state = "expired"
+    join(database, files, study)
+
+
+def test_an_unknown_link_is_refused(database):
+    with database.session() as s, pytest.raises(Refused) as no:
+        study_by_link(s, "nowhere")
+    assert no.value.code == "unknown"
+
+
+def test_an_unknown_language_becomes_the_first_of_the_protocol(database, files, study):
+    assert join(database, files, study, language="fr")[0].language == "en"
+    assert join(database, files, study, language="de")[0].language == "de"
+
+
+def test_an_empty_or_small_query_set_is_refused_before_anybody_joins(database, files, tmp_path):
+    from backend.learning.queries import QuerySet
+    from backend.learning.shipped import load_queries
+
+    queries = load_queries("study_room/queries_200")
+    for number, says in ((0, "queries"), (5, "has 5 queries, one session needs 16")):
+        path = tmp_path / f"{number}.npz"
+        QuerySet(queries.setup, queries.queries[:number], {}).save(path)
+        frozen = freeze_text(QUICK.read_text().replace("study_room/queries_200", str(path)))
+        with database.transaction() as s, pytest.raises(StudyError, match=says) as no:
+            create_study(s, files, frozen, name="x", created_by=None)
+        assert "query_set" in str(no.value)

@@ -1,0 +1,77 @@
+"""Walks sessions at the pace of a clock of its own, so that no test waits for drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.models import Session, Study, utc_now
+from backend.study import machine
+from backend.study.sessions import acting
+from backend.study.studies import join_study
+
+QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
+DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
+ITEMS = [
+    *("ease", "confidence", "mental_effort", "clarity", "naturalness"),
+    *("spatial_understanding", "realism", "presence", "fun", "boredom"),
+]
+VALUES = {
+    "information": {},
+    "consent": {"given": True, "version": "2026-11"},
+    "demographics": DEMOGRAPHICS,
+    "instruction": {},
+    "train.interface_items": dict.fromkeys(ITEMS, 4),
+}
+
+
+class Walker:
+    """One session; `now` is its clock."""
+
+    def __init__(self, database: Database, files: ArtefactStore, study: Study, *, simulated: bool = False) -> None:
+        self.database, self.files = database, files
+        with database.transaction() as s:
+            self.session, self.token = join_study(s, study, language="en", simulated=simulated, files=files)
+        self.now = utc_now()
+        self.requests = 0
+
+    def do(self, action: Callable[..., object], *arguments: object, **named: object) -> object:
+        """One request: `action(s, session, ...)` in its own transaction."""
+        with acting(self.database, self.token, request=action.__name__, now=self.now) as (s, session):
+            return action(s, session, *arguments, **named)
+
+    def submit(self, key: str, value: dict, *, request_id: str | None = None) -> machine.Submitted:
+        self.requests += 1
+        request_id = request_id or f"{self.session.id}-{self.requests}"
+        with acting(self.database, self.token, request="submit", now=self.now) as (s, session):
+            return machine.submit(
+                s, self.files, session, key, value, request_id=request_id, client_time=self.now, now=self.now
+            )
+
+    def later(self, seconds: float) -> datetime:
+        self.now += timedelta(seconds=seconds)
+        return self.now
+
+    @property
+    def view(self) -> machine.StepView:
+        with self.database.session() as s:
+            return machine.current(s, s.get_one(Session, self.session.id))
+
+    def watch(self, key: str) -> None:
+        """Start the trial and see both drives to their ends."""
+        play = self.do(machine.start_trial, key, request_id=None, now=self.now)
+        for drive in ("a", "b"):
+            self.later(2.0 + self.view.trial[f"duration_{drive}_s"] + 0.1)
+            play = self.do(machine.drive_seen, key, drive, play.playback_id, now=self.now)
+
+    def walk_to(self, key: str) -> None:
+        """Answer everything before the step `key`."""
+        while (view := self.view).key != key:
+            if view.kind in ("trial", "comparison"):
+                self.watch(view.key)
+                self.submit(view.key, {"choice": "a"})
+            else:
+                self.submit(view.key, VALUES[view.key])
