@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import pwd
 import shutil
-import socket
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,31 +25,38 @@ def study(database: Database, files: ArtefactStore) -> SmallStudy:
 
 
 @pytest.fixture(scope="session")
-def postgres_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def postgres_server() -> Iterator[str]:
     """URL of a PostgreSQL server of our own on a Unix socket; skipped where no server program is installed."""
-    programs = {name: shutil.which(name) for name in ("initdb", "pg_ctl")}
-    if None in programs.values():
-        pytest.skip("no PostgreSQL server program (initdb, pg_ctl) on the PATH")
-    folder = Path(tmp_path_factory.mktemp("pg"))
+    initdb, pg_ctl = (_postgres_program(name) for name in ("initdb", "pg_ctl"))
+    if initdb is None or pg_ctl is None:
+        pytest.skip("no PostgreSQL server program (initdb, pg_ctl) is installed")
     as_whom: list[str] = []
+    # Not below tmp_path: the server's user may not enter that, and the socket's path must be short.
+    folder = Path(tempfile.mkdtemp(prefix="desirepath-pg-"))
     if os.geteuid() == 0:  # the server refuses to run as root
         user = next((u.pw_name for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody")), None)
         if user is None or shutil.which("runuser") is None:
             pytest.skip("running as root and there is no user to run PostgreSQL as")
         as_whom = ["runuser", "-u", user, "--"]
-        for parent in (folder, *folder.parents[:3]):
-            if str(parent).startswith(str(tmp_path_factory.getbasetemp().parent.parent)):
-                parent.chmod(parent.stat().st_mode | 0o011)
         shutil.chown(folder, user)
-    data, run = folder / "data", lambda *words: subprocess.run([*as_whom, *words], check=True, capture_output=True)
-    run(programs["initdb"], "-D", str(data), "-A", "trust", "-U", "desirepath", "-N", "-E", "UTF8")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    options = f"-k {folder} -p {port} -c listen_addresses='' -c fsync=off"
-    run(programs["pg_ctl"], "-D", str(data), "-o", options, "-l", str(folder / "log"), "-w", "start")
-    yield f"postgresql://desirepath@/postgres?host={folder}&port={port}"
-    run(programs["pg_ctl"], "-D", str(data), "-m", "immediate", "stop")
+
+    def run(*words: str) -> None:
+        done = subprocess.run([*as_whom, *words], capture_output=True, text=True)
+        assert done.returncode == 0, f"{words[0]}: {done.stdout}{done.stderr}"
+
+    data = str(folder / "data")
+    run(initdb, "-D", data, "-A", "trust", "-U", "desirepath", "-N", "-E", "UTF8")
+    options = f"-k {folder} -c listen_addresses='' -c fsync=off"
+    run(pg_ctl, "-D", data, "-o", options, "-l", str(folder / "log"), "-w", "start")
+    yield f"postgresql://desirepath@/postgres?host={folder}"
+    run(pg_ctl, "-D", data, "-m", "immediate", "stop")
+    shutil.rmtree(folder)
+
+
+def _postgres_program(name: str) -> str | None:
+    """On the PATH, or where Debian puts it."""
+    debian = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
+    return shutil.which(name) or (str(debian[-1]) if debian else None)
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
