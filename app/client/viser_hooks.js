@@ -92,7 +92,7 @@
       if (Math.abs(camera.fov - degrees) > 1e-6 || camera.near !== near) {
         camera.fov = degrees;
         camera.near = near;
-        camera.far = 400;
+        camera.far = Math.max(400, 4 * near);
         camera.updateProjectionMatrix();
       }
       const from = vector(eye);

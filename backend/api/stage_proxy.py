@@ -147,8 +147,8 @@ class StageDoor:
         token = socket.path_params["token"]
         origins = self._origins(socket.headers.get("host", ""))
         origin = socket.headers.get("origin")
-        reason = None
         grant = None
+        reason = "websocket: not admitted"
         if origins is None:
             reason = "websocket: unknown host name"
         elif origin != origins.stage:
@@ -159,10 +159,8 @@ class StageDoor:
             reason = "websocket: malformed token"
         else:
             grant = await self._admit(token, socket.cookies, origin)
-            if grant is None:
-                reason = "websocket: not admitted"
         if grant is None:
-            self._refused(reason or "websocket: not admitted", token)
+            self._refused(reason, token)
             await socket.close(_POLICY_VIOLATION)
             return
         try:

@@ -156,6 +156,13 @@ class Visitor:
             self.page.wait_for_timeout(50)
         raise AssertionError(f"no {type_} {fields} within {timeout_s} s; events: {self.events()}")
 
+    def wait_until(self, holds: Callable[[], bool], what: str, timeout_s: float = 20) -> None:
+        """Poll, because a busy machine may take its time to draw the next frame."""
+        deadline = time.monotonic() + timeout_s
+        while not holds():
+            assert time.monotonic() < deadline, f"not within {timeout_s} s: {what}"
+            self.page.wait_for_timeout(50)
+
     def camera(self) -> list[float]:
         """Camera position (m) and look direction, both in the world frame, z up."""
         pose: list[float] = self.frame.evaluate(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import time
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -90,15 +89,13 @@ def test_a_driven_clock_shortens_the_wait(house: StageHouse, browser: Any) -> No
     visitor = Visitor(context.new_page(), house, "swift")
     stage = stage_of(visitor)
     trajectory = drive(open_field(), duration_s=60.0)
-    begun = time.monotonic()
     stage.play(trajectory, label="B", view="first_person", playback_id="long")
     visitor.wait_for("label", playback_id="long")
     visitor.page.clock.fast_forward(2100)
     visitor.wait_for("playing", playback_id="long")
     visitor.page.clock.fast_forward(62_000)
     played = visitor.wait_for("played", playback_id="long")
-    assert played["duration_ms"] >= 62_600
-    assert time.monotonic() - begun < 50
+    assert played["duration_ms"] >= 62_600, "by the browser's clock; by ours, `wait_for` gives up before that"
     context.close()
 
 
@@ -148,9 +145,9 @@ def test_from_above_the_whole_room_is_in_sight_in_any_window(house: StageHouse, 
     stage.show(scene, "top_down")
     visitor.wait_for("ready")
     corners = [[sx * 4.2, sy * 5.7, 0.0] for sx in (-1, 1) for sy in (-1, 1)]
-    for width, height in ((480, 300), (300, 480), (640, 200)):
-        visitor.page.set_viewport_size({"width": width, "height": height})
-        visitor.page.wait_for_timeout(600)
+
+    def spread() -> float:
+        """How far out the outermost corner lies: 1 is the edge of the window."""
         on_screen = visitor.frame.evaluate(
             """(corners) => { const { camera, nodeRefFromName } = window.__viserMutable;
             camera.updateMatrixWorld(); const turn = nodeRefFromName[''].quaternion;
@@ -158,9 +155,11 @@ def test_from_above_the_whole_room_is_in_sight_in_any_window(house: StageHouse, 
             v.project(camera); return [v.x, v.y]; }); }""",
             corners,
         )
-        spread = np.abs(np.array(on_screen))
-        assert spread.max() <= 1.0, f"something is cut off at {width}x{height}: {on_screen}"
-        assert spread.max() > 0.9, f"the room should fill a window of {width}x{height}: {on_screen}"
+        return float(np.abs(np.array(on_screen)).max())
+
+    for width, height in ((480, 300), (300, 480), (640, 200)):
+        visitor.page.set_viewport_size({"width": width, "height": height})
+        visitor.wait_until(lambda: 0.9 < spread() <= 1.0, f"the room fills {width}x{height} and nothing is cut off")
 
 
 def test_first_person_looks_from_the_eyes_and_follows_the_robot(house: StageHouse, visit: Visit) -> None:
@@ -169,11 +168,17 @@ def test_first_person_looks_from_the_eyes_and_follows_the_robot(house: StageHous
     trajectory = drive(study_room(), duration_s=1.0)
     stage.play(trajectory, label="", view="first_person", playback_id="p")
     visitor.wait_for("played", playback_id="p")
-    x, y, z, dx, dy, dz = visitor.camera()
     person, end = trajectory.scene.person.pose, trajectory.poses[-1]
+    bearing = math.atan2(end[1] - person.y, end[0] - person.x)
+
+    def watches_the_robot() -> bool:
+        dx, dy = visitor.camera()[3:5]
+        return math.isclose(math.atan2(dy, dx), bearing, abs_tol=0.01)
+
+    visitor.wait_until(watches_the_robot, "the camera looks at the robot")
+    x, y, z, _, _, dz = visitor.camera()
     assert np.allclose((x, y), (person.x, person.y), atol=1e-3)
     assert 1.5 < z < 1.65
-    assert math.isclose(math.atan2(dy, dx), math.atan2(end[1] - person.y, end[0] - person.x), abs_tol=0.01)
     assert dz < 0
     assert visitor.frame.evaluate("window.__viserMutable.camera.fov") == pytest.approx(60)
 
@@ -184,22 +189,23 @@ def test_immersive_turns_the_head_and_never_moves_the_feet(house: StageHouse, vi
     stage.show(open_field(), "immersive")
     visitor.wait_for("ready")
     start = visitor.camera()
+
+    def turned_since(before: list[float]) -> float:
+        return float(np.linalg.norm(np.subtract(visitor.camera()[3:], before[3:])))
+
     mouse = visitor.page.mouse
     mouse.move(140, 120)
     mouse.down()
     mouse.move(240, 90, steps=5)
     mouse.up()
     mouse.wheel(0, 900)
-    visitor.page.wait_for_timeout(300)
+    visitor.wait_until(lambda: turned_since(start) > 0.2, "a drag turns the head")
     dragged = visitor.camera()
     assert np.allclose(dragged[:3], start[:3], atol=1e-6)
-    assert np.linalg.norm(np.subtract(dragged[3:], start[3:])) > 0.2
     visitor.page.keyboard.down("ArrowLeft")
-    visitor.page.wait_for_timeout(500)
+    visitor.wait_until(lambda: turned_since(dragged) > 0.1, "an arrow key turns the head")
     visitor.page.keyboard.up("ArrowLeft")
-    turned = visitor.camera()
-    assert np.allclose(turned[:3], start[:3], atol=1e-6)
-    assert np.linalg.norm(np.subtract(turned[3:], dragged[3:])) > 0.1
+    assert np.allclose(visitor.camera()[:3], start[:3], atol=1e-6)
     visitor.page.keyboard.press("b")
     assert visitor.wait_for("key")["key"] == "b"
 
@@ -301,16 +307,18 @@ def test_analysts_replay_two_drives_of_one_scene(house: StageHouse, visit: Visit
     stage.replay_pair(left, right, names=("base", "aligned"), speed=3.0, loop=False)
     visitor.wait_for("ready")
     assert visitor.frame.locator("#desire-path-legend").inner_text().split() == ["base", "aligned"]
-    visitor.page.wait_for_timeout(3500)
-    ends = visitor.frame.evaluate(
-        "Object.entries(window.__viserMutable.nodePoseData).filter(([name]) => /robot[01]$/.test(name))"
-        ".map(([, pose]) => pose.position.slice(0, 2))"
-    )
-    assert np.allclose(ends, [left.poses[-1, :2], right.poses[-1, :2]], atol=1e-3)
+
+    def both_at_the_end() -> bool:
+        ends = visitor.frame.evaluate(
+            "Object.entries(window.__viserMutable.nodePoseData).filter(([name]) => /robot[01]$/.test(name))"
+            ".map(([, pose]) => pose.position.slice(0, 2))"
+        )
+        return np.allclose(ends, [left.poses[-1, :2], right.poses[-1, :2]], atol=1e-3)
+
+    visitor.wait_until(both_at_the_end, "both robots reach their ends")
     before = visitor.camera()
     visitor.page.mouse.move(240, 150)
     visitor.page.mouse.down()
     visitor.page.mouse.move(300, 100, steps=4)
     visitor.page.mouse.up()
-    visitor.page.wait_for_timeout(500)
-    assert not np.allclose(visitor.camera(), before, atol=1e-3), "analysts may move the camera"
+    visitor.wait_until(lambda: not np.allclose(visitor.camera(), before, atol=1e-3), "analysts may move the camera")
