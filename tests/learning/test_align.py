@@ -1,0 +1,138 @@
+"""Alignment: the reward is the recipe's, the policy moves where the answers point, and the gate keeps bad ones away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from backend.learning.align import (
+    AlignConfig,
+    PreferenceReward,
+    align,
+    check_gate,
+    choose_checkpoint,
+    thesis_config,
+)
+from backend.learning.base import BaseResult
+from backend.learning.errors import LearningError
+from backend.learning.policy import Policy
+from backend.learning.preferences import Preference
+from backend.learning.replay import collect
+from backend.learning.reward_mlp import MlpConfig, fit_mlp
+from backend.learning.reward_model import LinearRewardModel, fit_linear
+from backend.learning.shipped import load_policy
+from backend.simulation.setups import STUDY_ROOM, SetupError
+
+TINY = AlignConfig(
+    updates=200,
+    checkpoints=2,
+    replay_transitions=4_000,
+    selection_scenes=40,
+    gate_scenes=40,
+    weighing_scenes=40,
+)
+
+
+@pytest.fixture(scope="module")
+def base() -> Policy:
+    return load_policy("study_room/base")
+
+
+@pytest.fixture(scope="module")
+def model(distance_answers: list[Preference]) -> LinearRewardModel:
+    return fit_linear(distance_answers[:15])
+
+
+def test_refine_adds_a_penalty_that_never_pays_for_loitering(base: Policy, model: LinearRewardModel) -> None:
+    replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
+    config = replace(TINY, preference_weight=0.5)
+    added = PreferenceReward(model, config, replay, base).combined(replay) - replay.rewards
+    assert float(added.max()) <= 1e-6
+    assert float(added.min()) >= -0.5 * config.penalty_cap - 1e-4  # float32 next to rewards of 20
+    assert 0.01 < float((added.abs() < 1e-5).float().mean()) < 0.5  # the best states pay nothing
+
+
+def test_the_preference_is_weighed_by_what_is_at_stake(base: Policy, model: LinearRewardModel) -> None:
+    replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
+    half, full = (
+        PreferenceReward(model, replace(TINY, preference_share=share), replay, base).weight for share in (0.4, 0.8)
+    )
+    assert full == pytest.approx(2 * half)
+    assert 0.05 < full < STUDY_ROOM.reward.goal
+
+
+def test_the_thesis_reward_is_equation_6_5(base: Policy, distance_answers: list[Preference]) -> None:
+    replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
+    mlp = fit_mlp(distance_answers[:5], MlpConfig(epochs=1))
+    combined = PreferenceReward(mlp, thesis_config(), replay, base).combined(replay)
+    raw = mlp.rewards(replay.observations.numpy(), replay.actions.numpy(), replay.next_observations.numpy())
+    expected = 0.06 * (raw - raw.mean()) / raw.std() + 0.94 * replay.rewards.numpy()
+    np.testing.assert_allclose(combined.numpy(), expected, atol=1e-3)
+
+
+def test_alignment_moves_away_from_the_person_and_reports_on_the_way(
+    base: Policy, model: LinearRewardModel, tmp_path: Path
+) -> None:
+    seen: list[tuple[float, dict[str, float]]] = []
+    config = replace(TINY, updates=600, checkpoints=3)
+    result = align(base, model, config, lambda *step: seen.append(step), checkpoint_folder=tmp_path)
+    assert [fraction for fraction, _ in seen] == sorted(fraction for fraction, _ in seen)
+    assert seen[-1][0] == 1.0
+    assert len(result.history) == 3
+    assert [Policy.load(path).setup for path in sorted(tmp_path.glob("*.npz"))] == ["study_room"] * 3
+    assert Policy.load(tmp_path / f"checkpoint_{result.chosen + 1}.npz").digest() == result.policy.digest()
+    assert not result.policy.critic
+    observations = collect(base, 512, noise=(0.05, 0.5), seed=4).filled().observations.numpy()
+    assert np.abs(result.policy.act(observations) - base.act(observations)).mean() > 0.02
+
+
+def test_the_same_seed_aligns_to_the_same_policy(base: Policy, model: LinearRewardModel) -> None:
+    first, second = align(base, model, TINY), align(base, model, TINY)
+    assert first.policy.digest() == second.policy.digest()
+    assert first.replay_sha256 == second.replay_sha256
+    assert first.gate == second.gate
+
+
+def test_the_thesis_recipe_runs_without_new_interaction(base: Policy, distance_answers: list[Preference]) -> None:
+    config = replace(TINY, recipe="thesis", preference_weight=0.06, online_share=0.0, gamma=None)
+    result = align(base, fit_mlp(distance_answers[:5], MlpConfig(epochs=1)), config)
+    assert result.preference_weight == 0.06
+    rates = [entry["success_rate"] for entry in result.history]
+    assert rates[result.chosen] == max(rates)
+
+
+def test_thesis_defaults_are_the_papers() -> None:
+    config = thesis_config(epochs=4)
+    assert (config.preference_weight, config.updates, config.checkpoints) == (0.06, 40_000, 4)
+    assert config.online_share == 0.0
+
+
+def test_choosing_a_checkpoint() -> None:
+    config = AlignConfig(min_success=0.94, max_selection_loss=0.02)
+    assert choose_checkpoint([0.99, 0.97, 0.95, 0.80], 0.98, config) == 1  # the last near the base policy's 0.98
+    assert choose_checkpoint([0.90, 0.93, 0.91], 0.98, config) == 1  # none: the best
+    assert choose_checkpoint([0.95, 0.99, 0.98], 0.98, replace(config, recipe="thesis")) == 1
+
+
+def test_the_gate_stops_a_policy_that_does_not_arrive(base: Policy) -> None:
+    torch.manual_seed(0)
+    shaken = Policy(base.setup, base.shape, (*base.actor[:-1], base.actor[-1] + np.array([-9, 9], dtype=np.float32)))
+    assert not check_gate(shaken, base, TINY).passed
+    assert check_gate(base, base, TINY).passed
+
+
+def test_models_and_policies_of_two_setups_are_refused(model: LinearRewardModel) -> None:
+    with pytest.raises(SetupError, match="policy is open_field, reward_model is study_room"):
+        align(load_policy("open_field/base"), model, TINY)
+
+
+def test_settings_that_cannot_work_are_refused(base: Policy, model: LinearRewardModel, tiny_base: BaseResult) -> None:
+    for change in ({"recipe": "magic"}, {"online_share": 1.0}, {"checkpoints": 500}):
+        with pytest.raises(LearningError, match=next(iter(change))):
+            align(base, model, replace(TINY, **change))  # type: ignore[arg-type]
+    with pytest.raises(LearningError, match="critic"):
+        align(base.without_critic(), model, TINY)

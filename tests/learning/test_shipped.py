@@ -1,0 +1,183 @@
+"""What we ship loads, is what its card says, and is good enough: on scenes that chose nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backend.learning.artefacts import Card, card_path, file_sha256
+from backend.learning.errors import LearningError
+from backend.learning.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
+from backend.learning.policy import Policy
+from backend.learning.queries import QueryConfig, QuerySet, flaw, look_alike
+from backend.learning.scene_sets import Purpose, first_seed, scene_set
+from backend.learning.shipped import (
+    DATASETS,
+    load_card,
+    load_ensemble,
+    load_policy,
+    load_queries,
+    load_shipped,
+    resolve,
+    shipped_names,
+)
+from backend.simulation.scenes import check_scene, draw_scene
+
+EXPECTED = {
+    *(f"{setup}/base" for setup in ("open_field", "study_room")),
+    *(f"{setup}/ensemble/{k}" for setup in ("open_field", "study_room") for k in range(4)),
+    "study_room/queries_200",
+}
+
+
+def test_everything_promised_is_shipped() -> None:
+    assert set(shipped_names()) >= EXPECTED
+
+
+@pytest.mark.parametrize("name", sorted(EXPECTED))
+def test_file_and_card_agree_and_the_card_is_complete(name: str) -> None:
+    artefact, card = load_shipped(name), load_card(name)
+    assert isinstance(artefact, QuerySet if card.kind == "query_set" else Policy)
+    assert artefact.setup == card.setup == name.split("/")[0]
+    assert card.name == name
+    assert card.sha256 == file_sha256(resolve(name))
+    assert card.command.startswith("python -m backend.learning.ship ")
+    assert card.command.endswith(f"--seed {card.seed}")
+    assert len(card.commit.removesuffix("-dirty")) == 40
+    assert card.config
+    assert card.scenes
+    assert card.results
+    assert card.departures
+    for parent, sha256 in card.parents.items():
+        if parent in EXPECTED:
+            assert sha256 == file_sha256(resolve(parent)), f"{name} was made from another {parent}"
+
+
+def test_parents_lead_back_to_the_base_policy() -> None:
+    assert {f"study_room/ensemble/{k}" for k in range(4)} == set(load_card("study_room/queries_200").parents)
+    assert "study_room/base" in load_card("study_room/ensemble/2").parents
+
+
+def test_selection_and_reporting_scenes_are_disjoint() -> None:
+    for name in EXPECTED:
+        scenes = load_card(name).scenes
+        if "report" not in scenes:
+            continue
+        chosen = range(scenes["select"]["first_scene_seed"], scenes["select"]["last_scene_seed"] + 1)
+        for reported in scenes["report"]:
+            assert reported["first_scene_seed"] not in chosen
+            assert reported["last_scene_seed"] not in chosen
+
+
+@pytest.mark.parametrize("setup", ["open_field", "study_room"])
+def test_base_policies_reach_94_percent_on_fresh_scenes(setup: str) -> None:
+    result = evaluate_policy(load_policy(f"{setup}/base"), n=300, seed=4_242)
+    # 300 scenes: a policy with 94 % falls below 0.90 once in a thousand times.
+    assert result["success_rate"] >= 0.90
+    assert result["intervals"]["success_rate"][1] >= 0.94
+    assert load_card(f"{setup}/base").results["worst_success_rate"] >= 0.94
+
+
+def test_the_card_tells_what_evaluation_finds_again() -> None:
+    told = load_card("study_room/base").results["first"]
+    found = evaluate_policy(load_policy("study_room/base"), n=told["n"], seed=told["seed"])
+    # Bit-identical on one machine; on another the last digits of floating point may move a few episodes.
+    assert found["success_rate"] == pytest.approx(told["success_rate"], abs=0.01)
+    assert found["min_human_distance_m"] == pytest.approx(told["min_human_distance_m"], abs=0.03)
+    assert found["ceiling_m"] == pytest.approx(told["ceiling_m"], abs=1e-6)
+    assert set(found) == set(told)
+
+
+@pytest.mark.parametrize("setup", ["open_field", "study_room"])
+def test_ensemble_members_arrive_and_differ(setup: str) -> None:
+    members = load_ensemble(setup)
+    assert len(members) == 4
+    assert len({member.digest() for member in members}) == 4
+    assert all(evaluate_policy(member, n=100, seed=7)["success_rate"] > 0.6 for member in members)
+    assert load_card(f"{setup}/ensemble/0").results["ensemble_action_diversity"] > 0.5
+
+
+def test_shipped_queries_are_worth_showing() -> None:
+    queries, config = load_queries("study_room/queries_200"), QueryConfig()
+    assert len(queries) >= 200
+    assert len({query.scene.seed for query in queries.queries}) == len(queries)
+    for query in queries.queries:
+        assert flaw(query.trajectory_a, config) is flaw(query.trajectory_b, config) is None
+        assert not look_alike(query.trajectory_a, query.trajectory_b, config)
+    for query in queries.queries[::20]:
+        check_scene(query.scene)
+        assert draw_scene("study_room", query.scene.seed) == query.scene
+        np.testing.assert_array_equal(query.trajectory_a.poses[0], query.trajectory_b.poses[0])
+
+
+def test_names_paths_and_unknown_names(tmp_path: Path) -> None:
+    copy = tmp_path / "mine.npz"
+    copy.write_bytes(resolve("open_field/base").read_bytes())
+    assert load_policy(str(copy)).digest() == load_policy("open_field/base").digest()
+    with pytest.raises(LearningError, match="study_room/base"):
+        load_policy("nowhere/base")
+    with pytest.raises(LearningError, match="no ensemble"):
+        load_ensemble("kitchen")
+
+
+def test_a_changed_file_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "open_field"
+    folder.mkdir()
+    for path in (DATASETS / "open_field/base.npz", DATASETS / "open_field/base.card.json"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    monkeypatch.setattr("backend.learning.shipped.DATASETS", tmp_path)
+    assert load_shipped("open_field/base")
+    (folder / "base.npz").write_bytes(load_policy("open_field/base").without_critic().to_bytes())
+    with pytest.raises(LearningError, match="disagree"):
+        load_shipped("open_field/base")
+
+
+def test_incomplete_cards_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x.card.json"
+    path.write_text(json.dumps({"kind": "policy"}))
+    with pytest.raises(LearningError, match="incomplete"):
+        Card.load(path)
+    with pytest.raises(LearningError, match="cannot read"):
+        Card.load(tmp_path / "none.card.json")
+    assert card_path(Path("a/base.npz")) == Path("a/base.card.json")
+
+
+def test_scene_sets_do_not_overlap_and_are_bounded() -> None:
+    firsts = [first_seed(purpose, seed) for purpose in Purpose for seed in (0, 1, 49_999)]
+    assert len(set(firsts)) == len(firsts)
+    assert max(firsts) + 10_000 <= 2**32  # training scenes lie above
+    assert [s.seed for s in scene_set("open_field", 3, purpose=Purpose.GATE, seed=2)] == [
+        first_seed(Purpose.GATE, 2) + k for k in range(3)
+    ]
+    for n, seed in ((0, 0), (10_001, 0), (1, -1), (1, 50_000)):
+        with pytest.raises(ValueError, match=r"must be|has between"):
+            scene_set("open_field", n, purpose=Purpose.REPORT, seed=seed)
+
+
+def test_a_policy_compared_with_itself_gains_nothing() -> None:
+    base = load_policy("study_room/base")
+    compared = compare_policies(base, base, n=60, seed=3)
+    distance = compared["paired"]["min_human_distance_m"]
+    assert distance["difference"] == {"value": 0.0, "low": 0.0, "high": 0.0}
+    assert distance["ratio"]["value"] == pytest.approx(1.0)
+    assert compared["success_difference"]["value"] == 0.0
+
+
+def test_wilson_interval_is_the_textbooks() -> None:
+    """Newcombe 1998, table I: 81 of 263, 95 % score interval without continuity correction: 0.2553 to 0.3662."""
+    estimate = wilson(81, 263)
+    assert estimate.low == pytest.approx(0.2553, abs=5e-5)
+    assert estimate.high == pytest.approx(0.3662, abs=5e-5)
+    assert wilson(0, 20).low == 0.0
+
+
+def test_bootstrap_covers_the_mean_it_should() -> None:
+    random = np.random.default_rng(5)
+    hits = 0
+    for _ in range(200):
+        estimate = mean_estimate(random.exponential(2.0, 80))
+        hits += estimate.low <= 2.0 <= estimate.high
+    assert 0.88 <= hits / 200 <= 0.99
