@@ -7,6 +7,8 @@ from datetime import timedelta
 
 import pytest
 from sqlalchemy import func, select
+from sqlalchemy.exc import DatabaseError
+from walking import Walker
 
 from backend.store.models import Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
 from backend.store.snapshots import load_snapshot
@@ -37,6 +39,10 @@ def start(walker):
     return walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
 
 
+def become_human(s, session):
+    session.simulated = False
+
+
 def seen(walker, drive, playback):
     return walker.do(machine.drive_seen, "block.01", drive, playback, now=walker.now)
 
@@ -44,7 +50,8 @@ def seen(walker, drive, playback):
 # ---- the way through -------------------------------------------------------------------------------------------------
 
 
-def test_fifteen_answers_start_one_alignment_in_the_same_transaction(database, files, walker):
+def test_fifteen_answers_start_one_alignment_in_the_same_transaction(database, files, full_study):
+    walker = Walker(database, files, full_study)
     walker.walk_to("block.16")
     with database.session() as s:
         assert s.scalar(select(func.count(Job.id))) == 0
@@ -103,8 +110,6 @@ def test_a_drive_cannot_have_been_seen_before_label_and_drive_have_passed(databa
 
 
 def test_only_a_simulated_session_may_be_faster(database, files, study):
-    from conftest import Walker  # the class, not a fixture: another session of the same study
-
     bot = Walker(database, files, study, simulated=True)
     bot.walk_to("block.01")
     play = start(bot)
@@ -112,9 +117,8 @@ def test_only_a_simulated_session_may_be_faster(database, files, study):
     seen(bot, "b", play.playback_id)
     bot.submit("block.01", {"choice": "a"})
     assert bot.view.key == "block.02"
-    with database.transaction() as s, pytest.raises(Exception, match="simulated"):
-        s.get_one(Session, bot.session.id).simulated = False
-        s.flush()
+    with pytest.raises(DatabaseError, match="simulated"):
+        bot.do(become_human)
 
 
 def test_another_showings_news_is_refused(database, at_trial):
@@ -178,8 +182,6 @@ def test_two_clicks_at_the_same_moment_store_one_answer(database, at_trial):
 
 
 def test_a_request_id_of_another_session_is_refused(database, files, study, walker):
-    from conftest import Walker
-
     other = Walker(database, files, study)
     walker.submit("information", {}, request_id="the-same-id")
     with pytest.raises(Refused) as no:

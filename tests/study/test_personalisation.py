@@ -5,13 +5,14 @@ from __future__ import annotations
 from datetime import timedelta
 
 import pytest
-from conftest import ITEMS, Walker
 from sqlalchemy import select
+from walking import ITEMS, QUICK, Walker
 
 from backend.store.models import Event, Job, Response, Session, TrajectoryRow, Trial, utc_now
 from backend.study import machine
+from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
-from backend.study.studies import queries_of_study
+from backend.study.studies import create_study, queries_of_study
 
 
 @pytest.fixture
@@ -38,9 +39,6 @@ def end_job(database, files, study, *, passed=True, comparisons=3, state="succee
 
 def settle(walker):
     return walker.do(lambda s, session: machine.settle(s, walker.files, session, now=walker.now))
-
-
-machine.settle.__name__ = "settle"
 
 
 def state(database, walker):
@@ -72,7 +70,7 @@ def test_three_blind_pairs_then_a_guess_about_the_last_then_the_code(database, f
         view = waiting.view
         assert view.key == f"comparison.{number}"
         told = str(view.payload) + str(view.as_dict())
-        assert not any(word in told for word in ("own", "base", "policy", trials[number - 1].trajectory_a))
+        assert not any(word in told for word in ("own-", "base", "policy", "arms", trials[number - 1].trajectory_a))
         waiting.watch(view.key)
         waiting.submit(view.key, {"choice": "b"})
     own = trials[2].arms["own"]
@@ -143,13 +141,8 @@ def test_a_job_that_has_ended_during_the_questionnaire_leaves_nothing_to_wait_fo
     assert walker.view.key == "comparison.1"
 
 
-def test_too_few_usable_answers_train_nothing(database, files):
-    from conftest import QUICK
-
-    from backend.study.protocol import freeze_text
-    from backend.study.studies import create_study
-
-    text = QUICK.read_text().replace("count: 15", "count: 1")
+def test_too_few_usable_answers_train_nothing(database, files, twenty_queries):
+    text = QUICK.read_text().replace("count: 15", "count: 1").replace("study_room/queries_200", str(twenty_queries))
     with database.transaction() as s:
         study = create_study(s, files, freeze_text(text), name="Small", created_by=None)
     walker = Walker(database, files, study)
