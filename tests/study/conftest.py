@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import select
-from walking import QUICK, Walker
 
 from backend.learning.queries import QuerySet
 from backend.learning.shipped import load_queries
@@ -16,6 +15,7 @@ from backend.store.database import Database
 from backend.store.models import Study
 from backend.study.protocol import freeze_text
 from backend.study.studies import create_study
+from tests.study.walking import QUICK, Walker
 
 
 @pytest.fixture(scope="session")

@@ -8,13 +8,13 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import func, select
 from sqlalchemy.exc import DatabaseError
-from walking import Walker
 
 from backend.store.models import Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
 from backend.store.snapshots import load_snapshot
 from backend.study import machine
 from backend.study.refusals import Refused
 from backend.study.sessions import acting
+from tests.study.walking import Walker
 
 CONSENT = {"given": True, "version": "2026-11"}
 

@@ -6,13 +6,13 @@ from datetime import timedelta
 
 import pytest
 from sqlalchemy import select
-from walking import ITEMS, QUICK, Walker
 
 from backend.store.models import Event, Job, Response, Session, TrajectoryRow, Trial, utc_now
 from backend.study import machine
 from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
 from backend.study.studies import create_study, queries_of_study
+from tests.study.walking import ITEMS, QUICK, Walker
 
 
 @pytest.fixture

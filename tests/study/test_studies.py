@@ -6,12 +6,12 @@ import re
 
 import pytest
 from sqlalchemy import select
-from walking import QUICK
 
 from backend.store.models import Event, Participant, RecruitingId, Session
 from backend.study.protocol import freeze, freeze_text, thaw
 from backend.study.refusals import Refused
 from backend.study.studies import StudyError, create_study, join_study, study_by_link
+from tests.study.walking import QUICK
 
 PROLIFIC = {"platform": "prolific", "external_id": "5f3c0ffee0ddba11", "study": "x"}
 
