@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterator
 
 import pytest
 from playwright.sync_api import Browser, sync_playwright
-from stage_house import CHROMIUM_FLAGS, StageHouse, Visitor
+
+from tests.app.stage_house import CHROMIUM_FLAGS, StageHouse, Visitor
 
 
 @pytest.fixture(scope="session")

@@ -9,10 +9,10 @@ import httpx
 import msgspec
 import pytest
 import websockets
-from stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
 
 from app.viser_hooks import SUBPROTOCOL
 from backend.api.stage_proxy import MESSAGES_BURST, REFUSALS_BEFORE_CLOSING
+from tests.app.stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
 
 
 def frame(message: dict[str, object]) -> bytes:

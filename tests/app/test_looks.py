@@ -10,7 +10,6 @@ import struct
 import numpy as np
 import pytest
 from PIL import Image
-from stage_house import drive, open_field, study_room
 
 from app import figures, furniture, surfaces
 from app.glb import Surface, to_glb
@@ -18,6 +17,7 @@ from app.shapes import Shape, ball, box, limb, merged, turned
 from app.views import ViewError, camera_for, frame_of, require_view
 from backend.simulation.scene import Obstacle, Pose
 from backend.simulation.setups import ROBOT_RADIUS_M
+from tests.app.stage_house import drive, open_field, study_room
 
 
 def outward(shape: Shape) -> np.ndarray:

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stage_house import StageHouse, Visitor, drive, open_field, study_room
 
 from app import viser_hooks
 from app.stage import HOLD_S, Stage
+from tests.app.stage_house import StageHouse, Visitor, drive, open_field, study_room
 
 Visit = Callable[..., Visitor]
 

@@ -13,11 +13,11 @@ import pytest
 import rich
 import viser
 import websockets
-from stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
 from viser import _messages
 
 from app import viser_hooks
 from app.page import stage_page
+from tests.app.stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
 
 CLIENT_SOURCE = Path(viser.__file__).parent / "client" / "src"
 
