@@ -18,8 +18,9 @@ from backend.simulation.scene import Obstacle, Scene
 from backend.simulation.trajectory import Trajectory
 
 INK, SOFT, LINE, PAPER = "#211f1a", "#575247", "#d9d1c0", "#fffdf8"
-SIDES = ("#2f6a3d", "#b5541c")  # tokens.css: --data-1, --data-2
-PERSON = "#3b5f9e"
+MAIN = "#2f6a3d"  # tokens.css: --data-1
+SIDES = ("#3b5f9e", "#b5541c")  # --data-3, --data-2: the colours of the two robots on the stage
+PERSON = "#8c7a1e"  # --data-5
 FONT = "system-ui, sans-serif"
 
 Number = Callable[[float], str]
@@ -127,8 +128,8 @@ def curve(
         x, _ = at(tick, y_low)
         drawing.text(x, height - bottom + 16, number(tick), anchor="middle")
     drawing.text((left + width - right) / 2, height - 6, x_label, anchor="middle")
-    drawing.path([at(*point) for point in points], stroke=SIDES[0], css="line-1")
-    drawing.circle(*at(*points[-1]), 3.5, fill=SIDES[0], css="fill-1")
+    drawing.path([at(*point) for point in points], stroke=MAIN, css="line-0")
+    drawing.circle(*at(*points[-1]), 3.5, fill=MAIN, css="fill-0")
     return drawing.svg()
 
 
@@ -149,8 +150,8 @@ def intervals(rows: Sequence[Interval], *, title: str, x_label: str, chance: flo
     for k, row in enumerate(rows):
         y = top + row_height * (k + 0.5)
         drawing.text(left - 10, y + 4, row.name, anchor="end", fill=INK, css="ink")
-        drawing.line(at(row.low), y, at(row.high), y, stroke=SIDES[0], css="line-1", width=2)
-        drawing.circle(at(row.value), y, 4.5, fill=SIDES[0], css="fill-1")
+        drawing.line(at(row.low), y, at(row.high), y, stroke=MAIN, css="line-0", width=2)
+        drawing.circle(at(row.value), y, 4.5, fill=MAIN, css="fill-0")
         drawing.text(width - right + 12, y + 4, row.told, fill=INK, css="ink")
     return drawing.svg()
 
