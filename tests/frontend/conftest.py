@@ -5,7 +5,8 @@ from collections.abc import Iterator
 
 import pytest
 import uvicorn
-from example_pages import example_application
+
+from tests.frontend.example_pages import example_application
 
 
 @pytest.fixture(scope="session")

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from example_pages import STEPS
+
+from tests.frontend.example_pages import STEPS
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page

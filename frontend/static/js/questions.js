@@ -24,6 +24,8 @@ export function readyForm(step, kind, needs) {
   let shown = 0;
   let busy = false;
 
+  // resting until here: pressed before the scripts have come, it would only load the page again
+  step.querySelector(".bottombar .main")?.removeAttribute("disabled");
   if (needs.kept) fill(form, needs.kept);
   form.addEventListener("input", (event) => {
     const item = event.target instanceof Element ? event.target.closest("[data-item]") : null;

@@ -1,0 +1,335 @@
+"""The page of a running session in a real browser against the real server: trials, faults, leaving.
+
+The 3D room is stood in for by an empty frame whose messages the tests send themselves: the room is the concern of
+tests/app, both together of tests/journeys. Sessions are simulated ones, so that no test has to wait for drives.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import pytest
+import uvicorn
+from playwright.sync_api import expect
+from sqlalchemy import select
+
+from backend.api.application import build_house, create_application
+from backend.api.dependencies import House
+from backend.api.server import free_port
+from backend.settings import Settings
+from backend.store.models import Event, ProblemReport, Response, Session
+from backend.study.protocol import freeze
+from backend.study.sessions import token_hash
+from backend.study.studies import create_study
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page, Route
+
+PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
+DEMOGRAPHICS = {"gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
+VALUES: dict[str, dict[str, Any]] = {"consent": {"given": True}, "questionnaire": DEMOGRAPHICS}
+EMPTY_ROOM = "<!doctype html><title>room</title><body></body>"
+
+
+@dataclass(frozen=True)
+class Running:
+    """A server with one study."""
+
+    house: House
+    url: str
+    recruiting_token: str
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    port = free_port()
+    house = build_house(Settings(data=tmp_path_factory.mktemp("data"), port=port, worker=False, _env_file=None))
+    with house.database.transaction() as s:
+        token = create_study(s, house.files, freeze(PROTOCOL), name="Test", created_by=None).recruiting_token
+    server = uvicorn.Server(uvicorn.Config(create_application(house), port=port, log_level="critical"))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        thread.join(0.02)
+    yield Running(house, f"http://127.0.0.1:{port}", token)
+    server.should_exit = True
+    thread.join(10)
+
+
+class Visit:
+    """One participant at the first pair, in a browser of their own."""
+
+    def __init__(self, running: Running, context: BrowserContext) -> None:
+        self.running, self.context = running, context
+        self.http = httpx.Client(base_url=running.url)
+        joined = self.http.post(f"/join/{running.recruiting_token}", json={"language": "en", "simulated": True})
+        self.token = joined.json()["token"]
+        while self.step["kind"] != "trial":
+            value = VALUES.get(self.step["kind"], {})
+            body = {"request_id": f"setup-{self.token[:12]}-{self.step['key']}", "value": value}
+            self.http.post(f"/api/session/{self.token}/steps/{self.step['key']}", json=body).raise_for_status()
+        context.route("**/stage/**", lambda route: route.fulfill(body=EMPTY_ROOM, content_type="text/html"))
+        self.page = self.open()
+
+    @property
+    def step(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.http.get(f"/api/session/{self.token}").json()["step"]
+        return found
+
+    def open(self) -> Page:
+        """The session's page in a new window, with its room standing."""
+        page = self.context.new_page()
+        page.goto(f"{self.running.url}/p/{self.token}")
+        self.room_says("ready", page=page)
+        expect(page.locator("#start")).to_have_attribute("aria-disabled", "false")
+        return page
+
+    def room_says(self, kind: str, *, page: Page | None = None, **more: str) -> None:
+        """A message of the stage, from its frame and its origin."""
+        page = page or self.page
+        frame = page.locator("#stage-frame iframe").element_handle().content_frame()
+        assert frame is not None
+        frame.wait_for_load_state()
+        frame.evaluate(
+            "([message, origin]) => parent.postMessage(message, origin)",
+            [{"source": "desirepath-stage", "type": kind, **more}, self.running.url],
+        )
+
+    def watch(self, letter: str) -> None:
+        """The drive that plays is played to its end."""
+        expect(self.page.locator("#playing-letter")).to_have_text(letter)
+        self.room_says("playing", playback_id=self.step["trial"]["playback_id"])
+        self.room_says("played", playback_id=self.step["trial"]["playback_id"])
+
+    def watch_both(self) -> None:
+        self.page.keyboard.press("Enter")
+        self.watch("A")
+        self.watch("B")
+        expect(self.page.locator("#question")).to_be_focused()
+
+    def answers(self, key: str) -> list[dict[str, Any]]:
+        with self.running.house.database.session() as s:
+            session = s.scalars(select(Session).where(Session.token_hash == token_hash(self.token))).one()
+            rows = s.scalars(select(Response).where(Response.session_id == session.id, Response.step_key == key))
+            return [row.value for row in rows]
+
+    def events(self, kind: str) -> list[dict[str, Any]]:
+        with self.running.house.database.session() as s:
+            session = s.scalars(select(Session).where(Session.token_hash == token_hash(self.token))).one()
+            return [e.data for e in s.scalars(select(Event).where(Event.session_id == session.id, Event.kind == kind))]
+
+
+@pytest.fixture
+def visit(running: Running, chromium: Browser) -> Iterator[Visit]:
+    context = chromium.new_context(viewport={"width": 1024, "height": 640}, reduced_motion="reduce")
+    yield Visit(running, context)
+    context.close()
+
+
+def test_a_pair_is_watched_and_answered_by_keyboard_alone(visit: Visit) -> None:
+    page, key = visit.page, visit.step["key"]
+    expect(page.locator("#start")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator("#live")).to_have_text("Watch drive A")
+    page.keyboard.press("b")
+    expect(page.locator("#live")).to_have_text("You can choose as soon as you have watched both drives to the end.")
+    visit.watch("A")
+    visit.watch("B")
+    expect(page.locator("#question")).to_be_focused()
+    page.keyboard.press("b")
+    expect(page.locator(".step-body")).not_to_have_attribute("data-key", key)
+    expect(page.locator("#start")).to_be_focused()
+    assert visit.answers(key) == [{"choice": "b"}]
+    assert visit.step["trial"]["phase"] == "ready"
+    assert page.get_by_text("Step 6 of").is_visible()
+
+
+def test_keys_count_while_the_room_has_the_focus(visit: Visit) -> None:
+    key = visit.step["key"]
+    visit.watch_both()
+    visit.room_says("key", key="a")
+    expect(visit.page.locator(".step-body")).not_to_have_attribute("data-key", key)
+    assert visit.answers(key) == [{"choice": "a"}]
+
+
+def test_an_answer_is_kept_while_the_connection_is_lost_and_counts_once(visit: Visit) -> None:
+    page, key = visit.page, visit.step["key"]
+    visit.watch_both()
+    sent: list[str] = []
+
+    def fail_twice(route: Route) -> None:
+        sent.append(route.request.post_data_json["request_id"])
+        if len(sent) <= 2:
+            route.abort("internetdisconnected")
+        else:
+            route.continue_()
+
+    page.route("**/steps/*", fail_twice)
+    page.locator("[data-choice=a]").dblclick()
+    expect(page.get_by_text("Your answer is kept and sent as soon as the connection is back.")).to_be_visible()
+    assert page.locator("[data-choice=b]").get_attribute("aria-disabled") == "true"
+    expect(page.locator(".step-body")).not_to_have_attribute("data-key", key)
+    expect(page.locator("#banner")).to_be_hidden()
+    assert len(sent) == 3
+    assert len(set(sent)) == 1
+    assert visit.answers(key) == [{"choice": "a"}]
+
+
+def test_an_acknowledgement_that_gets_lost_is_asked_for_again(visit: Visit) -> None:
+    page, key = visit.page, visit.step["key"]
+    visit.watch_both()
+    lost: list[int] = []
+
+    def lose_the_first_reply(route: Route) -> None:
+        if not lost:
+            lost.append(route.fetch().status)
+            route.abort("connectionreset")
+        else:
+            route.continue_()
+
+    page.route("**/steps/*", lose_the_first_reply)
+    with page.expect_response("**/steps/*"):  # of the second try: the first one gets none
+        page.keyboard.press("a")
+    expect(page.locator(".step-body")).not_to_have_attribute("data-key", key)
+    assert lost == [200]
+    assert visit.answers(key) == [{"choice": "a"}]
+    assert len(visit.events("duplicate_request")) == 1
+
+
+def test_an_answer_on_its_way_survives_a_reload(visit: Visit) -> None:
+    page, key = visit.page, visit.step["key"]
+    visit.watch_both()
+    page.route("**/steps/*", lambda route: route.abort("internetdisconnected"))
+    page.keyboard.press("b")
+    expect(page.locator("#banner")).to_be_visible()
+    page.unroute("**/steps/*")
+    page.reload()
+    expect(page.locator(".step-body")).not_to_have_attribute("data-key", key)
+    assert visit.answers(key) == [{"choice": "b"}]
+    assert page.evaluate("sessionStorage.length") == 0
+
+
+def test_a_hidden_window_restarts_the_drive_that_played(visit: Visit) -> None:
+    page = visit.page
+    page.keyboard.press("Enter")
+    visit.watch("A")
+    expect(page.locator("#playing-letter")).to_have_text("B")
+    page.evaluate(
+        "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+        "document.dispatchEvent(new Event('visibilitychange')); delete document.hidden"
+    )
+    expect(page.locator("#start-hint")).to_contain_text("drive B starts over")
+    assert visit.step["trial"] | {"phase": "ready", "next_drive": "b", "restarts": 1} == visit.step["trial"]
+
+
+def test_a_dialog_over_the_drive_restarts_it(visit: Visit) -> None:
+    visit.page.keyboard.press("Enter")
+    expect(visit.page.locator("#playing-letter")).to_have_text("A")
+    visit.page.get_by_role("button", name="Help").click()
+    expect(visit.page.locator("#help-dialog")).to_be_visible()
+    visit.page.keyboard.press("Escape")
+    expect(visit.page.locator("#start-hint")).to_contain_text("this pair starts over")
+
+
+def test_a_lost_stage_is_greyed_and_the_pair_starts_over(visit: Visit) -> None:
+    page = visit.page
+    page.keyboard.press("Enter")
+    expect(page.locator("#playing-letter")).to_have_text("A")
+    visit.room_says("connection-lost")
+    expect(page.get_by_text("Reconnecting, your answers are safe").last).to_be_visible()
+    expect(page.locator("#start")).to_have_attribute("aria-disabled", "true")
+    visit.room_says("connected")
+    visit.room_says("ready")
+    expect(page.locator("#stage-cover")).to_be_hidden()
+    expect(page.locator("#start")).to_have_attribute("aria-disabled", "false")
+    assert visit.events("trial_interrupted")[0]["reason"] == "connection"
+
+
+def test_messages_that_do_not_come_from_the_room_are_not_listened_to(visit: Visit) -> None:
+    page = visit.page
+    page.keyboard.press("Enter")
+    expect(page.locator("#playing-letter")).to_have_text("A")
+    playback = visit.step["trial"]["playback_id"]
+    page.evaluate(
+        "id => postMessage({source: 'desirepath-stage', type: 'played', playback_id: id}, location.origin)", playback
+    )
+    with page.expect_response("**/api/session/*"):  # the page asks the server, and sees that nothing has ended
+        visit.room_says("played", playback_id="of another pair")
+    assert visit.step["trial"]["phase"] == "playing_a"
+
+
+def test_the_newest_window_wins_and_the_older_one_can_take_over(visit: Visit) -> None:
+    old, new = visit.page, visit.open()
+    expect(old.get_by_role("heading", name="This study is open in another window")).to_be_visible()
+    assert old.locator("iframe").count() == 0
+    old.get_by_role("button", name="Go on in this window").click()
+    expect(new.get_by_role("heading", name="This study is open in another window")).to_be_visible()
+    expect(old.locator("#trial")).to_be_visible()
+
+
+def test_pausing_gives_the_link_and_going_on_comes_back(visit: Visit) -> None:
+    page, key = visit.page, visit.step["key"]
+    page.keyboard.press("Enter")
+    expect(page.locator("#playing-letter")).to_have_text("A")
+    page.locator("#topbar").get_by_role("button", name="Pause").click()
+    expect(page.get_by_role("heading", name="You are taking a break")).to_be_visible()
+    expect(page.locator("#own-link")).to_have_text(f"{visit.running.url}/p/{visit.token}")
+    page.get_by_role("button", name="Continue the study").click()
+    expect(page.locator(".step-body")).to_have_attribute("data-key", key)
+    assert visit.step["trial"]["phase"] == "ready"
+
+
+def test_withdrawing_says_what_happens_and_then_ends(visit: Visit) -> None:
+    page = visit.page
+    page.get_by_role("button", name="Leave the study").click()
+    page.get_by_role("button", name="Withdraw …").click()
+    expect(page.get_by_text("What cannot be taken back")).to_be_visible()
+    page.get_by_role("button", name="Yes, withdraw").click()
+    expect(page.get_by_role("heading", name="You have left the study")).to_be_visible()
+    page.reload()
+    expect(page.get_by_role("heading", name="You have left the study")).to_be_visible()
+    assert len(visit.events("withdrawn")) == 1
+
+
+def test_a_problem_report_arrives(visit: Visit) -> None:
+    page = visit.page
+    page.get_by_role("button", name="Help").click()
+    page.get_by_label("Something is not right?").fill("The picture is dark.")
+    page.get_by_role("button", name="Send").click()
+    expect(page.get_by_text("Thank you, your message has arrived.")).to_be_visible()
+    with visit.running.house.database.session() as s:
+        assert "The picture is dark." in [report.text for report in s.scalars(select(ProblemReport))]
+
+
+def test_a_whole_form_step_is_answered_and_the_next_one_gets_the_focus(running: Running, chromium: Browser) -> None:
+    context = chromium.new_context(viewport={"width": 1024, "height": 640}, locale="de-DE", reduced_motion="reduce")
+    page = context.new_page()
+    page.goto(f"{running.url}/join/{running.recruiting_token}")
+    page.get_by_role("button", name="Weiter").click()
+    expect(page.get_by_text("Schritt 1 von")).to_be_visible()
+    page.get_by_role("button", name="Weiter").click()
+    expect(page.locator("h1")).to_be_focused()
+    for point in page.get_by_role("checkbox").all():
+        point.check()
+    page.get_by_role("button", name="Ich stimme zu und nehme teil").click()
+    expect(page.get_by_text("Schritt 3 von")).to_be_visible()
+    page.get_by_role("button", name="Hilfe").click()
+    with context.expect_page() as opened:
+        page.get_by_role("link", name="Ihre Kopie der Einwilligung").click()
+    expect(opened.value.get_by_text("Eingewilligt am")).to_be_visible()
+    expect(opened.value.locator("time")).to_be_visible()
+    context.close()
+
+
+def test_links_that_do_not_count_say_what_to_do(running: Running, chromium: Browser) -> None:
+    page = chromium.new_page()
+    page.goto(f"{running.url}/p/forged")
+    expect(page.get_by_role("heading", name="This link does not lead anywhere")).to_be_visible()
+    page.goto(f"{running.url}/join/forged")
+    expect(page.get_by_role("heading", name="This link does not lead anywhere")).to_be_visible()
+    page.close()
