@@ -1,0 +1,166 @@
+"""A house with a signed-in experimenter, and a study that people have walked through, for the tests of /lab."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+
+from backend.api.application import build_house, create_application
+from backend.api.auth import change_password, ensure_first_user
+from backend.api.dependencies import House
+from backend.settings import Settings
+from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
+from backend.study import machine
+from backend.study.protocol import freeze, shipped_protocols
+from backend.study.sessions import acting
+from backend.study.studies import create_study, join_study
+
+PASSWORD = "seven quiet robots"
+NAME = "Corridor pilot"
+QUICK = next(file for file in shipped_protocols() if file.stem == "quick_preference_study")
+ITEMS = (
+    *("ease", "confidence", "mental_effort", "clarity", "naturalness"),
+    *("spatial_understanding", "realism", "presence", "fun", "boredom"),
+)
+VALUES = {
+    "information": {},
+    "consent": {"given": True, "version": "2026-11"},
+    "demographics": {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3},
+    "instruction": {},
+    "train.interface_items": dict.fromkeys(ITEMS, 4),
+}
+
+
+@pytest.fixture(scope="session")
+def new_house(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data folder of a house with one user, whose first password was changed to PASSWORD; copied by every test."""
+    data = tmp_path_factory.mktemp("house") / "data"
+    house = build_house(Settings(data=data, _env_file=None))
+    first = ensure_first_user(house.database)
+    assert first is not None
+    with house.database.session() as s:
+        user_id = s.scalars(select(User.id)).one()
+    change_password(house.database, user_id, first, PASSWORD)
+    house.database.close()
+    return data
+
+
+@pytest.fixture
+def lab_house(request: pytest.FixtureRequest, tmp_path: Path) -> House:
+    """A house without a stage; with the walked study where a test asks for `walked`, else without studies."""
+    if "walked" in request.fixturenames:
+        data = request.getfixturevalue("walked_house")[0]
+    else:
+        data = request.getfixturevalue("new_house")
+    return build_house(Settings(data=shutil.copytree(data, tmp_path / "data"), _env_file=None))
+
+
+@pytest.fixture
+def visitor(lab_house: House) -> Iterator[TestClient]:
+    """A browser in which nobody is signed in; does not follow redirects."""
+    with TestClient(create_application(lab_house), follow_redirects=False) as client:
+        yield client
+
+
+def sign_in(client: TestClient, name: str = "experimenter", password: str = PASSWORD) -> TestClient:
+    answered = client.post("/lab/sign-in", data={"name": name, "password": password})
+    assert answered.status_code == 303, answered.text
+    return client
+
+
+@pytest.fixture
+def lab(visitor: TestClient) -> TestClient:
+    """The experimenter's browser."""
+    return sign_in(visitor)
+
+
+def csrf(client: TestClient, page: str = "/lab/password") -> str:
+    """The token that the forms of a page carry."""
+    found = re.search(r'name="csrf" value="([^"]+)"', client.get(page).text)
+    assert found
+    return found.group(1)
+
+
+@dataclass(frozen=True)
+class Walked:
+    """The study and the codes of its people."""
+
+    id: str
+    finished: str
+    half_way: str
+    fresh: str
+    bot: str
+
+
+@pytest.fixture(scope="session")
+def walked_house(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Walked]:
+    """Four participants: one finished with a comparison, one in the middle, one new, one simulated in the middle."""
+    data = shutil.copytree(new_house, tmp_path_factory.mktemp("walked") / "data")
+    house = build_house(Settings(data=data, _env_file=None))
+    with house.database.transaction() as s:
+        study = create_study(s, house.files, freeze(QUICK), name=NAME, created_by=None)
+    finished = _walk(house, study, until=None)
+    half_way = _walk(house, study, until="block.09", choice="b")
+    with house.database.transaction() as s:
+        s.add(ProblemReport(session_id=half_way[0], text="The picture <b>froze</b> once."))
+    fresh = _walk(house, study, until="information")
+    bot = _walk(house, study, until="block.03", simulated=True)
+    house.database.close()
+    return data, Walked(study.id, finished[1], half_way[1], fresh[1], bot[1])
+
+
+@pytest.fixture
+def walked(walked_house: tuple[Path, Walked]) -> Walked:
+    """The study in this test's house."""
+    return walked_house[1]
+
+
+def _walk(
+    house: House, study: Study, *, until: str | None, choice: str = "a", simulated: bool = False
+) -> tuple[str, str]:
+    """Answer every step before `until` on a clock of our own that ends now. Returns session id and participant code."""
+    now = utc_now() - timedelta(minutes=20)
+    with house.database.transaction() as s:
+        session, token = join_study(s, study, language="en", simulated=simulated, files=house.files)
+        session_id, code = session.id, session.participant.code
+    while True:
+        with house.database.session() as s:
+            view = machine.current(s, s.get_one(Session, session_id))
+        if view.key == until or view.kind == "debriefing":
+            break
+        value = VALUES.get(view.key, {"choice": choice})
+        if view.kind == "wait":
+            _finish_training(house, session_id)
+        with acting(house.database, token, request="test", now=now) as (s, session):
+            if view.kind == "wait":
+                machine.settle(s, house.files, session, now=now)
+                continue
+            if view.kind in ("trial", "comparison"):
+                drives = {"a": view.trial["duration_a_s"], "b": view.trial["duration_b_s"]}
+                play = machine.start_trial(s, session, view.key, request_id=None, now=now)
+                for drive, seconds in drives.items():
+                    now += timedelta(seconds=seconds + 2.5)
+                    play = machine.drive_seen(s, session, view.key, drive, play.playback_id, now=now)
+                now += timedelta(seconds=1.5)
+            request_id = f"{session_id}-{view.key}"
+            machine.submit(s, house.files, session, view.key, value, request_id=request_id, client_time=now, now=now)
+    with acting(house.database, token, request="test", now=utc_now()):
+        pass  # the page was heard of just now
+    return session_id, code
+
+
+def _finish_training(house: House, session_id: str) -> None:
+    """Write what a training would have left: it takes most of a minute, and jobs have tests of their own."""
+    with house.database.transaction() as s:
+        job = s.scalars(select(Job).where(Job.session_id == session_id)).one()
+        drives = list(s.scalars(select(TrajectoryRow.id).order_by(TrajectoryRow.id).limit(6)))
+        pairs = [{"scene": n, "base": drives[2 * n], "own": drives[2 * n + 1]} for n in range(3)]
+        job.state, job.result = "succeeded", {"policy": "0" * 64, "passed": True, "comparisons": pairs}
