@@ -15,6 +15,7 @@ from typing import Any
 import msgspec
 import rich
 import viser
+import zstandard
 from viser import _messages
 
 PINNED_VERSION = "1.1.1"
@@ -88,6 +89,15 @@ def is_allowed_from_client(frame: bytes) -> bool:
     except (msgspec.DecodeError, ValueError):
         return False
     return True
+
+
+def readable_part(frame: bytes) -> bytes:
+    """The messages in a frame from viser to a page, without the arrays behind them; for clients that are no browser.
+
+    A frame is two little-endian lengths of 8 bytes, the zstd-compressed messages, then raw arrays.
+    """
+    compressed = int.from_bytes(frame[8:16], "little")
+    return zstandard.ZstdDecompressor().decompress(frame[16 : 16 + compressed])
 
 
 def silence_viser() -> None:

@@ -36,6 +36,27 @@ class Walk:
     comparisons: int
 
 
+def any_answer(step: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
+    """A valid answer to any step that is no trial, as the API tells it: bots have no opinion on anything but drives."""
+    if step["kind"] == "guess":
+        return {"choice": "ab"[int(random.integers(2))]}
+    if step["kind"] == "consent":
+        return {"given": True}
+    return {item["key"]: _any_value(item, random) for item in step.get("items", [])}
+
+
+def _any_value(item: dict[str, Any], random: np.random.Generator) -> Any:
+    if item["type"] == "scale":
+        return int(random.integers(1, item["points"] + 1))
+    if item["type"] == "choice":
+        return item["options"][int(random.integers(len(item["options"])))]["value"]
+    if item["type"] == "number":
+        low = item["min"] if item["min"] is not None else 0
+        high = item["max"] if item["max"] is not None else low + 100
+        return int(random.integers(low, high + 1))
+    return "simulated"
+
+
 def simulate_study(
     base_url: str,
     recruiting_token: str,
@@ -96,7 +117,7 @@ class _Bot:
                 time.sleep(POLL_S)
                 state = self._get(self._api)
                 continue
-            value = self._trial(step) if step["trial"] else self._answer(step)
+            value = self._trial(step) if step["trial"] else any_answer(step, self._random)
             state = self._submit(step["key"], value)
             stood_since = time.monotonic()
         return Walk(self._participant, state["state"] == "completed", self._responses, self._comparisons)
@@ -112,25 +133,6 @@ class _Bot:
         a, b = (Trajectory.from_bytes(base64.b64decode(drives[name])) for name in ("a", "b"))
         self._comparisons += step["kind"] == "comparison"
         return {"choice": "ab"[self._oracle.choose(Query(a.scene, a, b, (0, 1)))]}
-
-    def _answer(self, step: dict[str, Any]) -> dict[str, Any]:
-        """Any valid answer: bots have no opinion on anything but drives."""
-        if step["kind"] == "guess":
-            return {"choice": "ab"[int(self._random.integers(2))]}
-        if step["kind"] == "consent":
-            return {"given": True}
-        return {item["key"]: self._item(item) for item in step.get("items", [])}
-
-    def _item(self, item: dict[str, Any]) -> Any:
-        if item["type"] == "scale":
-            return int(self._random.integers(1, item["points"] + 1))
-        if item["type"] == "choice":
-            return item["options"][int(self._random.integers(len(item["options"])))]["value"]
-        if item["type"] == "number":
-            low = item["min"] if item["min"] is not None else 0
-            high = item["max"] if item["max"] is not None else low + 100
-            return int(self._random.integers(low, high + 1))
-        return "simulated"
 
     def _submit(self, key: str, value: dict[str, Any]) -> dict[str, Any]:
         state = self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": value})
