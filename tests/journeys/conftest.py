@@ -1,0 +1,80 @@
+"""A running installation and browsers for the journeys: nothing is faked but the speed of the browser's clock."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page
+
+from backend.commands.loopback import loopback_server
+from backend.settings import Settings
+
+# Everything in the page that measures time runs `speed` times as fast; animation frames still come when they come.
+FASTER_CLOCK = """(speed) => {
+  const now = performance.now.bind(performance), date = Date.now.bind(Date);
+  const zero = now(), zeroDate = date();
+  performance.now = () => zero + (now() - zero) * speed;
+  Date.now = () => Math.round(zeroDate + (date() - zeroDate) * speed);
+  const frame = window.requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = (callback) => frame(() => callback(performance.now()));
+  const timeout = window.setTimeout.bind(window);
+  window.setTimeout = (callback, delay, ...rest) => timeout(callback, (delay || 0) / speed, ...rest);
+}"""
+
+
+@dataclass
+class Installation:
+    """One running product and what the roles learn on their way."""
+
+    url: str
+    data: Path
+    password: str
+    notes: dict[str, str] = field(default_factory=dict)
+
+
+@pytest.fixture(scope="module")
+def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installation]:
+    data = tmp_path_factory.mktemp("installation")
+    log = data / "server.log"
+    with loopback_server(Settings(data=data), log=log) as (url, _):
+        password = re.search(r"with password (\S+)", log.read_text())
+        assert password, log.read_text()
+        yield Installation(url, data, password.group(1))
+
+
+@pytest.fixture(scope="module")
+def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Page, str], None]:
+    """Saves pictures of the way: into $DESIREPATH_SCREENSHOTS if set, else into pytest's folder."""
+    import os
+
+    folder = Path(os.environ.get("DESIREPATH_SCREENSHOTS") or tmp_path_factory.mktemp("screenshots"))
+    folder.mkdir(parents=True, exist_ok=True)
+    taken: list[str] = []
+
+    def take(page: Page, name: str) -> None:
+        taken.append(name)
+        page.screenshot(path=folder / f"{len(taken):02d}_{name}.png")
+
+    return take
+
+
+@pytest.fixture(scope="module")
+def open_page(chromium: Browser) -> Iterator[Callable[..., Page]]:
+    """Opens a page in a browser profile of its own; a script error in it fails the test that is running."""
+    contexts = []
+
+    def opened(*, width: int = 1024, height: int = 640, speed: float = 1.0) -> Page:
+        context = chromium.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
+        context.set_default_timeout(60_000)
+        contexts.append(context)
+        if speed != 1.0:
+            context.add_init_script(f"({FASTER_CLOCK})({speed})")
+        page = context.new_page()
+        page.on("pageerror", lambda error: pytest.fail(f"script error on the page: {error}"))
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
