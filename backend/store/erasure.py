@@ -42,7 +42,7 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.models import Session as SessionRow
-from backend.store.snapshots import Snapshot, SnapshotError, retake_snapshot
+from backend.store.snapshots import SnapshotError, snapshot_of_answers
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
 HASHES = re.compile(r"[0-9a-f]{64}")
@@ -76,6 +76,7 @@ class _Doomed:
     artefacts: set[str] = field(default_factory=set)  # made from their answers alone
     pooled: set[str] = field(default_factory=set)  # made from theirs and others'
     jobs: set[str] = field(default_factory=set)
+    opened: set[str] = field(default_factory=set)  # pooled ones whose file holds the answers themselves
     trajectories: set[str] = field(default_factory=set)
 
 
@@ -106,13 +107,13 @@ def erase_participant(
         }
         s.add(Erasing(participant_id=participant.id))
         s.flush()
-        taken_apart = _quarantine(s, files, doomed)
+        taken_apart = _quarantine(s, doomed)
         counts |= _delete_rows(s, participant, doomed)
-        for sha in sorted(doomed.trajectories | doomed.artefacts):
+        for sha in sorted(doomed.trajectories | doomed.artefacts | doomed.opened):
             files.delete(sha)
         counts["orphans"] = _sweep_orphans(s, files)
         counts["job_files"] = _delete_job_files(data, doomed.jobs)
-        replaced = _replace(s, files, taken_apart)
+        replaced = _replace(s, files, study_id, taken_apart)
         tombstone = Tombstone(study_id=study_id, erased_by=by, counts=counts)
         s.add(tombstone)
         s.flush()
@@ -178,29 +179,33 @@ def _owners_of_artefacts(s: Session) -> dict[str, set[str]]:
     return owners
 
 
-def _quarantine(s: Session, files: ArtefactStore, doomed: _Doomed) -> list[tuple[str, Snapshot]]:
-    """Mark what was made from their and others' answers. Snapshots hold the answers themselves: their files go.
+def _quarantine(s: Session, doomed: _Doomed) -> dict[str, list[str]]:
+    """Mark what was made from their and others' answers. Snapshots and reports hold the answers: their files go, too.
 
-    Returns the snapshots that were taken apart, to be taken again without the erased answers.
+    Returns snapshot id -> the response ids of the others in it, for the snapshots that were still good.
     """
-    taken_apart = []
+    others: dict[str, list[str]] = {}
     for artefact in s.scalars(select(Artefact).where(Artefact.id.in_(doomed.pooled)).order_by(Artefact.created_at)):
-        if artefact.quarantined_at is None:
-            artefact.quarantined_at = utc_now()
-            if artefact.kind == "snapshot":
-                taken_apart.append((artefact.id, Snapshot.from_bytes(files.get(artefact.id))))
+        if artefact.quarantined_at is None and artefact.kind == "snapshot":
+            answers = (
+                select(ArtefactAnswer.response_id)
+                .join(Response, Response.id == ArtefactAnswer.response_id)
+                .where(ArtefactAnswer.artefact_id == artefact.id, Response.session_id.not_in(doomed.sessions))
+            )
+            others[artefact.id] = list(s.scalars(answers))
+        artefact.quarantined_at = artefact.quarantined_at or utc_now()
         artefact.card = _without(artefact.card, {*doomed.ids, doomed.code})
         if artefact.kind in ("snapshot", "evaluation"):
-            files.delete(artefact.id)
-    return taken_apart
+            doomed.opened.add(artefact.id)
+    return others
 
 
-def _replace(s: Session, files: ArtefactStore, taken_apart: list[tuple[str, Snapshot]]) -> dict[str, str]:
+def _replace(s: Session, files: ArtefactStore, study_id: str, others: dict[str, list[str]]) -> dict[str, str]:
     """Take the snapshots again from the answers that are left; those with too few left get no successor."""
     replaced = {}
-    for old_id, old in taken_apart:
+    for old_id, answers in others.items():
         with contextlib.suppress(SnapshotError):
-            replaced[old_id] = retake_snapshot(s, files, old).id
+            replaced[old_id] = snapshot_of_answers(s, files, study_id, answers).id
     return replaced
 
 

@@ -7,7 +7,7 @@ learned from them lives in `learning`.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -118,13 +118,13 @@ def take_snapshot(
     return _freeze(s, files, study, session_id, s.execute(chosen).all())
 
 
-def retake_snapshot(s: Session, files: ArtefactStore, old: Snapshot) -> Artefact:
-    """The same snapshot from those of its answers that still exist and count. Raises SnapshotError if too few do."""
-    study = s.get(Study, old.study)
+def snapshot_of_answers(s: Session, files: ArtefactStore, study_id: str, response_ids: Collection[str]) -> Artefact:
+    """Freeze those of the given answers that exist and count. Raises SnapshotError if fewer than two do."""
+    study = s.get(Study, study_id)
     if study is None:
-        raise LookupError(f"no study with id {old.study!r}")
-    still = _answers_of(study.id).where(Response.id.in_([answer.response for answer in old.answers]))
-    return _freeze(s, files, study, old.session, s.execute(still).all())
+        raise LookupError(f"no study with id {study_id!r}")
+    chosen = _answers_of(study.id).where(Response.id.in_(response_ids))
+    return _freeze(s, files, study, None, s.execute(chosen).all())
 
 
 def load_snapshot(s: Session, files: ArtefactStore, artefact_id: str) -> Snapshot:

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from small_study import SmallStudy
 from sqlalchemy import text
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from tests.store.small_study import SmallStudy
 
 
 @pytest.fixture

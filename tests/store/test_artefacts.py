@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pytest
-from small_study import SmallStudy, trajectory
 from sqlalchemy import func, select, update
 
 from backend.learning.queries import Query, QuerySet
@@ -36,6 +35,7 @@ from backend.store.models import (
 from backend.store.outbox import cancel_job, enqueue_job
 from backend.store.query_sets import import_query_set, queries_of, save_query_set
 from backend.store.snapshots import Snapshot, SnapshotError, load_snapshot, take_snapshot
+from tests.store.small_study import SmallStudy, trajectory
 
 
 def test_a_file_comes_back_by_its_hash_and_is_stored_once(files: ArtefactStore):

@@ -7,7 +7,6 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from small_study import SmallStudy
 from sqlalchemy import select
 
 from backend.store.artefacts import ArtefactStore, load_trajectory
@@ -16,6 +15,7 @@ from backend.store.database import Database
 from backend.store.erasure import erase_participant
 from backend.store.models import Response, Setting, TrajectoryRow
 from backend.store.snapshots import load_snapshot, take_snapshot
+from tests.store.small_study import SmallStudy
 
 
 def test_a_backup_taken_while_somebody_writes_comes_back_to_the_same_answers(study: SmallStudy, tmp_path: Path):

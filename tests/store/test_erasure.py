@@ -7,7 +7,6 @@ import time
 from pathlib import Path
 
 import pytest
-from small_study import SmallStudy, trajectory
 from sqlalchemy import func, select
 
 from backend.learning.queries import Query, QuerySet
@@ -32,6 +31,7 @@ from backend.store.models import (
 from backend.store.outbox import enqueue_job
 from backend.store.query_sets import queries_of, save_query_set
 from backend.store.snapshots import load_snapshot, take_snapshot
+from tests.store.small_study import SmallStudy, trajectory
 
 CANARY = "canary-7f3a-planted"
 
@@ -181,6 +181,9 @@ def test_a_job_that_ends_after_the_erasure_cannot_save_what_it_learned(study: Sm
 
 def test_an_erasure_cut_short_can_be_repeated(study: SmallStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     person, session = study.participant("P1", secret=CANARY)
+    study.participant("P2", drives=100)
+    with study.database.transaction() as s:
+        pooled = take_snapshot(s, study.files, study_id=study.id).id
 
     def die(*_: object) -> None:
         raise KeyboardInterrupt
@@ -189,10 +192,13 @@ def test_an_erasure_cut_short_can_be_repeated(study: SmallStudy, tmp_path: Path,
     monkeypatch.setattr("backend.store.erasure._replace", die)
     with pytest.raises(KeyboardInterrupt):
         erase_participant(study.database, study.files, person, by="tester")
-    assert all_ids(study.database, Participant) == {person}
+    assert person in all_ids(study.database, Participant)
+    assert not study.files.exists(pooled)
     monkeypatch.undo()
-    erase_participant(study.database, study.files, person, by="tester")
+    done = erase_participant(study.database, study.files, person, by="tester")
     assert files_with(tmp_path, CANARY, person, session) == []
+    with study.database.session() as s:
+        assert len(load_snapshot(s, study.files, done["replaced"][pooled]).answers) == 4
 
 
 def test_a_vacuum_that_was_cut_short_is_done_at_the_next_start(

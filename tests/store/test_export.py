@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from small_study import SmallStudy, trajectory
 from sqlalchemy import select, update
 
 from backend.store.artefacts import ArtefactError, ArtefactStore
@@ -23,6 +22,7 @@ from backend.store.export import ExportError, export_study
 from backend.store.importing import DatasetError, import_dataset
 from backend.store.models import Participant, Response, Session, Study, Trial, utc_now
 from backend.store.snapshots import load_snapshot, take_snapshot
+from tests.store.small_study import SmallStudy, trajectory
 
 FORMULA = '=HYPERLINK("http://evil.example","click")'
 

@@ -10,7 +10,6 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from small_study import SmallStudy
 from sqlalchemy import Column, String, delete, inspect, text, update
 from sqlalchemy.exc import DBAPIError
 
@@ -29,6 +28,7 @@ from backend.store.models import (
     Tombstone,
 )
 from backend.store.snapshots import take_snapshot
+from tests.store.small_study import SmallStudy
 
 
 def test_an_empty_database_becomes_what_the_models_say(either: Database):
