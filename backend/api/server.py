@@ -57,7 +57,7 @@ def check_ports(settings: Settings) -> None:
 
 
 def start_worker(settings: Settings) -> subprocess.Popen[bytes]:
-    """The background worker as its own process with the same settings."""
+    """The background worker as its own process with the same settings; it ends with us, even if we are killed."""
     environment = {
         **os.environ,
         "DESIREPATH_DATA": str(settings.data.resolve()),
@@ -65,7 +65,8 @@ def start_worker(settings: Settings) -> subprocess.Popen[bytes]:
         "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
         "OMP_NUM_THREADS": "1",
     }
-    return subprocess.Popen([sys.executable, "-m", "backend.cli", "worker"], env=environment)
+    command = [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())]
+    return subprocess.Popen(command, env=environment)
 
 
 def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
@@ -93,6 +94,7 @@ async def _serve(settings: Settings, pages: object, stage: object, on_ready: Cal
                 access_log=False,  # our own log holds no tokens and no query strings
                 log_level="warning",
                 ws="websockets-sansio",
+                ws_max_size=65_536,  # browsers send the stage small messages only; the door checks them one by one
                 ws_per_message_deflate=False,  # the stage's messages are compressed already; deflate costs a core
                 timeout_graceful_shutdown=3,
                 proxy_headers=True,

@@ -85,8 +85,10 @@ def _demo_link(house: House) -> str:
 
 
 @plain_errors
-def worker() -> None:
+def worker(
+    parent: Annotated[int | None, typer.Option(hidden=True, help="Process to end with; `serve` gives its own.")] = None,
+) -> None:
     """Run a background worker: picks up jobs and trains."""
     from backend.jobs.worker import run_worker
 
-    run_worker(get_settings())
+    run_worker(get_settings(), parent=parent)

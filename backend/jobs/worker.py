@@ -27,6 +27,7 @@ from backend.store.shipped import register_shipped
 
 OUTBOX_POLL_S = 0.25  # a participant is waiting
 STALE_CHECK_S = 5.0
+PARENT_POLL_S = 0.5
 STALE_AFTER = timedelta(seconds=30)  # fifteen missed heartbeats
 
 log = structlog.get_logger("desirepath.worker")
@@ -109,15 +110,24 @@ class Worker:
                 finish(job, "failed")
 
 
-def run_worker(settings: Settings) -> None:
-    """Work until SIGTERM or SIGINT."""
+def run_worker(settings: Settings, *, parent: int | None = None) -> None:
+    """Work until SIGTERM or SIGINT, or until `parent`, the process that started us, is gone (a killed server)."""
     stopping = threading.Event()
+    if parent is not None:
+        threading.Thread(target=_stop_with_parent, args=(parent, stopping), daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     Worker(settings).run(stopping)
     # No orderly end of the engine: it would wait for the interrupted steps and record them as failed. Left as they
     # are, they are taken up by the next worker, exactly as after a kill.
     os._exit(0)
+
+
+def _stop_with_parent(parent: int, stopping: threading.Event) -> None:
+    """A restarted server brings its own worker; one left over from before would train beside it, and on old code."""
+    while os.getppid() == parent and not stopping.wait(PARENT_POLL_S):
+        pass
+    stopping.set()
 
 
 def _take_slot(settings: Settings) -> tuple[BufferedWriter, str]:
