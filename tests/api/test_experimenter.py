@@ -259,7 +259,7 @@ def test_erasing_asks_for_the_studys_name_and_leaves_only_a_note(lab, lab_house,
     assert erased.status_code == 303
     assert "experimenter" in lab.get(erased.headers["location"]).text
     assert lab.get(here).status_code == 404
-    for planted in (b"asked for erasure by telephone", b"froze"):
+    for planted in (b"asked for erasure by telephone", b"froze</b> once"):
         holding = [
             file for file in lab_house.settings.data.rglob("*") if file.is_file() and planted in file.read_bytes()
         ]
