@@ -47,10 +47,10 @@ def import_(
 @plain_errors
 def backup(out: Annotated[Path, typer.Option(help="File to write.")], as_json: JsonFlag = False) -> None:
     """Copy the database and all artefacts into one file; the server may keep running."""
-    from backend.store import backup as backups
+    from backend.store.backup import backup as write_backup
 
     database, files = open_store()
-    say(dict(backups.backup(database, files, out)), as_json)
+    say(dict(write_backup(database, files, out)), as_json)
 
 
 @plain_errors
@@ -58,6 +58,6 @@ def restore(
     file: Annotated[Path, typer.Argument(help="A file that `desirepath backup` wrote.")], as_json: JsonFlag = False
 ) -> None:
     """Bring a backup back into an empty data folder."""
-    from backend.store import backup as backups
+    from backend.store.backup import restore as read_backup
 
-    say(dict(backups.restore(file, get_settings().data)), as_json)
+    say(dict(read_backup(file, get_settings().data)), as_json)
