@@ -38,9 +38,12 @@ class AlignConfig:
     recipe: Recipe = "refine"
     seed: int = 0
     preference_weight: float | None = None  # refine: r = r_core + weight * R', None: from the share; thesis: lambda
-    preference_share: float = 0.75  # refine: of what is at stake in an episode (goal - timeout reward), see `weight`
+    preference_share: float = 0.75  # refine: of what is at stake in an episode (goal - timeout reward), to begin with
+    weight_up: float = 1.3  # refine, weight None: factor after a checkpoint that lost almost no success (ours)
+    weight_down: float = 0.65  # ... and after one that lost too much to be chosen (ours)
+    almost_no_loss: float = 0.01
     penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
-    updates: int = 8_000
+    updates: int = 10_000
     checkpoints: int = 10
     gamma: float | None = 0.99  # None: the setup's
     learning_rate: float = 5e-4
@@ -105,10 +108,10 @@ class AlignResult:
 class PreferenceReward:
     """Turns a reward model's output into the reward of alignment, calibrated once on base drives.
 
-    weight: what the preference part is multiplied with. Where the configuration leaves it open, it makes an expensive
-    drive of the base policy (90th percentile) pay `preference_share` of what is at stake (goal - timeout reward). A
-    fixed weight of 1, good in the open field, made robots in the study room wait for the timeout: passing the person
-    cost more there than the goal is worth.
+    weight: what the preference part is multiplied with. Where the configuration leaves it open, it begins by making an
+    expensive drive of the base policy (90th percentile) pay `preference_share` of what is at stake (goal - timeout
+    reward), and `adapt` moves it. A fixed weight of 1, good in the open field, made robots in the study room wait for
+    the timeout: passing the person cost more there than the goal is worth.
     """
 
     def __init__(self, model: RewardModel, config: AlignConfig, replay: Batch, base: Policy) -> None:
@@ -137,16 +140,53 @@ class PreferenceReward:
         penalty: Floats = np.clip((raw - self._top) / self._std, -self._config.penalty_cap, 0.0)
         return penalty
 
-    def combined(self, batch: Batch) -> torch.Tensor:
-        """r* of every transition, (n,).
+    def preference(self, batch: Batch) -> torch.Tensor:
+        """The preference part of every transition, (n,).
 
-        refine: r + weight * clip((R - q98) / std, -cap, 0). A reward <= 0 does not pay for loitering (spec 06).
-        thesis, equation 6.5: lambda * (R - mean) / std + (1 - lambda) * r.
+        refine: R' = clip((R - q98) / std, -cap, 0). A reward <= 0 does not pay for loitering (spec 06).
+        thesis: (R - mean) / std.
         """
-        raw, weight = self._raw(batch), self.weight
+        raw = self._raw(batch)
         if self._config.recipe == "thesis":
-            return weight * torch.from_numpy((raw - self._mean) / self._std) + (1 - weight) * batch.rewards
-        return batch.rewards + weight * torch.from_numpy(self._penalty(raw))
+            return torch.from_numpy((raw - self._mean) / self._std)
+        return torch.from_numpy(self._penalty(raw))
+
+    def combined(self, core: torch.Tensor, preference: torch.Tensor) -> torch.Tensor:
+        """r*. refine: r + weight R'. thesis, equation 6.5: lambda R + (1 - lambda) r."""
+        return (1 - self.weight if self._config.recipe == "thesis" else 1.0) * core + self.weight * preference
+
+    def adapt(self, success: float, base_success: float) -> None:
+        """Ask for more while success holds, for less once it does not: no fixed weight suited every set of answers."""
+        config = self._config
+        if config.recipe == "thesis" or config.preference_weight is not None:
+            return
+        if success < enough_success(base_success, config):
+            self.weight *= config.weight_down
+        elif success >= base_success - config.almost_no_loss:
+            self.weight *= config.weight_up
+
+
+class RelabelledBuffer:
+    """A replay buffer whose rewards are r*, and can be made anew when the weight changes."""
+
+    def __init__(self, buffer: ReplayBuffer, reward: PreferenceReward) -> None:
+        self.buffer, self._reward = buffer, reward
+        self._core, self._preference = torch.zeros(buffer.capacity), torch.zeros(buffer.capacity)
+        self._relabelled = 0
+
+    def take_up(self) -> None:
+        """Relabel the transitions that came since the last call. The buffer never wraps during an alignment."""
+        rows = slice(self._relabelled, self.buffer.size)
+        new = Batch(*(part[rows] for part in self.buffer.data))
+        self._core[rows] = new.rewards
+        self._preference[rows] = self._reward.preference(new)
+        new.rewards.copy_(self._reward.combined(self._core[rows], self._preference[rows]))
+        self._relabelled = self.buffer.size
+
+    def reweigh(self) -> None:
+        """Relabel everything with the current weight."""
+        rows = slice(0, self._relabelled)
+        self.buffer.data.rewards[rows] = self._reward.combined(self._core[rows], self._preference[rows])
 
 
 def align(
@@ -175,49 +215,51 @@ def align(
     replay = collect(base, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
     replay_sha256 = replay.digest()
     reward = PreferenceReward(model, config, replay.filled(), base)
-    replay.filled().rewards.copy_(reward.combined(replay.filled()))
-
+    buffers = [RelabelledBuffer(replay, reward)]
     n_online = int(config.batch_size * config.online_share)
-    online = explorer = None
     if n_online:
         steps = -(-config.updates // config.updates_per_online_step)
         online = ReplayBuffer(steps * config.online_envs, setup.observation_size)
         engine = FastEngine(setup, config.online_envs, seed=config.seed + 1)
         explorer = Explorer(engine, noise=config.online_exploration, seed=config.seed + 1)
+        buffers.append(RelabelledBuffer(online, reward))
+    buffers[0].take_up()
 
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
+    base_success = success_rate(evaluate(base.act, setup, scenes).outcome)
     marks = {round(config.updates * (k + 1) / config.checkpoints) for k in range(config.checkpoints)}
     sampler = torch.Generator().manual_seed(config.seed)
     policies: list[Policy] = []
     history: list[dict[str, float]] = []
     for update in range(1, config.updates + 1):
-        if online is None or explorer is None:
-            batch = replay.sample(config.batch_size, sampler)
-        else:
+        batch = replay.sample(config.batch_size - n_online, sampler)
+        if n_online:
             if update % config.updates_per_online_step == 1:
                 explorer.step(agent.act, online)
-                latest = online.latest(config.online_envs)
-                latest.rewards.copy_(reward.combined(latest))
-            batch = concatenate(online.sample(n_online, sampler), replay.sample(config.batch_size - n_online, sampler))
+                buffers[1].take_up()
+            batch = concatenate(online.sample(n_online, sampler), batch)
         agent.set_learning_rate(_learning_rate(config, update))
         agent.update(batch)
         if update in marks:
             policy = policy_of(agent, setup.name).without_critic()
             policies.append(policy)
-            history.append({"updates": update} | _summary(evaluate(policy.act, setup, scenes)))
+            summary = _summary(evaluate(policy.act, setup, scenes))
+            history.append({"updates": update, "preference_weight": reward.weight} | summary)
             on_progress(update / config.updates, history[-1])
+            reward.adapt(summary["success_rate"], base_success)
+            for buffer in buffers:
+                buffer.reweigh()
             if checkpoint_folder is not None:
                 policy.save(checkpoint_folder / f"checkpoint_{len(policies)}.npz")
         elif update % 200 == 0:
             on_progress(update / config.updates, {"updates": update})
-    base_success = success_rate(evaluate(base.act, setup, scenes).outcome)
     chosen = choose_checkpoint([entry["success_rate"] for entry in history], base_success, config)
     return AlignResult(
         policies[chosen],
         check_gate(policies[chosen], base, config),
         chosen,
         history,
-        reward.weight,
+        history[chosen]["preference_weight"],
         replay_sha256,
     )
 
@@ -247,10 +289,14 @@ def _summary(table: EpisodeTable) -> dict[str, float]:
     }
 
 
+def enough_success(base_success: float, config: AlignConfig) -> float:
+    """The success rate that a checkpoint needs to be chosen."""
+    return max(config.min_success, base_success - config.max_selection_loss)
+
+
 def choose_checkpoint(success_rates: list[float], base_success: float, config: AlignConfig) -> int:
     """Refine: the last one with enough success. Thesis, and where none has: the one with most success."""
-    enough = max(config.min_success, base_success - config.max_selection_loss)
-    reaching = [k for k, rate in enumerate(success_rates) if rate >= enough]
+    reaching = [k for k, rate in enumerate(success_rates) if rate >= enough_success(base_success, config)]
     if config.recipe == "refine" and reaching:
         return reaching[-1]
     return int(np.argmax(success_rates))

@@ -61,13 +61,6 @@ class ReplayBuffer:
         """Everything stored so far, as views: writing to `rewards` relabels the buffer in place."""
         return Batch(*(part[: self.size] for part in self.data))
 
-    def latest(self, n: int) -> Batch:
-        """The n transitions added last, as views. They must not wrap around the ring's end."""
-        first = self._next - n if self._next else self.capacity - n
-        if first < 0:
-            raise IndexError(f"the latest {n} transitions wrap around the end of a ring of {self.capacity}")
-        return Batch(*(part[first : first + n] for part in self.data))
-
     def sample(self, n: int, generator: torch.Generator) -> Batch:
         """n transitions drawn uniformly, with replacement."""
         rows = torch.randint(self.size, (n,), generator=generator)

@@ -12,6 +12,7 @@ import torch
 from backend.learning.align import (
     AlignConfig,
     PreferenceReward,
+    RelabelledBuffer,
     align,
     check_gate,
     choose_checkpoint,
@@ -50,7 +51,8 @@ def model(distance_answers: list[Preference]) -> LinearRewardModel:
 def test_refine_adds_a_penalty_that_never_pays_for_loitering(base: Policy, model: LinearRewardModel) -> None:
     replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
     config = replace(TINY, preference_weight=0.5)
-    added = PreferenceReward(model, config, replay, base).combined(replay) - replay.rewards
+    reward = PreferenceReward(model, config, replay, base)
+    added = reward.combined(replay.rewards, reward.preference(replay)) - replay.rewards
     assert float(added.max()) <= 1e-6
     assert float(added.min()) >= -0.5 * config.penalty_cap - 1e-4  # float32 next to rewards of 20
     assert 0.01 < float((added.abs() < 1e-5).float().mean()) < 0.5  # the best states pay nothing
@@ -68,10 +70,41 @@ def test_the_preference_is_weighed_by_what_is_at_stake(base: Policy, model: Line
 def test_the_thesis_reward_is_equation_6_5(base: Policy, distance_answers: list[Preference]) -> None:
     replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
     mlp = fit_mlp(distance_answers[:5], MlpConfig(epochs=1))
-    combined = PreferenceReward(mlp, thesis_config(), replay, base).combined(replay)
+    reward = PreferenceReward(mlp, thesis_config(), replay, base)
+    combined = reward.combined(replay.rewards, reward.preference(replay))
     raw = mlp.rewards(replay.observations.numpy(), replay.actions.numpy(), replay.next_observations.numpy())
     expected = 0.06 * (raw - raw.mean()) / raw.std() + 0.94 * replay.rewards.numpy()
     np.testing.assert_allclose(combined.numpy(), expected, atol=1e-3)
+
+
+def test_the_weight_follows_success(base: Policy, model: LinearRewardModel) -> None:
+    replay = collect(base, 1_000, noise=(0.05, 0.5), seed=0).filled()
+    config = replace(TINY, min_success=0.9, max_selection_loss=0.03, almost_no_loss=0.01)
+    reward = PreferenceReward(model, config, replay, base)
+    weights = [reward.weight]
+    for success in (0.99, 0.96, 0.94):  # of a base policy with 0.98: no loss, some, too much
+        reward.adapt(success, 0.98)
+        weights.append(reward.weight)
+    assert weights[1] == pytest.approx(config.weight_up * weights[0])
+    assert weights[2] == weights[1]
+    assert weights[3] == pytest.approx(config.weight_down * weights[2])
+    fixed = PreferenceReward(model, replace(config, preference_weight=0.3), replay, base)
+    fixed.adapt(0.5, 0.98)
+    assert fixed.weight == 0.3
+
+
+def test_a_relabelled_buffer_follows_the_weight(base: Policy, model: LinearRewardModel) -> None:
+    fresh = collect(base, 2_000, noise=(0.05, 0.5), seed=0)
+    core = fresh.filled().rewards.clone()
+    reward = PreferenceReward(model, replace(TINY, preference_weight=0.5), fresh.filled(), base)
+    relabelled = RelabelledBuffer(fresh, reward)
+    relabelled.take_up()
+    relabelled.take_up()  # nothing new: nothing happens twice
+    added = fresh.filled().rewards - core
+    reward.weight = 1.0
+    relabelled.reweigh()
+    np.testing.assert_allclose((fresh.filled().rewards - core).numpy(), 2 * added.numpy(), atol=1e-4)
+    assert float(added.abs().max()) > 0.1
 
 
 def test_alignment_moves_away_from_the_person_and_reports_on_the_way(
