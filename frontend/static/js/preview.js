@@ -79,6 +79,7 @@ if (bar) {
       cover: data.stage_token ? cover : () => {},
       reloadStage: () => stage.reload(),
       moveOut: () => location.assign(data.next),
+      notice: () => {}, // a preview leaves no trace in the log
     },
   );
   if (data.stage_token) stage.open(`${data.stage_origin}/stage/${data.stage_token}/`, data.stage_title);
