@@ -1,0 +1,165 @@
+"""Installations that may be broken: a data folder with a study, served by real processes, and who takes part in it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+import httpx
+import msgspec
+import numpy as np
+import websockets
+from sqlalchemy import select
+from websockets.sync.client import ClientConnection
+from websockets.sync.client import connect as connect_websocket
+
+from app.viser_hooks import SUBPROTOCOL, readable_part
+from backend.api.auth import ensure_first_user
+from backend.commands.benchmark_serve import CAMERA
+from backend.commands.loopback import loopback_server
+from backend.settings import Settings
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.models import Event, Response, Session, Study, Trial
+from backend.store.shipped import register_shipped
+from backend.study.bots import any_answer
+from backend.study.protocol import freeze_text
+from backend.study.sessions import token_hash
+from backend.study.studies import create_study
+from tests.study.walking import QUICK, VALUES, twenty_queries
+
+HEARD_S = 60.0
+
+
+class Installation:
+    """A data folder of its own with one open study. `serving` runs the product over it, as often as it is killed."""
+
+    def __init__(self, data: Path) -> None:
+        self.settings = Settings(data=data, database_url=None, artefacts_url=None, _env_file=None)
+        self.database = Database(self.settings.database)
+        self.database.migrate()
+        self.files = ArtefactStore(self.settings.artefacts)
+        protocol = QUICK.read_text().replace("study_room/queries_200", str(twenty_queries(data)))
+        with self.database.transaction() as s:
+            register_shipped(s, self.files)
+            self.study: Study = create_study(s, self.files, freeze_text(protocol), name="Faults", created_by=None)
+        self.password = ensure_first_user(self.database, must_change=False)
+
+    @contextmanager
+    def serving(self, *, worker: bool = False) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+        """One life of `desirepath serve`: its address and its process."""
+        with loopback_server(self.settings, worker=worker) as (url, process):
+            yield url, process
+
+    def session(self, token: str) -> Session:
+        with self.database.session() as s:
+            return s.scalars(select(Session).where(Session.token_hash == token_hash(token))).one()
+
+    def refusals(self, code: str) -> list[Event]:
+        """What the log says was refused with that code."""
+        return [event for event in self.events("refused") if event.data["code"] == code]
+
+    def events(self, kind: str) -> list[Event]:
+        with self.database.session() as s:
+            return list(s.scalars(select(Event).where(Event.kind == kind).order_by(Event.id)))
+
+    def responses(self, token: str) -> list[Response]:
+        session = self.session(token)
+        with self.database.session() as s:
+            return list(s.scalars(select(Response).where(Response.session_id == session.id)))
+
+    def trial(self, token: str, step: str) -> Trial:
+        session = self.session(token)
+        with self.database.session() as s:
+            return s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step)).one()
+
+
+class Visitor:
+    """A participant's browser without the picture. A person by default; a bot may skip the watching."""
+
+    def __init__(self, url: str, study: Study, *, bot: bool = False) -> None:
+        self.browser = httpx.Client(base_url=url, timeout=60.0)
+        self.random = np.random.default_rng(5)
+        joined = self.browser.post(
+            f"/join/{study.recruiting_token}", json={"simulated": bot, "language": "en", "oracle": {"name": "random"}}
+        )
+        self.token: str = joined.json()["token"]
+        self.api = f"/api/session/{self.token}"
+
+    def move_to(self, url: str) -> None:
+        """The same address answers again; here it has another port."""
+        self.browser.base_url = httpx.URL(url)
+
+    def state(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.browser.get(self.api).json()
+        return found
+
+    def open_page(self) -> httpx.Response:
+        return self.browser.get(f"/p/{self.token}")
+
+    def post(self, where: str, **body: object) -> httpx.Response:
+        return self.browser.post(f"{self.api}/{where}", json=body)
+
+    def answer(self, step: str, value: object, request_id: str | None = None) -> httpx.Response:
+        return self.post(f"steps/{step}", request_id=request_id or uuid4().hex, value=value)
+
+    def walk_to_first_trial(self) -> dict[str, Any]:
+        """Answer everything before it; returns the trial's step."""
+        step: dict[str, Any] = self.state()["step"]
+        while not step["trial"]:
+            value = any_answer(step, self.random) if "items" in step else VALUES[step["key"]]
+            answered = self.answer(step["key"], value)
+            assert answered.status_code == 200, answered.text
+            step = answered.json()["step"]
+        return step
+
+    def watch(self, step: str) -> None:
+        """Go through both drives of a trial as a bot may: at once."""
+        state = self.post(f"trials/{step}/start").json()
+        for drive in ("a", "b"):
+            shown = state["step"]["trial"]["playback_id"]
+            state = self.post(f"trials/{step}/seen", drive=drive, playback_id=shown).json()
+
+    @contextmanager
+    def stage(self, *, token: str | None = None, origin: str | None = None) -> Iterator[ClientConnection]:
+        """The websocket behind the stage's door, with the cookies of this browser."""
+        address = httpx.URL(self.state()["stage_url"])
+        with connect_websocket(
+            f"ws://{address.netloc.decode()}/stage/{token or stage_token_of(self)}",
+            origin=websockets.Origin(origin or f"http://{address.netloc.decode()}"),
+            subprotocols=[websockets.Subprotocol(SUBPROTOCOL)],
+            additional_headers={"Cookie": "; ".join(f"{c.name}={c.value}" for c in self.browser.cookies.jar)},
+            compression=None,
+            max_size=None,
+        ) as socket:
+            socket.send(msgspec.msgpack.encode(CAMERA))
+            yield socket
+
+
+def stage_token_of(visitor: Visitor) -> str:
+    """The token in the address of a visitor's stage."""
+    address: str = visitor.state()["stage_url"]
+    return address.rstrip("/").rpartition("/")[2]
+
+
+def hear(socket: ClientConnection, words: str) -> None:
+    """Listen until the stage is told that."""
+    while words.encode() not in readable_part(socket.recv(HEARD_S)):
+        pass
+
+
+def run_command(*arguments: str, data: Path) -> subprocess.CompletedProcess[str]:
+    """Run `desirepath ARGUMENTS` in a process of its own over that data folder."""
+    return subprocess.run(
+        [sys.executable, "-m", "backend.cli", *arguments],
+        env={**os.environ, "DESIREPATH_DATA": str(data)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
