@@ -44,7 +44,7 @@ def test_alignment_without_settings_is_the_recipe_as_learning_defines_it():
 
 
 def test_thesis_recipe_refuses_a_weight_that_is_no_share():
-    with pytest.raises(LearningError, match="reward_weight = 1.5"):
+    with pytest.raises(LearningError, match=r"reward_weight = 1\.5"):
         align_config(AlignParams(snapshot="s", recipe="thesis", reward_weight=1.5))
 
 
@@ -90,7 +90,9 @@ def test_unknown_kind_lists_the_known_ones():
 
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_command_on_a_card_starts_the_same_job(kind):
-    params = KINDS[kind].parse({**valid_params(kind), **({"seed": 7} if kind != "queries" else {"members": ["a", "b"]})})
+    params = KINDS[kind].parse(
+        {**valid_params(kind), **({"seed": 7} if kind != "queries" else {"members": ["a", "b"]})}
+    )
     words = shlex.split(command_of(kind, params))
     assert words[:4] == ["desirepath", "jobs", "start", kind]
     given = dict(word.split("=", 1) for word in words[5::2])

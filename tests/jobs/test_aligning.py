@@ -1,0 +1,134 @@
+"""From answers to a policy: lineage, determinism, the gate, the comparison's drives, accuracy on held-out answers."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import select
+
+from backend.jobs.aligning import align, held_out_accuracy, learn_reward_model
+from backend.jobs.artefacts import ArtefactError
+from backend.jobs.context import JobContext, Progress
+from backend.jobs.kinds import AlignParams, RewardModelParams
+from backend.learning.oracles import make_oracle
+from backend.learning.reward_model import fit_linear
+from backend.learning.shipped import load_queries
+from backend.settings import Settings
+from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
+from backend.store.database import Database
+from backend.store.models import Artefact, Job, Response, utc_now
+from backend.store.outbox import enqueue_job
+from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.snapshots import take_snapshot
+from tests.answered_study import add_answered_study
+
+QUICK = {"updates": 12, "gate_scenes": 50, "comparisons": 2}
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database, ArtefactStore]:
+    settings = Settings(data=tmp_path_factory.mktemp("aligning"), _env_file=None)
+    database, files = Database(settings.database), ArtefactStore(settings.artefacts)
+    database.migrate()
+    with database.transaction() as s:
+        register_shipped(s, files)
+    return settings, database, files
+
+
+def begin(house: tuple[Settings, Database, ArtefactStore], kind: str, params: dict[str, object]) -> JobContext:
+    """The context of a job whose row says it runs."""
+    settings, database, files = house
+    with database.transaction() as s:
+        job = enqueue_job(s, kind, params)
+        job.state = "running"
+    return JobContext(settings, database, files, job, Progress(database, job.id))
+
+
+def snapshot_of(house: tuple[Settings, Database, ArtefactStore], **study: object) -> str:
+    _, database, files = house
+    study_id = add_answered_study(database, files, **study)
+    with database.transaction() as s:
+        return take_snapshot(s, files, study_id=study_id).id
+
+
+def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):
+    _, database, files = house
+    snapshot = snapshot_of(house, answers=15)
+    params = AlignParams(snapshot=snapshot, **QUICK)
+    first = align(begin(house, "align", params.model_dump()), params)
+    assert first["passed"] is True
+    assert first["gate"]["scenes"] == 50
+    with database.session() as s:
+        tree = lineage(s, first["policy"])
+        answers = set(s.scalars(select(Response.id).where(Response.id.in_(tree.all_answers()))))
+        assert {parent.role: parent.artefact.kind for parent in tree.parents} == {
+            "base": "policy",
+            "reward_model": "reward_model",
+            "answers": "snapshot",
+        }
+        made, base = tree.artefact, policy_artefact(s, "study_room/base")
+    assert len(answers) == 15
+    assert made.simulated
+    assert made.card["parents"]["base: study_room/base"] == base.id
+    assert made.card["config"]["updates"] == 12
+    assert made.card["results"]["gate"]["passed"]
+
+    assert len(first["comparisons"]) == 2
+    for pair in first["comparisons"]:
+        drives = [load_trajectory(files, pair[side]) for side in ("base", "own")]
+        assert {drive.scene.digest() for drive in drives} == {pair["scene"]}
+        assert all(drive.outcome == 1 for drive in drives)
+
+    again = align(begin(house, "align", params.model_dump()), params)
+    assert {**again, "seconds": 0} == {**first, "seconds": 0}
+
+
+def test_policy_that_does_not_pass_the_gate_gets_no_comparison(house):
+    params = AlignParams(
+        snapshot=snapshot_of(house, answers=3), **{**QUICK, "gate_least_success": 1.0, "gate_scenes": 200}
+    )
+    result = align(begin(house, "align", params.model_dump()), params)
+    assert result["passed"] is False
+    assert result["comparisons"] == []
+
+
+def test_nothing_is_kept_of_answers_that_are_erased_meanwhile(house):
+    _, database, _ = house
+    params = AlignParams(snapshot=snapshot_of(house, answers=4), **QUICK)
+    context = begin(house, "align", params.model_dump())
+    context.progress.part = lambda first, last: erase_then(context, params.snapshot)  # type: ignore[method-assign]
+    with pytest.raises(ArtefactError, match="quarantined"):
+        align(context, params)
+    with database.session() as s:
+        made = s.scalars(select(Artefact).where(Artefact.job_id == context.job.id, Artefact.kind == "policy"))
+        assert list(made) == []
+
+
+def erase_then(context: JobContext, snapshot: str) -> Progress:
+    """What an erasure does to a snapshot, at the moment when the training begins."""
+    with context.database.transaction() as s:
+        s.get_one(Artefact, snapshot).quarantined_at = utc_now()
+    return Progress(context.database, context.job.id)
+
+
+def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(house):
+    _, database, _ = house
+    params = RewardModelParams(snapshot=snapshot_of(house, participants=3, answers=15))
+    context = begin(house, "reward_model", params.model_dump())
+    result = learn_reward_model(context, params)
+    assert [row["participant"] for row in result["held_out"]] == ["P001", "P002", "P003"]
+    for row in result["held_out"]:
+        assert row["n"] == 15
+        assert row["method"] == "5_folds"
+        assert row["low"] < row["accuracy"] <= row["high"] <= 1
+    assert sum(row["accuracy"] for row in result["held_out"]) / 3 > 0.6
+    assert abs(sum(result["importance"].values()) - 1) < 1e-5
+    with database.session() as s:
+        assert s.get_one(Job, context.job.id).progress > 0.5
+
+
+def test_few_answers_are_left_out_one_at_a_time_and_two_cannot_be():
+    answers = make_oracle("min-human-distance").answer(load_queries("study_room/queries_200").queries[:6])
+    row = held_out_accuracy(answers, fit_linear, folds=5, seed=0)
+    assert (row["n"], row["method"]) == (6, "leave_one_out")
+    assert row["accuracy"] * 6 == round(row["accuracy"] * 12) / 2
+    assert held_out_accuracy(answers[:2], fit_linear, folds=5, seed=0) == {"n": 2, "reason": "too_few_answers"}

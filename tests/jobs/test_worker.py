@@ -1,0 +1,195 @@
+"""A real worker with real training processes: success, cancel, bad input, a killed process, a killed worker."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from backend.jobs.process import FINAL_STATES, environment_of, read_log
+from backend.settings import Settings
+from backend.store.artefacts import ArtefactStore, lineage
+from backend.store.database import Database
+from backend.store.models import Artefact, Job, JobMetric
+from backend.store.outbox import cancel_job, enqueue_job
+
+ROOT = Path(__file__).resolve().parents[2]
+PATIENCE_S = 150
+ENDLESS = {"setup": "study_room", "updates": 2_000_000, "n_envs": 8}
+
+
+class House:
+    """A data folder with a worker on it."""
+
+    def __init__(self, data: Path) -> None:
+        self.settings = Settings(data=data, _env_file=None)
+        self.database = Database(self.settings.database)
+        self.database.migrate()
+        self.files = ArtefactStore(self.settings.artefacts)
+        self.worker: subprocess.Popen[bytes] | None = None
+
+    def start_worker(self) -> None:
+        self.worker = subprocess.Popen(
+            [sys.executable, "-m", "backend.cli", "worker"], cwd=ROOT, env=environment_of(self.settings)
+        )
+
+    def stop_worker(self, number: signal.Signals = signal.SIGTERM) -> int:
+        assert self.worker is not None
+        self.worker.send_signal(number)
+        return self.worker.wait(30)
+
+    def enqueue(self, kind: str, **params: object) -> str:
+        with self.database.transaction() as s:
+            return enqueue_job(s, kind, params, created_by="tests").id
+
+    def job(self, job_id: str) -> Job:
+        with self.database.session() as s:
+            return s.get_one(Job, job_id)
+
+    def wait(self, what: Callable[[], object], told: Callable[[], object] = lambda: "") -> None:
+        deadline = time.monotonic() + PATIENCE_S
+        while not what():
+            assert time.monotonic() < deadline, told()
+            time.sleep(0.1)
+
+    def ended(self, job_id: str) -> Job:
+        self.wait(lambda: self.job(job_id).state in FINAL_STATES, lambda: read_log(self.settings, job_id))
+        return self.job(job_id)
+
+    def begun(self, job_id: str, times: int = 1) -> None:
+        """Wait until its process is at work."""
+        self.wait(lambda: read_log(self.settings, job_id, 10**6).count(" begins\n") >= times)
+
+    def process_of(self, job_id: str) -> int:
+        found = processes_of(job_id)
+        assert len(found) == 1, found
+        return found[0]
+
+
+def processes_of(job_id: str) -> list[int]:
+    """The training processes of a job that live now (Linux)."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            words = (entry / "cmdline").read_bytes().split(b"\0") if entry.name.isdigit() else []
+            if b"backend.jobs.run" in words and job_id.encode() in words:
+                found.append(int(entry.name))
+    return found
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
+    made = House(tmp_path_factory.mktemp("worker"))
+    made.start_worker()
+    yield made
+    assert made.stop_worker() == 0
+
+
+def test_job_runs_to_an_artefact_with_card_and_lineage(house):
+    done = house.ended(house.enqueue("evaluate", policy="study_room/base", scenes=40))
+    assert (done.state, done.progress, done.error) == ("succeeded", 1.0, None), done.error
+    assert done.started_at <= done.heartbeat_at <= done.finished_at
+    with house.database.session() as s:
+        made = s.get_one(Artefact, done.result["evaluation"])
+        assert [parent.artefact.name for parent in lineage(s, made.id).parents] == ["study_room/base"]
+    assert made.job_id == done.id
+    assert made.card["command"] == "desirepath jobs start evaluate --set policy=study_room/base --set scenes=40"
+    assert made.card["results"]["n"] == 40
+    assert made.card["results"]["success_rate"] > 0.8
+    assert "done in" in read_log(house.settings, done.id)
+
+
+def test_trained_policy_is_measured_afterwards(house):
+    trained = house.ended(house.enqueue("train_base", setup="open_field", updates=240, n_envs=64, selection_scenes=50))
+    assert trained.state == "succeeded", trained.error
+    with house.database.session() as s:
+        follow_up = s.scalars(select(Job).where(Job.params["policy"].as_string() == trained.result["policy"])).one()
+        curves = set(s.scalars(select(JobMetric.name).where(JobMetric.job_id == trained.id)))
+        card = s.get_one(Artefact, trained.result["policy"]).card
+    assert follow_up.kind == "evaluate"
+    assert {"success_rate", "min_human_distance_m"} <= curves
+    assert any("progress" in departure for departure in card["departures"])
+    # No need to wait for 2,000 scenes of a poor driver.
+    with house.database.transaction() as s, contextlib.suppress(ValueError):
+        cancel_job(s, follow_up.id, by="tests")
+
+
+def test_command_starts_a_job_and_prints_its_result(house):
+    words = ["jobs", "start", "evaluate", "--set", "policy=study_room/base", "--set", "scenes=30", "--json"]
+    told = subprocess.run(
+        [sys.executable, "-m", "backend.cli", *words],
+        cwd=ROOT,
+        env=environment_of(house.settings),
+        stdout=subprocess.PIPE,
+    )
+    result = json.loads(told.stdout)
+    assert told.returncode == 0
+    assert result["measured"]["n"] == 30
+    assert house.job(result["job"]).created_by == "command line"
+
+
+def test_cancel_ends_the_training_and_its_process(house):
+    job = house.enqueue("train_base", **ENDLESS)
+    house.begun(job)
+    with house.database.transaction() as s:
+        cancel_job(s, job, by="tests")
+    assert house.ended(job).state == "cancelled"
+    house.wait(lambda: not processes_of(job))
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "says"),
+    [
+        ("align", {"snapshot": "f" * 64}, "no snapshot"),
+        ("evaluate", {"policy": "kitchen/base"}, "kitchen/base"),
+        ("evaluate", {"policy": "study_room/base", "scenes": 1}, "scenes = 1"),
+        ("bake", {}, "known: align"),
+    ],
+)
+def test_job_that_cannot_work_says_why(house, kind, params, says):
+    failed = house.ended(house.enqueue(kind, **params))
+    assert failed.state == "failed"
+    assert says in failed.error
+
+
+def test_process_that_is_killed_is_tried_once_more_then_given_up(house):
+    job = house.enqueue("train_base", **ENDLESS)
+    for attempt in (1, 2):
+        house.begun(job, times=attempt)
+        os.kill(house.process_of(job), signal.SIGKILL)
+    failed = house.ended(job)
+    assert failed.state == "failed"
+    assert "SIGKILL" in failed.error
+    assert "tried again once" in failed.error
+
+
+def test_killed_worker_leaves_no_orphan_and_the_next_one_finishes_the_job(tmp_path):
+    house = House(tmp_path)
+    house.start_worker()
+    job = house.enqueue("evaluate", policy="study_room/base", scenes=200)
+    cancelled = house.enqueue("train_base", **ENDLESS)
+    house.begun(job)
+    orphan = house.process_of(job)
+    assert house.stop_worker(signal.SIGKILL) == -signal.SIGKILL
+    house.wait(lambda: orphan not in processes_of(job))
+    assert house.job(job).state == "running"
+    with house.database.transaction() as s:
+        cancel_job(s, cancelled, by="tests")
+    house.start_worker()
+    try:
+        done = house.ended(job)
+        assert done.state == "succeeded", done.error
+        assert house.ended(cancelled).state == "cancelled"
+        with house.database.session() as s:
+            assert len(list(s.scalars(select(Artefact).where(Artefact.kind == "evaluation")))) == 1
+    finally:
+        house.stop_worker()
