@@ -17,6 +17,7 @@ from typing import Any
 
 from alembic import command
 from alembic.config import Config
+from alembic.util import CommandError
 from sqlalchemy import Connection, create_engine, event, make_url, text
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session
@@ -83,7 +84,10 @@ class Database:
                 raise StorageError(f"database url {url!r}: name a file, as in sqlite:///data/desirepath.sqlite")
             self.file: Path | None = Path(parsed.database)
             engine = create_engine(
-                parsed, connect_args={"timeout": BUSY_TIMEOUT_MS / 1000, "check_same_thread": False}, pool_size=20
+                parsed,
+                connect_args={"timeout": BUSY_TIMEOUT_MS / 1000, "check_same_thread": False},
+                pool_size=20,
+                max_overflow=40,
             )
             event.listen(engine, "connect", _set_up_sqlite)
             event.listen(engine, "begin", _begin_sqlite)
@@ -98,14 +102,23 @@ class Database:
         self._reading = engine.execution_options(**reading)
 
     def migrate(self) -> None:
-        """Bring the tables to the newest revision; does nothing where they are. Safe from several processes at once."""
+        """Bring the tables to the newest revision; does nothing where they are. Safe from several processes at once.
+
+        Raises StorageError if the database cannot be opened or is newer than this version.
+        """
         with self._explained():
             if self.file is not None:
                 self.file.parent.mkdir(parents=True, exist_ok=True)
             with self.engine.begin() as connection:
                 if not self.is_sqlite:
                     connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
-                command.upgrade(migration_config(connection), "head")
+                try:
+                    command.upgrade(migration_config(connection), "head")
+                except CommandError as problem:
+                    raise StorageError(
+                        f"database {self.file or self.url.render_as_string(hide_password=True)} was written by another "
+                        f"version of desirepath ({problem}); install that version or restore an older backup"
+                    ) from problem
             with self.session() as s:
                 pending = s.get(Setting, COMPACT_PENDING) is not None
         if pending:

@@ -27,14 +27,18 @@ from tests.store.small_study import SmallStudy, trajectory
 FORMULA = '=HYPERLINK("http://evil.example","click")'
 
 
-@pytest.fixture
-def full(study: SmallStudy) -> SmallStudy:
-    """Three people and a bot; one excluded, one withdrawn; free text that a spreadsheet would run."""
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> SmallStudy:
+    """Three people and a bot; one excluded, one withdrawn; free text that a spreadsheet would run. Only read it."""
+    folder = tmp_path_factory.mktemp("full")
+    database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
+    database.migrate()
+    study = SmallStudy(database, ArtefactStore((folder / "artefacts").as_uri()))
     _, session = study.participant("P1", secret=FORMULA)
     excluded, _ = study.participant("P2", choices="bb", drives=100)
     withdrawn, _ = study.participant("P3", choices="", drives=200)
     study.participant("bot", choices="aa", drives=300, simulated=True)
-    with study.database.transaction() as s:
+    with database.transaction() as s:
         s.get(Participant, excluded).excluded_at = utc_now()
         s.get(Participant, excluded).excluded_reason = "-asleep"
         s.get(Participant, withdrawn).withdrawn_at = utc_now()
@@ -47,10 +51,18 @@ def full(study: SmallStudy) -> SmallStudy:
     return study
 
 
+@pytest.fixture(scope="module")
+def exported(full: SmallStudy, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its data set. Only read it."""
+    folder = tmp_path_factory.mktemp("exported") / "out"
+    export_study(full.database, full.files, full.id, folder)
+    return folder
+
+
 @pytest.fixture
-def exported(full: SmallStudy, tmp_path: Path) -> Path:
-    export_study(full.database, full.files, full.id, tmp_path / "out")
-    return tmp_path / "out"
+def copied(exported: Path, tmp_path: Path) -> Path:
+    """A copy of the data set to do harm to."""
+    return shutil.copytree(exported, tmp_path / "copied")
 
 
 def csv_rows(folder: Path, table: str) -> list[dict[str, str]]:
@@ -237,12 +249,12 @@ def test_importing_twice_is_refused(full: SmallStudy, exported: Path):
         (lambda d: (d / CHECKSUMS_FILE).unlink(), "is no exported data set"),
     ],
 )
-def test_a_data_set_that_was_touched_is_refused(exported: Path, tmp_path: Path, damage: object, message: str):
-    damage(exported)
+def test_a_data_set_that_was_touched_is_refused(copied: Path, tmp_path: Path, damage: object, message: str):
+    damage(copied)
     fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
     fresh.migrate()
     with pytest.raises(DatasetError, match=message):
-        import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), exported)
+        import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
 
 
 def forge(folder: Path, name: str, content: bytes) -> None:
@@ -255,26 +267,26 @@ def forge(folder: Path, name: str, content: bytes) -> None:
     )
 
 
-def test_a_forged_data_set_leaves_nothing_behind(exported: Path, tmp_path: Path):
+def test_a_forged_data_set_leaves_nothing_behind(copied: Path, tmp_path: Path):
     fresh, store = Database(f"sqlite:///{tmp_path / 'there.sqlite'}"), ArtefactStore((tmp_path / "there").as_uri())
     fresh.migrate()
     name = f"trajectories/{trajectory(3).digest()}.npz"
     pickled = tmp_path / "objects.npz"
     np.savez(pickled, poses=np.array([{"run": "me"}], dtype=object))
-    original = (exported / name).read_bytes()
+    original = (copied / name).read_bytes()
     forged = {
         pickled.read_bytes(): "is no trajectory",
         b"x": "is no trajectory",
         trajectory(999).to_bytes(): "than its",
     }
     for content, message in forged.items():
-        forge(exported, name, content)
+        forge(copied, name, content)
         with pytest.raises(DatasetError, match=message):
-            import_dataset(fresh, store, exported)
-    forge(exported, name, original)
-    forge(exported, "sessions.parquet", (exported / "participants.parquet").read_bytes())
+            import_dataset(fresh, store, copied)
+    forge(copied, name, original)
+    forge(copied, "sessions.parquet", (copied / "participants.parquet").read_bytes())
     with pytest.raises(DatasetError, match=r"sessions.parquet: column 'session' \(text\) is missing"):
-        import_dataset(fresh, store, exported)
+        import_dataset(fresh, store, copied)
     with fresh.session() as s:
         assert s.scalars(select(Study)).all() == []
         assert s.scalars(select(Participant)).all() == []
@@ -290,10 +302,11 @@ def test_a_folder_that_holds_something_is_not_written_into(full: SmallStudy, tmp
     assert not (tmp_path / "other").exists()
 
 
-def test_an_export_that_fails_leaves_no_half_data_set(full: SmallStudy, tmp_path: Path):
-    full.files.delete(trajectory(3).digest())
+def test_an_export_that_fails_leaves_no_half_data_set(study: SmallStudy, tmp_path: Path):
+    study.participant("P1")
+    study.files.delete(trajectory(3).digest())
     with pytest.raises(ArtefactError, match="is not in the artefact store"):
-        export_study(full.database, full.files, full.id, tmp_path / "exports" / "out")
+        export_study(study.database, study.files, study.id, tmp_path / "exports" / "out")
     assert list((tmp_path / "exports").iterdir()) == []
 
 
@@ -310,8 +323,8 @@ def test_the_dictionary_in_the_docs_is_the_one_in_the_data_sets():
     assert all(f"`{column.name}`" in text for table in TABLES for column in table.columns)
 
 
-def test_an_export_can_be_moved_and_read_elsewhere(exported: Path, tmp_path: Path):
-    shutil.move(exported, tmp_path / "elsewhere")
+def test_an_export_can_be_moved_and_read_elsewhere(copied: Path, tmp_path: Path):
+    shutil.move(copied, tmp_path / "elsewhere")
     fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
     fresh.migrate()
     said = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), tmp_path / "elsewhere")

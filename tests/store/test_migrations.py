@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -14,7 +16,7 @@ from sqlalchemy import Column, String, delete, inspect, text, update
 from sqlalchemy.exc import DBAPIError
 
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import MIGRATIONS, Database, migration_config
+from backend.store.database import MIGRATIONS, Database, StorageError, migration_config
 from backend.store.erasure import erase_participant
 from backend.store.migrations.__main__ import draft_revision
 from backend.store.models import (
@@ -61,6 +63,22 @@ def test_the_newest_revision_has_the_models_constraints(either: Database, tmp_pa
     assert ("trial", "ck_trial_phase") in wanted
     assert ("response", "uq_response_session_id_step_key") in wanted
     assert wanted <= constraints(either)
+
+
+def test_a_database_of_a_newer_version_is_told(either: Database):
+    either.migrate()
+    with either.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    with pytest.raises(StorageError, match=r"was written by another version of desirepath .*9999"):
+        either.migrate()
+
+
+def test_several_processes_may_start_at_once(tmp_path: Path):
+    url = f"sqlite:///{tmp_path / 'shared.sqlite'}"
+    start = "import sys; from backend.store.database import Database; Database(sys.argv[1]).migrate()"
+    started = [subprocess.Popen([sys.executable, "-c", start, url], stderr=subprocess.PIPE) for _ in range(3)]
+    errors = [process.communicate()[1].decode() for process in started]
+    assert [process.returncode for process in started] == [0, 0, 0], errors
 
 
 def test_the_next_revision_is_drafted_from_the_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
