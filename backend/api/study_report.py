@@ -85,7 +85,7 @@ class Report:
 def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> Report:
     """The report over `who`: people or simulated."""
     everyone = study_rows.shown(study_rows.people(s, study.id, now), who)
-    kept = [p for p in everyone if p.excluded_at is None and p.presence != "withdrawn"]
+    kept = study_rows.shown(everyone, "kept")
 
     def given(**where: str) -> list[Answer]:
         return study_rows.answers(s, study.id, AnswerFilter(who=who, usable=True, **where))

@@ -6,7 +6,7 @@ A number on a page and the rows behind it come from the same filter here, so the
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -32,6 +32,7 @@ ONE_SIDED_FROM = 8  # preferences; eight times the same letter by chance: 1 in 1
 ROWS_PER_PAGE = 100
 
 DROPPED = ("silent", "withdrawn", "expired")
+UNDER_WAY = ("here", "away", "paused")
 
 
 @dataclass(frozen=True)
@@ -230,27 +231,38 @@ def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
 
 
 def shown(everyone: Sequence[Person], show: str) -> list[Person]:
-    """The people a filter names: all, a presence, dropped, excluded, simulated, people, flagged, reporting,
-    stage:NAME, dropped:STAGE, personalisation:OUTCOME or views:ORDER. An unknown one shows nobody."""
-    kind, _, value = show.partition(":")
-    if kind == "all":
-        return list(everyone)
-    if kind == "dropped":
-        return [p for p in everyone if p.presence in DROPPED and (not value or p.stage == value)]
-    if kind == "under_way":
-        return [p for p in everyone if p.presence in ("here", "away", "paused")]
-    tests: dict[str, Callable[[Person], bool]] = {
-        "excluded": lambda p: p.excluded_at is not None,
-        "simulated": lambda p: p.simulated,
-        "people": lambda p: not p.simulated,
-        "flagged": lambda p: bool(p.flags),
-        "reporting": lambda p: p.problems > 0,
-        "stage": lambda p: p.stage == value and p.presence in ("here", "away", "paused"),
-        "personalisation": lambda p: p.personalisation == value,
-        "views": lambda p: "-".join(p.views) == value,
-    }
-    test = tests.get(kind)
-    return [p for p in everyone if (test(p) if test else p.presence == kind)]
+    """The people a filter names, several filters with commas: all, a presence, under_way, dropped, excluded, kept
+    (neither excluded nor withdrawn), simulated, people, flagged, stage:NAME, dropped:STAGE, personalisation:OUTCOME,
+    views:ORDER. An unknown one shows nobody."""
+    found = list(everyone)
+    for one in show.split(","):
+        found = [person for person in found if _fits(person, *one.partition(":")[::2])]
+    return found
+
+
+def _fits(p: Person, kind: str, value: str) -> bool:
+    match kind:
+        case "all":
+            return True
+        case "under_way":
+            return p.presence in UNDER_WAY
+        case "dropped":
+            return p.presence in DROPPED and (not value or p.stage == value)
+        case "excluded":
+            return p.excluded_at is not None
+        case "kept":
+            return p.excluded_at is None and p.presence != "withdrawn"
+        case "simulated" | "people":
+            return p.simulated == (kind == "simulated")
+        case "flagged":
+            return bool(p.flags)
+        case "stage":
+            return p.stage == value and p.presence in UNDER_WAY
+        case "personalisation":
+            return p.personalisation == value
+        case "views":
+            return "-".join(p.views) == value
+    return p.presence == kind
 
 
 def stages_of(everyone: Sequence[Person], plan_stages: Sequence[str]) -> list[tuple[str, int, int]]:
