@@ -275,7 +275,7 @@ def _histogram(request: Request, content: dict[str, Any], measure: str) -> str:
         title=t("analyst.compare.histogram", measure=name),
         x_label=t("analyst.compare.histogram_x", measure=name),
         y_label=t("analyst.compare.histogram_y"),
-        number=t.number,
+        number=figures.exact(t.number),
     )
 
 

@@ -24,6 +24,7 @@ PERSON = "#8c7a1e"  # --data-5
 FONT = "system-ui, sans-serif"
 
 Number = Callable[[float], str]
+WriteNumber = Callable[[float, int], str]
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,16 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
     step = next(m * power for m in (1, 2, 2.5, 5, 10) if m * power >= raw * 0.999)
     first = math.ceil(low / step - 1e-9)
     return [round(k * step, 10) for k in range(first, math.floor(high / step + 1e-9) + 1)]
+
+
+def exact(write: WriteNumber) -> Number:
+    """`write(value, decimals)` with as many decimals as the value has, up to six digits: nothing small becomes 0."""
+
+    def told(value: float) -> str:
+        digits = f"{value:.6g}"
+        return digits if "e" in digits else write(value, len(digits.partition(".")[2]))
+
+    return told
 
 
 class _Drawing:

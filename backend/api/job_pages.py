@@ -373,4 +373,4 @@ def _curve(s: DatabaseSession, job_id: str, name: str) -> list[tuple[int, float]
 def _draw(request: Request, name: str, points: list[tuple[int, float]]) -> str:
     t = house(request).texts.get(lab_language(request))
     title = t(f"analyst.metrics.{name}") if t.knows(f"analyst.metrics.{name}") else name
-    return figures.curve(points, title=title, x_label=t("analyst.curves.step"), number=t.number)
+    return figures.curve(points, title=title, x_label=t("analyst.curves.step"), number=figures.exact(t.number))

@@ -121,13 +121,31 @@ time.sleep(60)
 """
 
 
-def test_killed_worker_repeats_only_the_interrupted_step(recorder, tmp_path):
+@pytest.fixture
+def left_behind(tmp_path: Path) -> str:
+    """The queue of a worker that was killed in its second attempt."""
     url = f"sqlite:///{tmp_path / 'jobs.sqlite'}"
     killed = subprocess.run([sys.executable, "-c", KILLED, url], cwd=Path(__file__).resolve().parents[2])
     assert killed.returncode == -9
-    engine = Engine(url, executor_id="tests", processes=1, attempt=recorder.attempt, conclude=recorder.conclude)
+    return url
+
+
+def test_next_worker_of_the_same_name_repeats_only_the_interrupted_step(recorder, left_behind):
+    engine = Engine(left_behind, executor_id="tests", processes=1, attempt=recorder.attempt, conclude=recorder.conclude)
     engine.start()
     try:
+        recorder.wait_for("job")
+        assert recorder.attempts == [("job", 2)]
+    finally:
+        engine.stop()
+
+
+def test_another_worker_takes_the_job_up_when_it_is_told_to(recorder, left_behind):
+    engine = Engine(left_behind, executor_id="other", processes=1, attempt=recorder.attempt, conclude=recorder.conclude)
+    engine.start()
+    try:
+        assert engine.state("job") == EngineState.RUNNING
+        engine.resume("job", queue=Queue.ANALYSTS)
         recorder.wait_for("job")
         assert recorder.attempts == [("job", 2)]
     finally:
