@@ -12,7 +12,7 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
-from backend.api.dependencies import House, stage_origin
+from backend.api.dependencies import House, house, page, stage_origin
 from backend.api.prose import prose
 from backend.api.texts import Texts
 from backend.settings import Settings
@@ -63,6 +63,10 @@ def create_application(house: House) -> FastAPI:
             s.connection().exec_driver_sql("SELECT 1")
         return {"status": "ok"}
 
+    @application.exception_handler(404)
+    def not_found(request: Request, _: Exception) -> Response:
+        return _trouble(request, 404, "not_found", "There is nothing at this address.")
+
     @application.middleware("http")
     async def guard(request: Request, call_next: Callable[[Request], Awaitable[Response]]) -> Response:
         """Security headers, and an access log that holds neither tokens nor query strings."""
@@ -71,9 +75,7 @@ def create_application(house: House) -> FastAPI:
             response = await call_next(request)
         except Exception:
             log.exception("request failed", method=request.method, route=_route(request))
-            response = JSONResponse(
-                {"error": {"code": "internal", "message": "Something went wrong here; it was written to the log."}}, 500
-            )
+            response = _trouble(request, 500, "internal", "Something went wrong here; it was written to the log.")
         headers = response.headers
         headers.setdefault(
             "Content-Security-Policy",
@@ -95,6 +97,16 @@ def create_application(house: House) -> FastAPI:
         return response
 
     return application
+
+
+def _trouble(request: Request, status: int, code: str, message: str) -> Response:
+    """A page for people, JSON for scripts. Reads no table: it has to work when the store does not."""
+    if request.url.path.startswith(("/api/", "/static/")):
+        return JSONResponse({"error": {"code": code, "message": message}}, status)
+    parts = house(request)
+    language = parts.texts.best(request.headers.get("Accept-Language"))
+    contact = parts.settings.contact
+    return page(request, "participant/refusal.html", language=language, status=status, code=code, contact=contact)
 
 
 def _route(request: Request) -> str:

@@ -45,13 +45,19 @@ class Running:
     recruiting_token: str
 
 
+def _broken() -> None:
+    raise RuntimeError("secret detail")
+
+
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     port = free_port()
     house = build_house(Settings(data=tmp_path_factory.mktemp("data"), port=port, worker=False, _env_file=None))
     with house.database.transaction() as s:
         token = create_study(s, house.files, freeze(PROTOCOL), name="Test", created_by=None).recruiting_token
-    server = uvicorn.Server(uvicorn.Config(create_application(house), port=port, log_level="critical"))
+    application = create_application(house)
+    application.add_api_route("/broken", _broken)
+    server = uvicorn.Server(uvicorn.Config(application, port=port, log_level="critical"))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     while not server.started:
@@ -333,3 +339,15 @@ def test_links_that_do_not_count_say_what_to_do(running: Running, chromium: Brow
     page.goto(f"{running.url}/join/forged")
     expect(page.get_by_role("heading", name="This link does not lead anywhere")).to_be_visible()
     page.close()
+
+
+def test_trouble_is_a_page_for_people_and_json_for_scripts(running: Running) -> None:
+    german = {"Accept-Language": "de"}
+    nowhere = httpx.get(f"{running.url}/nowhere", headers=german)
+    assert nowhere.status_code == 404
+    assert "Hier ist nichts" in nowhere.text
+    broken = httpx.get(f"{running.url}/broken", headers=german)
+    assert broken.status_code == 500
+    assert "Was Sie bisher geantwortet haben, ist sicher." in broken.text
+    assert "secret detail" not in broken.text
+    assert httpx.get(f"{running.url}/api/nowhere").json()["error"]["code"] == "not_found"
