@@ -65,7 +65,7 @@ def test_intervals_have_a_row_each():
     rows = [figures.Interval("P001", 0.8, 0.6, 0.9, "80 %"), figures.Interval("<P2>", 0.5, 0.2, 0.7, "50 %")]
     drawn = parsed(figures.intervals(rows, title="t", x_label="x", chance=0.5))
     whiskers = [line for line in drawn.iter(f"{SVG}line") if line.get("class") == "line-0"]
-    dots = [circle for circle in drawn.iter(f"{SVG}circle")]
+    dots = list(drawn.iter(f"{SVG}circle"))
     assert len(whiskers) == len(dots) == 2
     for whisker, dot in zip(whiskers, dots, strict=True):
         assert float(whisker.get("x1")) < float(dot.get("cx")) < float(whisker.get("x2"))
