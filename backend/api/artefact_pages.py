@@ -247,7 +247,6 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         on_card=measured_of(artefact),
         held_out=_held_out(artefact),
         held_out_figure=_held_out_figure(request, artefact),
-        href=artefact_href,
     )
 
 

@@ -129,11 +129,10 @@ class QueriesParams(Params):
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of job. `on_snapshot`: it can be launched from a snapshot's page."""
+    """One kind of job."""
 
     name: str
     params: type[Params]
-    on_snapshot: bool = False
 
     def parse(self, given: dict[str, Any]) -> Params:
         """Check parameters. Raises JobParamsError naming every field that is wrong and what would work."""
@@ -158,8 +157,8 @@ class Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("align", AlignParams, on_snapshot=True),
-        Kind("reward_model", RewardModelParams, on_snapshot=True),
+        Kind("align", AlignParams),
+        Kind("reward_model", RewardModelParams),
         Kind("compare", CompareParams),
         Kind("evaluate", EvaluateParams),
         Kind("train_base", TrainBaseParams),

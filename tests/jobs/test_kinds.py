@@ -52,7 +52,7 @@ def test_thesis_recipe_refuses_a_weight_that_is_no_share():
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_every_kind_field_source_and_choice_has_words(kind, language):
     t = Texts(LOCALES).get(language)
-    for name in ("name", "verb", "action", "what"):
+    for name in ("name", "action", "what"):
         assert t(f"analyst.kinds.{kind}.{name}")
     for name, info in KINDS[kind].params.model_fields.items():
         assert t(f"analyst.kinds.{kind}.fields.{name}.label")
