@@ -38,13 +38,14 @@ class AlignConfig:
     recipe: Recipe = "refine"
     seed: int = 0
     preference_weight: float | None = None  # refine: r = r_core + weight * R', None: from the share; thesis: lambda
-    preference_share: float = 0.75  # refine: of what is at stake in an episode (goal - timeout reward), to begin with
-    weight_up: float = 1.3  # refine, weight None: factor after a checkpoint that lost almost no success (ours)
+    preference_share: float = 1.0  # refine: of what is at stake in an episode (goal - timeout reward), to begin with
+    time_cost: float = 0.1  # refine: per step, ours: waiting far from the person must not be free
+    weight_up: float = 1.2  # refine, weight None: factor after a checkpoint that lost almost no success (ours)
     weight_down: float = 0.65  # ... and after one that lost too much to be chosen (ours)
     almost_no_loss: float = 0.01
     penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
-    updates: int = 10_000
-    checkpoints: int = 10
+    updates: int = 8_000
+    checkpoints: int = 8
     gamma: float | None = 0.99  # None: the setup's
     learning_rate: float = 5e-4
     final_learning_rate: float = 1e-4  # ours: reached linearly over the second half, steadies the late checkpoints
@@ -59,7 +60,7 @@ class AlignConfig:
     online_exploration: tuple[float, float] = (0.05, 0.4)
     selection_scenes: int = 300
     min_success: float = 0.94  # a checkpoint below is not chosen while another reaches it ...
-    max_selection_loss: float = 0.025  # ... nor one that loses more than this against the base policy (ours)
+    max_selection_loss: float = 0.03  # ... nor one that loses more than this against the base policy (ours)
     gate_scenes: int = 500
     gate_max_loss: float = 0.05  # may lose this much success against the base policy on the same scenes ...
     gate_min_success: float = 0.90  # ... and must reach this
@@ -152,8 +153,10 @@ class PreferenceReward:
         return torch.from_numpy(self._penalty(raw))
 
     def combined(self, core: torch.Tensor, preference: torch.Tensor) -> torch.Tensor:
-        """r*. refine: r + weight R'. thesis, equation 6.5: lambda R + (1 - lambda) r."""
-        return (1 - self.weight if self._config.recipe == "thesis" else 1.0) * core + self.weight * preference
+        """r*. refine: r + weight R' - time cost. thesis, equation 6.5: lambda R + (1 - lambda) r."""
+        if self._config.recipe == "thesis":
+            return self.weight * preference + (1 - self.weight) * core
+        return core + self.weight * preference - self._config.time_cost
 
     def adapt(self, success: float, base_success: float) -> None:
         """Ask for more while success holds, for less once it does not: no fixed weight suited every set of answers."""

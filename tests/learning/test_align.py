@@ -52,10 +52,10 @@ def test_refine_adds_a_penalty_that_never_pays_for_loitering(base: Policy, model
     replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
     config = replace(TINY, preference_weight=0.5)
     reward = PreferenceReward(model, config, replay, base)
-    added = reward.combined(replay.rewards, reward.preference(replay)) - replay.rewards
-    assert float(added.max()) <= 1e-6
-    assert float(added.min()) >= -0.5 * config.penalty_cap - 1e-4  # float32 next to rewards of 20
-    assert 0.01 < float((added.abs() < 1e-5).float().mean()) < 0.5  # the best states pay nothing
+    added = reward.combined(replay.rewards, reward.preference(replay)) - replay.rewards + config.time_cost
+    assert float(added.max()) <= 1e-5  # float32 next to rewards of 20
+    assert float(added.min()) >= -0.5 * config.penalty_cap - 1e-4
+    assert 0.01 < float((added.abs() < 1e-5).float().mean()) < 0.5  # the best states pay for their time only
 
 
 def test_the_preference_is_weighed_by_what_is_at_stake(base: Policy, model: LinearRewardModel) -> None:
@@ -96,7 +96,7 @@ def test_the_weight_follows_success(base: Policy, model: LinearRewardModel) -> N
 def test_a_relabelled_buffer_follows_the_weight(base: Policy, model: LinearRewardModel) -> None:
     fresh = collect(base, 2_000, noise=(0.05, 0.5), seed=0)
     core = fresh.filled().rewards.clone()
-    reward = PreferenceReward(model, replace(TINY, preference_weight=0.5), fresh.filled(), base)
+    reward = PreferenceReward(model, replace(TINY, preference_weight=0.5, time_cost=0.0), fresh.filled(), base)
     relabelled = RelabelledBuffer(fresh, reward)
     relabelled.take_up()
     relabelled.take_up()  # nothing new: nothing happens twice
