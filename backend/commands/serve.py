@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from backend.commands.output import plain_errors
+from backend.commands.output import JsonFlag, plain_errors, say
 from backend.settings import get_settings
 
 if TYPE_CHECKING:
@@ -23,6 +23,7 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands to the main one."""
     app.command()(serve)
     app.command()(worker)
+    app.command()(password)
 
 
 @plain_errors
@@ -92,3 +93,15 @@ def worker(
     from backend.jobs.worker import run_worker
 
     run_worker(get_settings(), parent=parent)
+
+
+@plain_errors
+def password(
+    name: Annotated[str, typer.Argument(help="Name of the account.")] = "experimenter", as_json: JsonFlag = False
+) -> None:
+    """Give an account a new password, to be changed at the next sign-in; signs it out everywhere."""
+    from backend.api.auth import reset_password
+    from backend.commands.study import open_store
+
+    database, _ = open_store()
+    say({"name": name, "password": reset_password(database, name)}, as_json)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
+import sys
 from datetime import timedelta
 
 import pytest
@@ -217,3 +221,18 @@ def test_pages_speak_german_where_it_is_asked_for(visitor):
     assert "Anmelden" in visitor.get("/lab/sign-in", headers={"Accept-Language": "de-AT,de;q=0.9,en;q=0.5"}).text
     visitor.get("/lab/language/de")
     assert '<html lang="de">' in visitor.get("/lab/sign-in", headers={"Accept-Language": "en"}).text
+
+
+def test_forgotten_password_is_replaced_where_the_server_runs(visitor, lab_house):
+    def command(*name: str) -> tuple[int, dict[str, str]]:
+        environment = {**os.environ, "DESIREPATH_DATA": str(lab_house.settings.data)}
+        line = [sys.executable, "-m", "backend.cli", "password", *name, "--json"]
+        done = subprocess.run(line, env=environment, capture_output=True, text=True, check=False)
+        return done.returncode, json.loads(done.stdout)
+
+    assert command("nobody")[0] == 1
+    status, told = command()
+    assert status == 0
+    assert visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD}).status_code == 401
+    sign_in(visitor, password=told["password"])
+    assert visitor.get("/lab/studies").headers["location"] == "/lab/password"
