@@ -32,13 +32,14 @@ def open_store() -> tuple[Database, ArtefactStore]:
 def validate(file: Path, as_json: JsonFlag = False) -> None:
     """Check a protocol file; exit code 1 if it is not valid."""
     from backend.study.protocol import validate_protocol_file
+    from backend.study.source import Problem
 
     result = validate_protocol_file(file)
     if as_json or result["valid"]:
         say(result, as_json)
     else:
         for error in result["errors"]:
-            typer.echo(f"{error['file']}:{error['line']}: {error['field']}: {error['message']}", err=True)
+            typer.echo(str(Problem(**error)), err=True)
     if not result["valid"]:
         raise typer.Exit(1)
 

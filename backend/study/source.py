@@ -25,7 +25,8 @@ class Problem:
         return asdict(self)
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}: {self.field}: {self.message}"
+        given = f" = {self.value!r}" if isinstance(self.value, str | int | float) else ""
+        return f"{self.file}:{self.line}: {self.field}{given}: {self.message}"
 
 
 class ProtocolError(ValueError):
