@@ -17,12 +17,10 @@ from urllib.parse import quote, urlsplit
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import APIRouter, Depends, Form, Request
-from fastapi.exception_handlers import http_exception_handler
 from limits import parse
 from limits.storage import MemoryStorage
 from limits.strategies import MovingWindowRateLimiter
 from sqlalchemy import delete, select
-from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.dependencies import Db, house, public_url
@@ -350,16 +348,7 @@ def _password_must_change(request: Request, problem: Exception) -> Response:
     return RedirectResponse("/lab/password", status_code=303)
 
 
-async def _not_found(request: Request, problem: Exception) -> Response:
-    """An address under /lab that is no page gets a page that says so; every other HTTP error stays as it is."""
-    assert isinstance(problem, HTTPException)  # noqa: S101 - registered for this class only
-    if problem.status_code == 404 and request.url.path.startswith("/lab"):
-        return lab_page(request, "lab/refusal.html", status=404, code="not_found", values={})
-    return await http_exception_handler(request, problem)
-
-
 exception_handlers = {
-    HTTPException: _not_found,
     NotSignedIn: _not_signed_in,
     PasswordMustChange: _password_must_change,
     LabRefusal: lab_refusal,

@@ -321,8 +321,7 @@ def test_what_people_wrote_is_shown_as_text(lab, walked: Walked):
 
 
 def test_unknown_things_are_refused_kindly(lab, walked: Walked):
-    people = f"/lab/studies/{walked.id}/people"
-    for address in ("/lab/studies/nope/now", f"{people}/P999", "/lab/new/0123456789abcdef", "/lab/nonsense"):
+    for address in ("/lab/studies/nope/now", f"/lab/studies/{walked.id}/people/P999", "/lab/new/0123456789abcdef"):
         refused = lab.get(address)
         assert refused.status_code == 404
         assert 'class="button main" href="/lab/studies"' in refused.text
