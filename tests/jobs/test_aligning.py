@@ -122,6 +122,7 @@ def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(hous
         assert row["low"] < row["accuracy"] <= row["high"] <= 1
     assert sum(row["accuracy"] for row in result["held_out"]) / 3 > 0.6
     assert abs(sum(result["importance"].values()) - 1) < 1e-5
+    context.progress.flush()
     with database.session() as s:
         assert s.get_one(Job, context.job.id).progress > 0.5
 
