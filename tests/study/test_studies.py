@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Participant, RecruitingId, Session
+from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study
 from backend.study.protocol import freeze, freeze_text, thaw
 from backend.study.refusals import Refused
-from backend.study.studies import StudyError, create_study, join_study, study_by_link
+from backend.study.studies import StudyError, create_study, join_study, queries_of_study, study_by_link
 from tests.study.walking import QUICK
 
 PROLIFIC = {"platform": "prolific", "external_id": "5f3c0ffee0ddba11", "study": "x"}
@@ -97,15 +98,28 @@ def test_an_unknown_language_becomes_the_first_of_the_protocol(database, files, 
     assert join(database, files, study, language="de")[0].language == "de"
 
 
-def test_an_empty_or_small_query_set_is_refused_before_anybody_joins(database, files, tmp_path):
-    from backend.learning.queries import QuerySet
-    from backend.learning.shipped import load_queries
+def test_an_empty_or_small_query_set_is_refused_before_anybody_joins(database, files):
+    frozen = freeze(QUICK)
+    for number in (0, 15):
+        stored = [asdict(query) for query in queries_of_some(database, files)[:number]]
+        artefact = Artefact(
+            id=f"{number:064d}", kind="query_set", name="x", setup="study_room", card={"stored_queries": stored}
+        )
+        with database.transaction() as s:
+            s.add(artefact)
+            s.flush()
+            with pytest.raises(StudyError, match=f"query_set = .* has {number} queries, one session needs 16"):
+                create_study(s, files, frozen, name="x", created_by=None, query_set=artefact)
 
-    queries = load_queries("study_room/queries_200")
-    for number, says in ((0, "queries"), (5, "has 5 queries, one session needs 16")):
-        path = tmp_path / f"{number}.npz"
-        QuerySet(queries.setup, queries.queries[:number], {}).save(path)
-        frozen = freeze_text(QUICK.read_text().replace("study_room/queries_200", str(path)))
-        with database.transaction() as s, pytest.raises(StudyError, match=says) as no:
-            create_study(s, files, frozen, name="x", created_by=None)
-        assert "query_set" in str(no.value)
+
+def test_a_damaged_query_set_is_refused_by_its_name(database, files, tmp_path):
+    path = tmp_path / "damaged.npz"
+    path.write_bytes(b"not a query set")
+    frozen = freeze_text(QUICK.read_text().replace("study_room/queries_200", str(path)))
+    with database.transaction() as s, pytest.raises(StudyError, match=r"damaged\.npz"):
+        create_study(s, files, frozen, name="x", created_by=None)
+
+
+def queries_of_some(database, files):
+    with database.session() as s:
+        return queries_of_study(s, files, s.scalars(select(Study).where(Study.name == "Full")).one())

@@ -6,12 +6,15 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from backend.learning.queries import QuerySet
+from backend.learning.shipped import load_queries
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Session, Study, utc_now
 from backend.study import machine
+from backend.study.protocol import freeze_text
 from backend.study.sessions import acting
-from backend.study.studies import join_study
+from backend.study.studies import create_study, join_study
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
@@ -26,6 +29,26 @@ VALUES = {
     "instruction": {},
     "train.interface_items": dict.fromkeys(ITEMS, 4),
 }
+
+
+def twenty_queries(folder: Path) -> Path:
+    """A query set of 20 of the shipped queries, so that no test stores four hundred drives."""
+    shipped = load_queries("study_room/queries_200")
+    path = folder / "twenty.npz"
+    QuerySet(shipped.setup, shipped.queries[:20], {}).save(path)
+    return path
+
+
+def furnish(folder: Path, queries: Path) -> None:
+    """Make `folder` a data folder with two studies: "Short" asks three queries, "Full" asks fifteen."""
+    database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
+    database.migrate()
+    files = ArtefactStore((folder / "artefacts").as_uri())
+    full = QUICK.read_text().replace("study_room/queries_200", str(queries))
+    with database.transaction() as s:
+        for name, text in (("Full", full), ("Short", full.replace("count: 15", "count: 3"))):
+            create_study(s, files, freeze_text(text), name=name, created_by=None)
+    database.close()
 
 
 class Walker:

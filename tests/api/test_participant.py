@@ -1,0 +1,323 @@
+"""Participants over HTTP: the link, the pages, the API, what is refused, and bots that walk whole sessions."""
+
+from __future__ import annotations
+
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+
+from backend.api.application import build_house, create_application
+from backend.api.dependencies import House
+from backend.learning.errors import LearningError
+from backend.learning.oracles import path_length_m
+from backend.settings import Settings
+from backend.store.artefacts import load_trajectory
+from backend.store.models import Event, Job, Participant, RecruitingId, Response, Session, Study, Trial
+from backend.study.bots import BotError, simulate_study
+from tests.study import walking
+
+
+@pytest.fixture(scope="module")
+def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("furnished")
+    walking.furnish(folder, walking.twenty_queries(tmp_path_factory.mktemp("queries")))
+    return folder
+
+
+@pytest.fixture
+def house(furnished: Path, tmp_path: Path) -> House:
+    return build_house(Settings(data=shutil.copytree(furnished, tmp_path / "data"), _env_file=None))
+
+
+@pytest.fixture
+def client(house: House) -> Iterator[TestClient]:
+    with TestClient(create_application(house), follow_redirects=False) as client:
+        yield client
+
+
+@pytest.fixture
+def link(house: House) -> str:
+    with house.database.session() as s:
+        return s.scalars(select(Study.recruiting_token).where(Study.name == "Short")).one()
+
+
+@pytest.fixture
+def token(client: TestClient, link: str) -> str:
+    """A person's session, joined the way the welcome page does it."""
+    answered = client.post(f"/join/{link}", data={"language": "en", "device": '{"width": 1024, "webgl": true, "x": 1}'})
+    assert answered.status_code == 303
+    return answered.headers["location"].removeprefix("/p/")
+
+
+def submit(client, token, key, value, request_id=None):
+    body = {"request_id": request_id or uuid4().hex, "value": value, "client_time": "2026-11-21T10:00:00Z"}
+    return client.post(f"/api/session/{token}/steps/{key}", json=body)
+
+
+def to_first_trial(client, token):
+    for key in ("information", "consent", "demographics", "instruction"):
+        answered = submit(client, token, key, walking.VALUES[key])
+        assert answered.json()["accepted"] is True, answered.text
+    return answered.json()
+
+
+def logged(house, code):
+    with house.database.session() as s:
+        return [e for e in s.scalars(select(Event).where(Event.kind == "refused")) if e.data["code"] == code]
+
+
+# ---- the link --------------------------------------------------------------------------------------------------------
+
+
+def test_the_welcome_page_stores_nothing_and_speaks_the_browsers_language(client, house, link):
+    for language, words in (("de", "Wie soll der Roboter"), ("en", "How should the robot")):
+        answered = client.get(f"/join/{link}", headers={"Accept-Language": language})
+        assert answered.status_code == 200
+        assert words in answered.text
+    with house.database.session() as s:
+        assert s.scalars(select(Participant)).first() is None
+
+
+def test_joining_keeps_the_device_and_leads_to_the_session(client, house, token):
+    with house.database.session() as s:
+        session = s.scalars(select(Session)).one()
+    assert session.device == {"width": 1024, "webgl": True}
+    assert not session.simulated
+    answered = client.get(f"/p/{token}")
+    assert answered.headers["x-step-key"] == "information"
+    assert "How should the robot pass you?" in answered.text
+
+
+def test_a_platforms_id_is_kept_apart_and_lets_nobody_in_twice(client, house, link):
+    ids = {"PROLIFIC_PID": "5f3c0ffee0ddba11", "STUDY_ID": "s1", "SESSION_ID": "x1"}
+    welcome = client.get(f"/join/{link}", params=ids)
+    assert ids["PROLIFIC_PID"] in welcome.text  # travels on in the form
+    assert client.post(f"/join/{link}", data={"language": "en", **ids}).status_code == 303
+    again = client.post(f"/join/{link}", data={"language": "en", **ids})
+    assert again.status_code == 409
+    assert len(logged(house, "already_joined")) == 1
+    with house.database.session() as s:
+        assert s.scalars(select(RecruitingId)).one().external_id == ids["PROLIFIC_PID"]
+
+
+@pytest.mark.parametrize("method", ["get", "post"])
+def test_an_unknown_and_a_closed_link_say_so(client, house, link, method):
+    assert getattr(client, method)("/join/nowhere").status_code == 404
+    with house.database.transaction() as s:
+        s.scalars(select(Study).where(Study.recruiting_token == link)).one().state = "closed"
+    assert getattr(client, method)(f"/join/{link}").status_code == 403
+
+
+# ---- the session -----------------------------------------------------------------------------------------------------
+
+
+def test_every_step_has_a_page_in_both_languages(client, link):
+    for language in ("en", "de"):
+        joined = client.post(f"/join/{link}", data={"language": language}).headers["location"].removeprefix("/p/")
+        for key in ("information", "consent", "demographics", "instruction"):
+            fragment = client.get(f"/p/{joined}/step")
+            assert fragment.status_code == 200
+            assert fragment.headers["x-step-key"] == key
+            assert client.get(f"/p/{joined}").status_code == 200
+            submit(client, joined, key, walking.VALUES[key])
+        assert "data-phase" in client.get(f"/p/{joined}/step").text
+        for page in ("consent", "help"):
+            assert client.get(f"/p/{joined}/{page}").status_code == 200
+
+
+def test_the_state_of_a_trial_holds_what_the_page_needs_and_no_more(client, token):
+    state = to_first_trial(client, token)
+    trial = state["step"]["trial"]
+    assert trial["phase"] == "ready"
+    assert trial["label_s"] == 2.0
+    assert trial["duration_a_s"] > 1
+    assert "/stage/" in state["stage_url"]
+    assert token not in state["stage_url"]
+    assert not {"trajectory_a", "trajectory_b", "query", "arms"} & (set(trial) | set(state["step"]))
+
+
+def test_answering_too_early_is_refused_and_logged(client, house, token):
+    to_first_trial(client, token)
+    early = submit(client, token, "block.01", {"choice": "a"})
+    assert early.status_code == 409
+    assert early.json()["error"]["code"] == "too_early"
+    started = client.post(f"/api/session/{token}/trials/block.01/start", json={"request_id": "start-01"}).json()
+    shown = started["step"]["trial"]["playback_id"]
+    seen = client.post(f"/api/session/{token}/trials/block.01/seen", json={"drive": "a", "playback_id": shown})
+    assert seen.json()["error"]["code"] == "too_early"
+    assert len(logged(house, "too_early")) == 2
+
+
+def test_a_replayed_request_is_acknowledged_and_counts_once(client, token):
+    first = submit(client, token, "information", {}, "one-request-id")
+    again = submit(client, token, "information", {}, "one-request-id")
+    assert (first.json()["duplicate"], again.json()["duplicate"]) == (False, True)
+    assert again.json()["step"]["key"] == "consent"
+
+
+def test_another_participants_trial_cannot_be_answered_or_played(client, house, link, token):
+    other = client.post(f"/join/{link}", data={"language": "en"}).headers["location"].removeprefix("/p/")
+    to_first_trial(client, token)
+    to_first_trial(client, other)
+    theirs = client.post(f"/api/session/{other}/trials/block.01/start", json={"request_id": "start-01"}).json()
+    client.post(f"/api/session/{token}/trials/block.01/start", json={"request_id": "start-02"})
+    shown = theirs["step"]["trial"]["playback_id"]
+    foreign = client.post(f"/api/session/{token}/trials/block.01/seen", json={"drive": "a", "playback_id": shown})
+    assert foreign.json()["error"]["code"] == "other_playback"
+    assert len(logged(house, "other_playback")) == 1
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("get", ""),
+        ("get", "/stream"),
+        ("get", "/trial-data"),
+        ("post", "/steps/information"),
+        ("post", "/trials/block.01/start"),
+        ("post", "/pause"),
+        ("post", "/withdraw"),
+        ("post", "/problem"),
+    ],
+)
+def test_a_forged_token_opens_nothing_and_is_logged(client, house, method, path):
+    body = {"json": {"request_id": "12345678"}} if method == "post" else {}
+    answered = getattr(client, method)(f"/api/session/forged-token{path}", **body)
+    assert answered.status_code == 404
+    assert answered.json()["error"]["code"] == "unknown"
+    assert logged(house, "unknown")
+
+
+def test_a_forged_page_is_a_kind_refusal(client):
+    answered = client.get("/p/forged-token", headers={"Accept-Language": "de"})
+    assert answered.status_code == 404
+    assert answered.headers["content-type"].startswith("text/html")
+
+
+def test_a_reload_in_the_middle_starts_the_trial_over(client, house, token):
+    to_first_trial(client, token)
+    client.post(f"/api/session/{token}/trials/block.01/start", json={"request_id": "start-01"})
+    client.get(f"/p/{token}")
+    trial = client.get(f"/api/session/{token}").json()["step"]["trial"]
+    assert (trial["phase"], trial["restarts"]) == ("ready", 1)
+    with house.database.session() as s:
+        assert s.scalars(select(Event).where(Event.kind == "trial_interrupted")).one().data["reason"] == "page_loaded"
+
+
+def test_a_hidden_tab_reported_by_the_page(client, token):
+    to_first_trial(client, token)
+    client.post(f"/api/session/{token}/trials/block.01/start", json={"request_id": "start-01"})
+    hidden = client.post(f"/api/session/{token}/trials/block.01/interrupted", json={"reason": "hidden"})
+    assert hidden.json()["step"]["trial"]["phase"] == "ready"
+    wrong = client.post(f"/api/session/{token}/trials/block.01/interrupted", json={"reason": "bored"})
+    assert wrong.status_code == 422
+    assert wrong.json()["error"]["field"] == "reason"
+
+
+def test_pause_go_on_and_withdraw(client, token):
+    assert client.post(f"/api/session/{token}/pause").json()["state"] == "paused"
+    assert submit(client, token, "information", {}).json()["error"]["code"] == "paused"
+    assert client.get(f"/p/{token}/step").status_code == 200
+    assert client.post(f"/api/session/{token}/resume").json()["state"] == "active"
+    assert client.post(f"/api/session/{token}/withdraw").json()["state"] == "withdrawn"
+    assert submit(client, token, "information", {}).status_code == 410
+    assert client.get(f"/p/{token}").status_code == 200
+
+
+@pytest.mark.parametrize("body", [{}, {"request_id": "short"}, {"request_id": 5}, {"request_id": "x" * 65}])
+def test_an_answer_needs_a_request_id(client, token, body):
+    answered = client.post(f"/api/session/{token}/steps/information", json={"value": {}, **body})
+    assert answered.status_code == 422
+    assert answered.json()["error"]["field"] == "request_id"
+
+
+def test_what_the_page_noticed_is_logged_with_its_own_time(client, house, token):
+    told = {"kind": "visibility", "data": {"hidden": True}, "client_time": "2026-11-21T10:00:00+01:00"}
+    assert client.post(f"/api/session/{token}/events", json=told).status_code == 204
+    assert client.post(f"/api/session/{token}/events", json={"kind": "sql"}).status_code == 422
+    with house.database.session() as s:
+        event = s.scalars(select(Event).where(Event.kind == "page_visibility")).one()
+    assert event.client_time.hour == 9
+    assert event.data["page"] == {"hidden": True}
+
+
+def test_only_simulated_sessions_may_read_the_drives(client, house, token):
+    to_first_trial(client, token)
+    assert client.get(f"/api/session/{token}/trial-data").json()["error"]["code"] == "simulated_only"
+    assert len(logged(house, "simulated_only")) == 1
+
+
+def test_a_form_cannot_make_a_simulated_session(client, house, link):
+    client.post(f"/join/{link}", data={"language": "en", "simulated": "true"})
+    with house.database.session() as s:
+        assert not s.scalars(select(Session)).one().simulated
+
+
+# ---- bots ------------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def failing_worker(house: House) -> Iterator[None]:
+    """Ends every training as failed: a real one takes half a minute, and what it makes is tested with the jobs."""
+    over = threading.Event()
+
+    def work() -> None:
+        while not over.wait(0.05):
+            with house.database.transaction() as s:
+                for job in s.scalars(select(Job).where(Job.state == "queued")):
+                    job.state, job.error = "failed", "no worker in this test"
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_bots_walk_to_the_end_and_are_marked(client, house, link):
+    with failing_worker(house):
+        done = simulate_study("", link, 2, oracle="shortest", client=client)
+    assert (done["participants"], done["completed"]) == (2, 2)
+    assert done["responses"] == 2 * (4 + 4 + 1)
+    with house.database.session() as s:
+        people = list(s.scalars(select(Participant)))
+        trials = list(s.scalars(select(Trial)))
+        sessions = list(s.scalars(select(Session)))
+        jobs = list(s.scalars(select(Job)))
+    assert all(person.simulated for person in people)
+    assert [person.oracle["name"] for person in people] == ["shortest", "shortest"]
+    assert {session.personalisation for session in sessions} == {"job_failed"}
+    assert all(trial.phase == "answered" for trial in trials)
+    assert [job.priority for job in jobs] == [5, 5]  # behind people
+
+
+def test_the_oracle_decides_from_the_drives(client, house, link):
+    with failing_worker(house):
+        simulate_study("", link, 1, oracle="shortest", client=client)
+    with house.database.session() as s:
+        pairs = s.execute(select(Trial, Response.value).join(Response, Response.trial_id == Trial.id)).all()
+    assert len(pairs) == 4
+    for trial, value in pairs:
+        a, b = (path_length_m(load_trajectory(house.files, t)) for t in (trial.trajectory_a, trial.trajectory_b))
+        assert value["choice"] == ("b" if b < a else "a")
+
+
+def test_an_unknown_oracle_is_refused_before_anybody_joins(client, house, link):
+    with pytest.raises(LearningError, match="min-human-distance"):
+        simulate_study("", link, 1, oracle="nearest", client=client)
+    with house.database.session() as s:
+        assert s.scalars(select(Participant)).first() is None
+
+
+def test_a_bot_that_is_refused_says_why(client):
+    with pytest.raises(BotError, match="404"):
+        simulate_study("", "nowhere", 1, client=client)
