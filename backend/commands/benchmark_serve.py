@@ -40,7 +40,7 @@ from backend.study.sessions import token_hash
 from backend.study.studies import create_study
 
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment
-PACE_S = 1.2  # ours: between two answers of one participant; people take about 20 s, so one stands for many
+PACE_S = 1.7  # ours: between two answers of one participant; people take about 20 s, so one stands for ten
 DECIDING = 0.5  # ours: share of the pace that lies between a pair's start and its answer
 PATIENCE_S = 30.0  # how long the stage may take to tell of a drive
 TRIES = 3  # of an answer whose connection broke, always with the same request id, as the page does it
@@ -236,8 +236,9 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 15, during_alignment: 
 
     Returns sessions, answers_sent, answers_acknowledged, answers_stored, p50_ack_ms and p95_ack_ms (from sending an
     answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a drive to the stage's
-    websocket hearing of it), rss_mb of the server process with everybody connected, rss_per_session_mb, what came
-    through the stages, and errors: connections that broke and were tried again.
+    websocket hearing of it), rss_mb of the server process with everybody connected, rss_per_session_mb,
+    server_ms_per_answer (processor time of everything that belongs to one, joining included), what came through the
+    stages, and errors: connections that broke and were tried again.
     during_alignment: the same again with fresh participants while alignments of one core run, under that key.
     Raises ServeBenchmarkError if an acknowledged answer is not stored exactly once or a participant could not go on,
     ValueError for numbers that the quick protocol has no room for.
@@ -279,6 +280,7 @@ def _walk(
     """One walk of everybody, checked against the database."""
     tally = _Tally()
     memory_before = _resident_mb(server_pid)
+    processor_before = _processor_s(server_pid)
     memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
@@ -294,6 +296,7 @@ def _walk(
         "p95_stage_ms": round(float(np.percentile(tally.stage_ms, 95)), 1),
         "rss_mb": round(memory, 1),
         "rss_per_session_mb": round((memory - memory_before) / sessions, 2),
+        "server_ms_per_answer": round((_processor_s(server_pid) - processor_before) * 1000 / tally.sent, 1),
         "stage_messages": tally.stage_messages,
         "stage_mb": round(tally.stage_bytes / 2**20, 2),
         "stream_events": tally.stream_events,
@@ -409,3 +412,9 @@ def _resident_mb(pid: int) -> float:
     status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
     line = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
     return int(line.split()[1]) / 1024
+
+
+def _processor_s(pid: int) -> float:
+    """Processor time that a process has used (Linux)."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -56,7 +56,7 @@ def wait_until(holds: Callable[[], object], told: Callable[[], object]) -> None:
 def test_a_job_survives_the_death_of_its_server_and_of_its_worker(tmp_path: Path) -> None:
     installation = Installation(tmp_path)
     with installation.database.transaction() as s:
-        job_id = enqueue_job(s, "evaluate", {"policy": "study_room/base"}, created_by="tests").id
+        job_id = enqueue_job(s, "evaluate", {"policy": "study_room/base", "scenes": 200}, created_by="tests").id
 
     def log() -> str:
         return read_log(installation.settings, job_id, 10**6)

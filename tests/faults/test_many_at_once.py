@@ -1,0 +1,43 @@
+"""Many participants at once: the benchmark of the server, small, and that it notices a lost answer."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.commands import benchmark_serve as benchmark
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from tests.answered_study import add_answered_study
+
+
+def test_every_participant_answers_through_http_and_a_websocket() -> None:
+    measured = benchmark.benchmark_serve(sessions=3, answers=2)
+    assert measured["answers_sent"] == measured["answers_acknowledged"] == measured["answers_stored"] == 6
+    assert measured["errors"] == []
+    assert measured["stage_messages"] >= 3 * 2 * 2, "every stage was told of every drive"
+    assert 0 < measured["p50_ack_ms"] <= measured["p95_ack_ms"]
+    assert measured["rss_mb"] > 0
+
+
+def test_a_lost_and_a_foreign_answer_are_noticed(database: Database, files: ArtefactStore) -> None:
+    add_answered_study(database, files, answers=2)
+    with database.session() as s:
+        rows = s.query(benchmark.Response).all()
+        place = {row.step_key: (s.get_one(benchmark.Session, row.session_id).token_hash, row.step_key) for row in rows}
+    seen = {row.request_id: place[row.step_key] for row in rows}
+    complete = benchmark._Tally(acknowledged=dict(seen), pairs=set(seen))
+    assert benchmark._stored(database, complete) == 2
+    lost = benchmark._Tally(acknowledged={**seen, "never-stored": place[rows[0].step_key]}, pairs=set(seen))
+    with pytest.raises(benchmark.ServeBenchmarkError, match="of 3 acknowledged answers 1 are not stored"):
+        benchmark._stored(database, lost)
+    del seen[rows[0].request_id]
+    with pytest.raises(benchmark.ServeBenchmarkError, match="1 were stored without being acknowledged"):
+        benchmark._stored(database, benchmark._Tally(acknowledged=seen, pairs=set(seen)))
+
+
+@pytest.mark.parametrize(
+    ("given", "told"), [({"sessions": 0}, "sessions = 0"), ({"answers": 16}, "answers = 16: 1 to 15")]
+)
+def test_numbers_without_room_are_refused(given: dict[str, int], told: str) -> None:
+    with pytest.raises(ValueError, match=told):
+        benchmark.benchmark_serve(**given)
