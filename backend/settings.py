@@ -27,7 +27,9 @@ class Settings(BaseSettings):
     public_stage_url: str | None = Field(None, description="address browsers reach the stage at; its own origin")
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
-    contact: str = Field("", description="whom participants may ask; where empty, they read: the person who sent you the link")
+    contact: str = Field(
+        "", description="whom participants may ask; where empty, they read: the person who sent you the link"
+    )
 
     @property
     def database(self) -> str:

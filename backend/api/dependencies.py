@@ -17,7 +17,6 @@ from backend.store.models import Setting
 
 if TYPE_CHECKING:
     from app.server import StageServer
-
     from backend.api.texts import Texts
 
 

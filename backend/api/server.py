@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterator
 
 import structlog
 import uvicorn
-from app.server import StageServer
 
+from app.server import StageServer
 from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.api.stage_bridge import StageBridge, create_stage_application

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 
-import cloudpickle  # type: ignore[import-untyped]
+import cloudpickle
 import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
