@@ -38,10 +38,11 @@ class AlignConfig:
     recipe: Recipe = "refine"
     seed: int = 0
     preference_weight: float | None = None  # refine: r = r_core + weight * R', None: from the share; thesis: lambda
-    preference_share: float = 1.0  # refine: of what is at stake in an episode (goal - timeout reward), to begin with
+    preference_share: float = 0.85  # refine: of what is at stake in an episode (goal - timeout reward), to begin with
+    max_weight: float = 1.0  # refine: the weight never begins higher; spec 06's own for the open field
     time_cost: float = 0.1  # refine: per step, ours: waiting far from the person must not be free
-    weight_up: float = 1.2  # refine, weight None: factor after a checkpoint that lost almost no success (ours)
-    weight_down: float = 0.65  # ... and after one that lost too much to be chosen (ours)
+    weight_up: float = 1.15  # refine, weight None: factor after a checkpoint that lost almost no success (ours)
+    weight_down: float = 0.65  # ... and after one that lost too much to be chosen and is not recovering (ours)
     almost_no_loss: float = 0.01
     penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
     updates: int = 8_000
@@ -111,8 +112,9 @@ class PreferenceReward:
 
     weight: what the preference part is multiplied with. Where the configuration leaves it open, it begins by making an
     expensive drive of the base policy (90th percentile) pay `preference_share` of what is at stake (goal - timeout
-    reward), and `adapt` moves it. A fixed weight of 1, good in the open field, made robots in the study room wait for
-    the timeout: passing the person cost more there than the goal is worth.
+    reward), beyond what waiting at the start for as long would cost; `adapt` moves it then. A fixed weight of 1, good
+    in the open field, made robots in the study room wait for the timeout: passing the person cost more than the goal
+    is worth there.
     """
 
     def __init__(self, model: RewardModel, config: AlignConfig, replay: Batch, base: Policy) -> None:
@@ -120,15 +122,23 @@ class PreferenceReward:
         raw = self._raw(replay)
         self._mean, self._std = float(raw.mean()), float(raw.std()) + 1e-6
         self._top = float(np.quantile(raw, 0.98))
+        self._last_success = 1.0
         self.weight = config.preference_weight if config.preference_weight is not None else self._fair_weight(base)
 
     def _fair_weight(self, base: Policy) -> float:
         setup, config = get_setup(base.setup), self._config
         scenes = scene_set(setup.name, config.weighing_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
         drives = rollout(setup, base.act, scenes)
-        paid = [-self._penalty(self._model.rewards(d.observations, d.actions, d.next_observations)) for d in drives]
-        dear = float(np.quantile([steps.sum() for steps in paid], 0.9))
-        return config.preference_share * (setup.reward.goal - setup.reward.timeout) / max(dear, 1.0)
+        standing = np.array([[-1.0, 0.0]], dtype=np.float32)
+        paid = []
+        for d in drives:
+            driving = self._penalty(self._model.rewards(d.observations, d.actions, d.next_observations))
+            first = d.observations[:1]
+            waiting = self._penalty(self._model.rewards(first, standing, first))
+            paid.append(max(0.0, float((waiting - driving).sum())))
+        dear = float(np.quantile(paid, 0.9))
+        at_stake = config.preference_share * (setup.reward.goal - setup.reward.timeout)
+        return at_stake / dear if dear * config.max_weight > at_stake else config.max_weight
 
     def _raw(self, batch: Batch) -> Floats:
         chunks = [
@@ -163,7 +173,11 @@ class PreferenceReward:
         config = self._config
         if config.recipe == "thesis" or config.preference_weight is not None:
             return
+        recovering = success > self._last_success + config.almost_no_loss
+        self._last_success = success
         if success < enough_success(base_success, config):
+            if recovering:
+                return
             self.weight *= config.weight_down
         elif success >= base_success - config.almost_no_loss:
             self.weight *= config.weight_up

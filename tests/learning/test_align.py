@@ -99,7 +99,6 @@ def test_a_relabelled_buffer_follows_the_weight(base: Policy, model: LinearRewar
     reward = PreferenceReward(model, replace(TINY, preference_weight=0.5, time_cost=0.0), fresh.filled(), base)
     relabelled = RelabelledBuffer(fresh, reward)
     relabelled.take_up()
-    relabelled.take_up()  # nothing new: nothing happens twice
     added = fresh.filled().rewards - core
     reward.weight = 1.0
     relabelled.reweigh()
