@@ -59,9 +59,9 @@ class AlignConfig:
     weighing_scenes: int = 200  # base drives in which the share is measured
     replay_exploration: tuple[float, float] = (0.05, 0.6)
     online_exploration: tuple[float, float] = (0.05, 0.4)
-    selection_scenes: int = 300
+    selection_scenes: int = 400
     min_success: float = 0.94  # a checkpoint below is not chosen while another reaches it ...
-    max_selection_loss: float = 0.03  # ... nor one that loses more than this against the base policy (ours)
+    max_selection_loss: float = 0.02  # ... nor one that loses more than this against the base policy (ours)
     gate_scenes: int = 500
     gate_max_loss: float = 0.05  # may lose this much success against the base policy on the same scenes ...
     gate_min_success: float = 0.90  # ... and must reach this
