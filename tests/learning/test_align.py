@@ -29,12 +29,12 @@ from backend.learning.shipped import load_policy
 from backend.simulation.setups import STUDY_ROOM, SetupError
 
 TINY = AlignConfig(
-    updates=200,
+    updates=120,
     checkpoints=2,
-    replay_transitions=4_000,
-    selection_scenes=40,
-    gate_scenes=40,
-    weighing_scenes=40,
+    replay_transitions=3_000,
+    selection_scenes=20,
+    gate_scenes=30,
+    weighing_scenes=20,
 )
 
 
@@ -110,7 +110,7 @@ def test_alignment_moves_away_from_the_person_and_reports_on_the_way(
     base: Policy, model: LinearRewardModel, tmp_path: Path
 ) -> None:
     seen: list[tuple[float, dict[str, float]]] = []
-    config = replace(TINY, updates=600, checkpoints=3)
+    config = replace(TINY, updates=450, checkpoints=3)
     result = align(base, model, config, lambda *step: seen.append(step), checkpoint_folder=tmp_path)
     assert [fraction for fraction, _ in seen] == sorted(fraction for fraction, _ in seen)
     assert seen[-1][0] == 1.0
