@@ -303,7 +303,7 @@ def submit(
         refused.details["step"] = step_key
         raise
     if step["kind"] == "consent":
-        stored["text_hash"] = study.protocol_hash
+        stored["text_hash"] = frozen.consent_hash(session.language)
     elif step["kind"] == "guess":
         stored |= _about_last_comparison(s, session, stored["choice"])
     kinds = {"trial": "preference"}
@@ -383,7 +383,8 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
         settle(s, files, session, now=now)
     elif step["kind"] == "debriefing":
         code = next(entry.debriefing.completion_code for entry in protocol.stages if entry.debriefing)
-        session.completion_code = secrets.token_hex(4).upper() if code == "random" else code
+        # A code that is the same for everybody is worth money: a session that need not watch never gets it.
+        session.completion_code = secrets.token_hex(4).upper() if code == "random" or session.simulated else code
         session.state, session.finished_at = "completed", now
         log_event(s, "session_completed", session_id=session.id)
 

@@ -70,6 +70,12 @@ class FrozenProtocol:
             return first[2:].strip(), rest.strip()
         return self.title(language), content.strip()
 
+    def consent_hash(self, language: str) -> str:
+        """sha256 of the consent text exactly as it is shown in that language."""
+        name = next(entry.consent.text for entry in self.protocol.stages if entry.consent)
+        content = self.files.get(variant(name, language), self.files.get(name, ""))
+        return hashlib.sha256(content.encode()).hexdigest()
+
 
 def local(text: dict[str, str], language: str) -> str:
     """The text in that language, in the first one it has otherwise."""

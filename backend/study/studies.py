@@ -138,7 +138,7 @@ def join_study(
     )
     s.add(participant)
     s.flush()
-    if recruiting and recruiting.get("external_id"):
+    if recruiting and recruiting.get("external_id") and not simulated:  # a bot must not take a person's place
         _keep_recruiting_id(s, study, participant, recruiting)
     seed = session_seed(study.seed, code)
     try:

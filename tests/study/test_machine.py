@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import threading
 from datetime import timedelta
 
@@ -78,6 +79,14 @@ def test_an_answer_keeps_how_long_the_decision_took(database, at_trial):
     assert response.decision_s == pytest.approx(3.5)
     assert response.value == {"choice": "b"}
     assert response.kind == "preference"
+
+
+def test_the_consent_given_names_the_very_text_that_was_shown(database, study, walker):
+    walker.walk_to("demographics")
+    with database.session() as s:
+        consent = s.scalars(select(Response).where(Response.kind == "consent")).one()
+    shown = study.files["texts/consent.en.md"]
+    assert consent.value == {**CONSENT, "text_hash": hashlib.sha256(shown.encode()).hexdigest()}
 
 
 # ---- the server's clock ----------------------------------------------------------------------------------------------
