@@ -24,8 +24,6 @@ DEPARTURES = {
     "its training.",
     "pair_filters": "Besides collisions, self-intersections and timeouts, pairs are dropped that are too long to watch "
     "or that a person could hardly tell apart.",
-    "study_room_reward": "The thesis trains the study's policies for 500,000 steps with heads unknown; ours as stated "
-    "in the configuration.",
 }
 
 
