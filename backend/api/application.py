@@ -44,7 +44,7 @@ def create_application(house: House) -> FastAPI:
     """The pages and their API. Everything a route needs hangs on `app.state.house`."""
     from backend.api import analyst, auth, experimenter, participant
 
-    application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None)
+    application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None)
     application.state.house = house
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     for module in (participant, auth, experimenter, analyst):

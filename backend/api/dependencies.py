@@ -80,12 +80,6 @@ def stage_origin(request: Request) -> str:
     return f"{asked.scheme}://{asked.hostname}:{settings.port + 1}"
 
 
-def page_origin(request: Request) -> str:
-    """Origin of the page that this request came from, for checks on the stage's side."""
-    asked = urlsplit(str(request.base_url))
-    return f"{asked.scheme}://{asked.netloc}"
-
-
 def page(request: Request, template: str, *, language: str = "en", status: int = 200, **context: Any) -> HTMLResponse:
     """Render `frontend/templates/TEMPLATE`; the template has `t(key, **values)`, `language` and `stage_origin`."""
     parts = house(request)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
+import math
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime, timedelta
@@ -15,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Body, Query, Request
 from fastapi.responses import StreamingResponse
+from pydantic import AfterValidator
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import JSONResponse, RedirectResponse, Response
@@ -43,7 +45,24 @@ STREAM_LOOK_S = 5.0  # how often a stream looks by itself; changes made in this 
 STREAM_WAIT_LOOK_S = 0.7  # while somebody waits for a job, whose progress comes from another process
 SEEN_EVERY = timedelta(seconds=20)
 
-Json = Annotated[dict[str, Any], Body()]
+
+def _storable(value: Any) -> Any:
+    """JSON as every database and file keeps it: half characters (a cut emoji) as "?", no NUL, no NaN.
+
+    Python's JSON lets them in, and a single one in the append-only log would stop all exports of its study.
+    """
+    if isinstance(value, str):
+        return value.encode("utf-8", "replace").decode().replace("\0", "")
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, list):
+        return [_storable(inner) for inner in value]
+    if isinstance(value, dict):
+        return {_storable(key): _storable(inner) for key, inner in value.items()}
+    return value
+
+
+Json = Annotated[dict[str, Any], Body(), AfterValidator(_storable)]
 
 
 # ---- the recruiting link ---------------------------------------------------------------------------------------------
@@ -84,14 +103,15 @@ async def join(recruiting_token: str, request: Request) -> Response:
 
 async def _body(request: Request, is_json: bool) -> dict[str, Any]:
     if not is_json:
-        return {key: str(value) for key, value in (await request.form()).items()}
+        return {key: _storable(str(value)) for key, value in (await request.form()).items()}
     try:
         given = await request.json()
     except ValueError:
         given = None
     if not isinstance(given, dict):
         raise Refused(422, "bad_value", "The body must be a JSON object.", field="body")
-    return given
+    cleaned: dict[str, Any] = _storable(given)
+    return cleaned
 
 
 def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_json: bool) -> Response:
@@ -120,7 +140,7 @@ def _device(given: Any) -> dict[str, Any]:
     """What the device check told, only the fields we know."""
     if isinstance(given, str):
         try:
-            given = json.loads(given)
+            given = _storable(json.loads(given))
         except ValueError:
             given = None
     if not isinstance(given, dict):
@@ -290,7 +310,7 @@ def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
                 session_id=session.id,
                 study_id=session.study_id,
             )
-        return machine.start_trial(s, session, key, request_id=body.get("request_id"), now=now)
+        return machine.start_trial(s, session, key, request_id=str(body.get("request_id", ""))[:64], now=now)
 
     return _on_trial(request, token, "start", act)
 

@@ -98,7 +98,7 @@ async def _serve(settings: Settings, pages: object, stage: object, on_ready: Cal
                 ws_per_message_deflate=False,  # the stage's messages are compressed already; deflate costs a core
                 timeout_graceful_shutdown=3,
                 proxy_headers=True,
-                forwarded_allow_ips="127.0.0.1",
+                forwarded_allow_ips=settings.trusted_proxies,
             )
         )
 

@@ -19,8 +19,11 @@ from backend.learning.errors import LearningError
 from backend.learning.oracles import path_length_m
 from backend.settings import Settings
 from backend.store.artefacts import load_trajectory
-from backend.store.models import Event, Job, Participant, RecruitingId, Response, Session, Study, Trial
+from backend.store.export import export_study
+from backend.store.models import Event, Job, Participant, ProblemReport, RecruitingId, Response, Session, Study, Trial
 from backend.study.bots import BotError, simulate_study
+from backend.study.protocol import freeze_text
+from backend.study.studies import create_study
 from tests.study import walking
 
 
@@ -321,3 +324,42 @@ def test_an_unknown_oracle_is_refused_before_anybody_joins(client, house, link):
 def test_a_bot_that_is_refused_says_why(client):
     with pytest.raises(BotError, match="404"):
         simulate_study("", "nowhere", 1, client=client)
+
+
+# ---- what must not get in or out -------------------------------------------------------------------------------------
+
+
+def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, house, link, token, tmp_path):
+    """JSON lets them in: JavaScript cuts an emoji in two, Python reads NaN."""
+    odd = {"content-type": "application/json"}
+    broken = b'"caf\\u00e9 \\ud83d \\u0000"'
+    told = b'{"kind": "script_error", "data": {"message": %b, "\\ud83d": NaN}}' % broken
+    assert client.post(f"/api/session/{token}/events", content=told, headers=odd).status_code == 204
+    problem = client.post(f"/api/session/{token}/problem", content=b'{"text": %b}' % broken, headers=odd)
+    assert problem.status_code == 204
+    bot = b'{"simulated": true, "oracle": {"name": %b}, "device": {"scheme": %b}}' % (broken, broken)
+    assert client.post(f"/join/{link}", content=bot, headers=odd).status_code == 201
+    form = {"language": "en", "device": '{"scheme": "\\ud83d", "pixel_ratio": NaN}', "PROLIFIC_PID": "id\0"}
+    assert client.post(f"/join/{link}", data=form).status_code == 303
+    with house.database.session() as s:
+        study = s.scalars(select(Study.id).where(Study.recruiting_token == link)).one()
+        assert s.scalars(select(ProblemReport)).one().text == "café ?"
+        assert s.scalars(select(RecruitingId)).one().external_id == "id"
+    export_study(house.database, house.files, study, tmp_path / "out")
+    events = (tmp_path / "out" / "events.csv").read_text(encoding="utf-8")
+    assert "café ? " in events
+    assert "NaN" not in events
+
+
+def test_a_bot_gets_no_code_that_pays_and_takes_no_persons_place(client, house, link):
+    with house.database.transaction() as s:
+        text = s.scalars(select(Study.protocol_yaml).where(Study.recruiting_token == link)).one()
+        kept = [line for line in text.splitlines() if "- train:" not in line and "- comparison:" not in line]
+        frozen = freeze_text("\n".join(kept).replace("completion_code: random", "completion_code: PAID-2026"))
+        paid = create_study(s, house.files, frozen, name="Paid", created_by=None).recruiting_token
+    assert simulate_study("", paid, 1, client=client)["completed"] == 1
+    with house.database.session() as s:
+        assert s.scalars(select(Session.completion_code)).one() not in (None, "PAID-2026")
+    someone = {"PROLIFIC_PID": "5f3c0ffee0ddba11"}
+    assert client.post(f"/join/{paid}", json={"simulated": True, **someone}).status_code == 201
+    assert client.post(f"/join/{paid}", data={"language": "en", **someone}).status_code == 303
