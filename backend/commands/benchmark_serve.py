@@ -48,6 +48,7 @@ ALIGNMENTS = 3  # queued one behind the other, so that one runs for as long as t
 ALIGNMENT_BEGUN = 0.04  # progress past loading and fitting the reward model: the policy's training runs
 ALIGNMENT_PATIENCE_S = 180.0
 LOOK_S = 0.5
+LOG_LINES = 12  # of the server's log, in an error
 
 CAMERA = viser_hooks.CameraReport(
     wxyz=(1.0, 0.0, 0.0, 0.0),
@@ -258,12 +259,16 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 15, during_alignment: 
         with database.transaction() as s:
             register_shipped(s, files)
             study = create_study(s, files, freeze(DEMO_PROTOCOL), name="benchmark serve", created_by=None)
-        with loopback_server(settings) as (url, server):
-            result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers)}
-            if during_alignment:
-                with _alignments(database, files, study) as running:
-                    walked = _walk(database, url, server.pid, study, sessions, answers, running)
-                result["during_alignment"] = walked
+        log = Path(folder) / "server.log"
+        try:
+            with loopback_server(settings, log=log) as (url, server):
+                result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers)}
+                if during_alignment:
+                    with _alignments(database, files, study) as running:
+                        walked = _walk(database, url, server.pid, study, sessions, answers, running)
+                    result["during_alignment"] = walked
+        except ServeBenchmarkError as problem:
+            raise ServeBenchmarkError(f"{problem}\nThe server's log ends with:\n{_end_of_errors(log)}") from None
         database.close()
     return {**result, "pace_s": PACE_S, "cores": os.cpu_count(), "seconds": round(time.monotonic() - began, 1)}
 
@@ -405,6 +410,12 @@ def _alignments(database: Database, files: ArtefactStore, study: Study) -> Itera
             raise ServeBenchmarkError(f"no alignment got going: {failed or 'none began in time'}")
         time.sleep(LOOK_S)
     yield lambda: any(job.state == "running" for job in rows())
+
+
+def _end_of_errors(log: Path) -> str:
+    """The last lines of a server's log that are not about a request that went well."""
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
+    return "\n".join([line for line in lines if "event='request'" not in line][-LOG_LINES:])
 
 
 def _resident_mb(pid: int) -> float:
