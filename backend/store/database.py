@@ -88,13 +88,14 @@ class Database:
                 connect_args={"timeout": BUSY_TIMEOUT_MS / 1000, "check_same_thread": False},
                 pool_size=20,
                 max_overflow=40,
+                hide_parameters=True,  # an error goes to the log, what was to be stored must not
             )
             event.listen(engine, "connect", _set_up_sqlite)
             event.listen(engine, "begin", _begin_sqlite)
             reading: dict[str, Any] = {"reads_only": True}
         elif parsed.get_backend_name() == "postgresql":
             self.file = None
-            engine = create_engine(parsed, pool_pre_ping=True, pool_size=20)
+            engine = create_engine(parsed, pool_pre_ping=True, pool_size=20, hide_parameters=True)
             reading = {"postgresql_readonly": True, "isolation_level": "REPEATABLE READ"}
         else:
             raise StorageError(f"database url {url!r}: known are sqlite:///FILE and postgresql://USER@HOST/NAME")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from datetime import timedelta
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import func, or_, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
@@ -101,7 +101,11 @@ def _taken(s: DatabaseSession, study: Study) -> int:
             Participant.simulated.is_(False),
             Participant.excluded_at.is_(None),
             Participant.withdrawn_at.is_(None),
-            Session.state.in_(("active", "paused", "completed")),
+            or_(
+                Session.state == "completed",
+                # nobody may ever look again at a session whose time is over, so its state still says active
+                Session.state.in_(("active", "paused")) & (Session.expires_at > utc_now()),
+            ),
         )
     )
     return s.scalar(counted) or 0

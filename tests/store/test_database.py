@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import select, text
+from sqlalchemy.exc import IntegrityError
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError, check_writable
@@ -194,6 +195,12 @@ def test_a_data_folder_that_is_a_file_is_told(tmp_path: Path):
 def test_check_writable_leaves_nothing_behind(tmp_path: Path):
     check_writable(tmp_path / "new" / "data")
     assert list((tmp_path / "new" / "data").iterdir()) == []
+
+
+def test_an_error_does_not_repeat_what_was_to_be_stored(database: Database):
+    with pytest.raises(IntegrityError) as told, database.transaction() as s:
+        s.execute(text("INSERT INTO setting (key) VALUES (:key)"), {"key": "planted-canary"})
+    assert "planted-canary" not in str(told.value)
 
 
 def test_a_file_that_is_no_database_is_told(tmp_path: Path):

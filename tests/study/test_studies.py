@@ -8,7 +8,7 @@ from dataclasses import asdict
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study
+from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
 from backend.study.protocol import freeze, freeze_text, thaw
 from backend.study.refusals import Refused
 from backend.study.studies import StudyError, create_study, join_study, queries_of_study, study_by_link
@@ -83,7 +83,7 @@ def test_a_full_study_takes_nobody_in_but_bots_and_drop_outs_do_not_count(databa
         join(database, files, study)
     assert no.value.code == "full"
     with database.transaction() as s:
-        s.get_one(Session, session.id).state = "expired"
+        s.get_one(Session, session.id).expires_at = utc_now()  # and nobody has looked at it since
     join(database, files, study)
 
 
