@@ -27,7 +27,8 @@ class Settings(BaseSettings):
     public_stage_url: str | None = Field(None, description="address browsers reach the stage at; its own origin")
     trusted_proxies: str = Field(
         "127.0.0.1",
-        description="addresses, with commas, of reverse proxies whose word counts for a visitor's address and TLS",
+        description="addresses, with commas, of reverse proxies whose word counts for a visitor's address and TLS; "
+        "they must replace what a visitor says of it. *: any, where nobody else reaches the server",
     )
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")

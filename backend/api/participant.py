@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import ipaddress
 import json
 import math
 from collections.abc import AsyncIterator, Callable, Iterator
@@ -118,6 +119,8 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
     parts = house(request)
     recruiting = {field: str(given[name]) for name, field in PLATFORM_FIELDS.items() if given.get(name)}
     simulated = is_json and given.get("simulated") is True
+    if simulated and not _from_here(request):
+        raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     oracle = given.get("oracle")
     with parts.database.transaction() as s:
         session, token = join_study(
@@ -134,6 +137,14 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
     if is_json:
         return JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
     return RedirectResponse(f"/p/{token}", status_code=303)
+
+
+def _from_here(request: Request) -> bool:
+    """Whether this machine asks. A bot need not watch, so nobody who has no more than the link may be one."""
+    try:
+        return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
+    except ValueError:
+        return False
 
 
 def _device(given: Any) -> dict[str, Any]:

@@ -41,7 +41,8 @@ def house(furnished: Path, tmp_path: Path) -> House:
 
 @pytest.fixture
 def client(house: House) -> Iterator[TestClient]:
-    with TestClient(create_application(house), follow_redirects=False) as client:
+    here = ("127.0.0.1", 50_000)
+    with TestClient(create_application(house), follow_redirects=False, client=here) as client:
         yield client
 
 
@@ -349,6 +350,17 @@ def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, 
     events = (tmp_path / "out" / "events.csv").read_text(encoding="utf-8")
     assert "café ? " in events
     assert "NaN" not in events
+
+
+@pytest.mark.parametrize("address", ["203.0.113.7", "2001:db8::7", "no address"])
+def test_nobody_elsewhere_can_join_as_a_bot_and_skip_watching(client, house, link, address):
+    elsewhere = TestClient(client.app, client=(address, 50_000))
+    refused = elsewhere.post(f"/join/{link}", json={"simulated": True, "language": "en"})
+    assert (refused.status_code, refused.json()["error"]["code"]) == (403, "bots_from_elsewhere")
+    assert len(logged(house, "bots_from_elsewhere")) == 1
+    with house.database.session() as s:
+        assert s.scalars(select(Participant)).first() is None
+    assert elsewhere.post(f"/join/{link}", json={"language": "en"}).json()["simulated"] is False
 
 
 def test_a_bot_gets_no_code_that_pays_and_takes_no_persons_place(client, house, link):
