@@ -24,7 +24,7 @@ CHROMIUM_FLAGS = [
 ]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # not longer: playwright keeps an event loop running, which other tests cannot have
 def chromium() -> Iterator["Browser"]:  # noqa: F821
     """Debian's Chromium with software WebGL, driven by playwright's sync API."""
     from playwright.sync_api import sync_playwright

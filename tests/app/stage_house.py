@@ -27,18 +27,6 @@ from backend.simulation.scene import Scene
 from backend.simulation.scenes import draw_scene
 from backend.simulation.trajectory import Outcome, Trajectory
 
-CHROMIUM_FLAGS = [
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
-
 # What viser's page says first; a knocking test without a browser says it too.
 CAMERA_REPORT: dict[str, object] = {
     "type": "ViewerCameraMessage",

@@ -83,8 +83,8 @@ def test_a_stage_whose_page_is_gone_takes_orders_in_silence(house: StageHouse, v
         stage.clear()
 
 
-def test_a_driven_clock_shortens_the_wait(house: StageHouse, browser: Any) -> None:
-    context = browser.new_context(viewport={"width": 320, "height": 200})
+def test_a_driven_clock_shortens_the_wait(house: StageHouse, chromium: Any) -> None:
+    context = chromium.new_context(viewport={"width": 320, "height": 200})
     context.clock.install()
     visitor = Visitor(context.new_page(), house, "swift")
     stage = stage_of(visitor)
