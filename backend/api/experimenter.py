@@ -20,6 +20,7 @@ from backend.api.dependencies import Db, Files, house, public_url
 from backend.api.lab import LabRefusal, lab_page
 from backend.api.preview import first_steps
 from backend.api.study_report import study_report
+from backend.store.dataset import data_dictionary
 from backend.store.erasure import erase_participant
 from backend.store.events import log_event
 from backend.store.export import export_study
@@ -28,7 +29,6 @@ from backend.study.protocol import describe_stages, thaw
 
 TABS = ("now", "people", "protocol", "recruit", "data", "report")
 LONGEST_REASON = 1000  # characters of a reason for an exclusion
-DICTIONARY = Path(__file__).resolve().parents[2] / "docs" / "data-dictionary.md"
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(new_study.router)
@@ -363,7 +363,7 @@ def export(study_id: str, database: Db, files: Files, user: CheckedCsrf) -> Resp
 @router.get("/lab/data-dictionary")
 def dictionary(request: Request) -> Response:
     """What every column of an export means; the file that the export holds too."""
-    return lab_page(request, "lab/dictionary.html", text=DICTIONARY.read_text(encoding="utf-8"))
+    return lab_page(request, "lab/dictionary.html", text=data_dictionary())
 
 
 @router.get("/lab/studies/{study_id}/report")

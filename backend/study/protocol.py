@@ -128,11 +128,6 @@ def thaw(study: Study) -> FrozenProtocol:
 _thawed: dict[str, FrozenProtocol] = {}  # by hash, so never stale; one small entry per protocol version
 
 
-def load_protocol(file: Path | str) -> Protocol:
-    """The protocol alone, checked with everything it names."""
-    return freeze(file).protocol
-
-
 def validate_protocol_file(file: Path | str) -> dict[str, Any]:
     """{"valid": bool, "errors": [{file, line, field, value, message}]}; never raises for what the file says."""
     try:
