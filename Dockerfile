@@ -1,6 +1,6 @@
 # Desire Path: pages, stage and worker share one image.
 FROM python:3.11-slim-bookworm
-ENV PYTHONUNBUFFERED=1 OMP_NUM_THREADS=1
+ENV PYTHONUNBUFFERED=1
 WORKDIR /desirepath
 COPY requirements.lock pyproject.toml Makefile README.md ./
 COPY scripts scripts

@@ -10,7 +10,7 @@ run: setup
 	$(BIN)/desirepath serve --demo
 
 test: setup setup-test lint
-	OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: setup
 	$(BIN)/ruff check app backend tests

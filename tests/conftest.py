@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-# Set before numba and torch are imported: two cores are shared by everything.
-os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Set before numba is imported: two cores are shared by everything.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 CHROMIUM_FLAGS = [

@@ -63,7 +63,6 @@ def start_worker(settings: Settings) -> subprocess.Popen[bytes]:
         "DESIREPATH_DATA": str(settings.data.resolve()),
         "DESIREPATH_DATABASE_URL": settings.database,
         "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
-        "OMP_NUM_THREADS": "1",
     }
     command = [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())]
     return subprocess.Popen(command, env=environment)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -61,8 +60,6 @@ def serve(
             console.print("  (printed this once; change it after signing in)")
         console.print("  Stop with Ctrl+C.\n")
 
-    # One thread each for BLAS and OpenMP here: the server shares its cores with the training.
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     run(house, on_ready=announce)
 
 
