@@ -55,6 +55,8 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
         log_to_stderr()
         try:
             command(*args, **kwargs)
+        except typer.Exit:
+            raise  # the command has said what there is to say; typer's Exit is a RuntimeError
         except (ValueError, LookupError, OSError, RuntimeError) as problem:
             if kwargs.get("as_json"):
                 sys.stdout.write(json.dumps({"error": str(problem)}) + "\n")

@@ -89,3 +89,7 @@ def test_a_mistake_in_a_protocol_on_the_command_line(tmp_path: Path, right: str,
         assert refused.returncode == 1
         assert told in refused.stderr
         assert "Traceback" not in refused.stderr
+        assert "error: 1" not in refused.stderr
+    machine = run_command("study", "validate", str(file), "--json", data=tmp_path / "data")
+    assert machine.returncode == 1
+    assert [problem["file"] for problem in json.loads(machine.stdout)["errors"]] == ["mine.yaml"]  # one object, no more
