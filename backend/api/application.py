@@ -15,6 +15,7 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from backend.api.dependencies import House, house, page, stage_origin
 from backend.api.prose import prose
 from backend.api.texts import Texts
+from backend.api.throttle import BodyLimit, TooLarge, declared_too_large
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, check_writable
@@ -67,12 +68,21 @@ def create_application(house: House) -> FastAPI:
     def not_found(request: Request, _: Exception) -> Response:
         return _trouble(request, 404, "not_found", "There is nothing at this address.")
 
+    @application.exception_handler(TooLarge)
+    def too_large(request: Request, _: Exception) -> Response:
+        return _trouble(request, 413, "too_large", TooLarge().detail)
+
+    application.add_middleware(BodyLimit)
+
     @application.middleware("http")
     async def guard(request: Request, call_next: Callable[[Request], Awaitable[Response]]) -> Response:
         """Security headers, and an access log that holds neither tokens nor query strings."""
         began = time.perf_counter()
         try:
-            response = await call_next(request)
+            if declared_too_large(request):
+                response = _trouble(request, 413, "too_large", TooLarge().detail)
+            else:
+                response = await call_next(request)
         except Exception:
             log.exception("request failed", method=request.method, route=_route(request))
             response = _trouble(request, 500, "internal", "Something went wrong here; it was written to the log.")

@@ -18,13 +18,12 @@ from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import APIRouter, Depends, Form, Request
 from limits import parse
-from limits.storage import MemoryStorage
-from limits.strategies import MovingWindowRateLimiter
 from sqlalchemy import delete, select
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
-from backend.api.dependencies import Db, house, public_url
+from backend.api.dependencies import Db, public_url
 from backend.api.lab import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
+from backend.api.throttle import address_of, count, exhausted, limiter
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import SignIn, User, utc_now
@@ -204,9 +203,8 @@ def sign_in(
 ) -> Response:
     """Check name and password; sets the cookie and goes to `next`. 401 when wrong, 429 after too many attempts."""
     _refuse_foreign_origin(request)
-    name, limiter = name.strip().lower()[:80], _limiter(request)
-    address = request.client.host if request.client else "unknown"
-    windows = ((ATTEMPTS_PER_ADDRESS, f"address:{address}"), (ATTEMPTS_PER_NAME, f"name:{name}"))
+    name = name.strip().lower()[:80]
+    windows = ((ATTEMPTS_PER_ADDRESS, f"address:{address_of(request)}"), (ATTEMPTS_PER_NAME, f"name:{name}"))
 
     def again(status: int, problem: str, **values: Any) -> Response:
         return lab_page(
@@ -220,8 +218,8 @@ def sign_in(
         )
 
     for limit, key in windows:
-        if not limiter.test(limit, key):
-            seconds = max(1, round(limiter.get_window_stats(limit, key).reset_time - utc_now().timestamp()))
+        if exhausted(request, limit, key):
+            seconds = max(1, round(limiter(request).get_window_stats(limit, key).reset_time - utc_now().timestamp()))
             refused = again(429, "too_many", minutes=-(-seconds // 60))
             refused.headers["Retry-After"] = str(seconds)
             return refused
@@ -231,7 +229,7 @@ def sign_in(
         user_id = user.id if user else None
     if not _verified(known_hash, password[:LONGEST_PASSWORD]) or user_id is None:
         for limit, key in windows:
-            limiter.hit(limit, key)
+            count(request, limit, key)
         with database.transaction() as s:
             log_event(s, "sign_in_refused")
         return again(401, "wrong")
@@ -302,13 +300,6 @@ def _verified(password_hash: str, password: str) -> bool:
         return _hasher.verify(password_hash, password)
     except (VerificationError, InvalidHashError):
         return False
-
-
-def _limiter(request: Request) -> MovingWindowRateLimiter:
-    """One per house, in memory: a restart forgives, and the server is one process."""
-    extras = house(request).extras
-    found: MovingWindowRateLimiter = extras.setdefault("sign_in_limiter", MovingWindowRateLimiter(MemoryStorage()))
-    return found
 
 
 def _served_securely(request: Request) -> bool:

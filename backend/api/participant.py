@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, Query, Request
+from fastapi import APIRouter, Body, Depends, Query, Request
 from fastapi.responses import StreamingResponse
 from pydantic import AfterValidator
 from sqlalchemy import select
@@ -24,6 +24,14 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.dependencies import House, TheHouse, contact, house, page, stage_origin
 from backend.api.stage_bridge import Listener, bridge_of, stage_cookie, stage_token
+from backend.api.throttle import (
+    EVENTS_PER_SESSION,
+    JOINS_PER_ADDRESS,
+    REFUSALS_PER_ADDRESS,
+    address_of,
+    count,
+    exhausted,
+)
 from backend.store.events import log_event
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.models import Response as Answer
@@ -31,11 +39,32 @@ from backend.study import machine, personalisation
 from backend.study.pages import payload_of
 from backend.study.protocol import thaw
 from backend.study.refusals import Refused, log_refusal
-from backend.study.sessions import acting, find_session
+from backend.study.sessions import acting, find_session, token_hash
 from backend.study.studies import check_open, join_study, study_by_link
 from backend.study.words import TRIAL_KINDS
 
-router = APIRouter()
+
+def _not_guessing(request: Request) -> None:
+    """Refuse links that lead nowhere once an address asked for many; those that lead somewhere stay open to all."""
+    if not exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request)):
+        return
+    try:
+        with house(request).database.session() as s:
+            if "token" in request.path_params:
+                find_session(s, request.path_params["token"], now=utc_now(), lock=False)
+            else:
+                study_by_link(s, request.path_params["recruiting_token"])
+    except Refused as refused:
+        if refused.code == "unknown":
+            raise _too_many() from None
+
+
+def _too_many() -> Refused:
+    """429; such refusals are not logged, or the log would be what a flood fills."""
+    return Refused(429, "too_many", "Too many requests from here; wait a minute and try again.")
+
+
+router = APIRouter(dependencies=[Depends(_not_guessing)])
 
 PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
 DEVICE_FIELDS = ("width", "height", "pixel_ratio", "pointer", "touch", "webgl", "scheme", "reduced_motion")
@@ -121,6 +150,8 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
     simulated = is_json and given.get("simulated") is True
     if simulated and not _from_here(request):
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
+    if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
+        raise _too_many()
     oracle = given.get("oracle")
     with parts.database.transaction() as s:
         session, token = join_study(
@@ -393,8 +424,10 @@ def trial_data(token: str, parts: TheHouse) -> dict[str, str]:
 
 
 @router.post("/api/session/{token}/events", status_code=204)
-def page_event(token: str, parts: TheHouse, body: Json) -> Response:
+def page_event(token: str, request: Request, parts: TheHouse, body: Json) -> Response:
     """Something the page noticed: into the log, with the browser's own time."""
+    if not count(request, EVENTS_PER_SESSION, "page_event", token_hash(token)):
+        raise _too_many()
     kind, data = body.get("kind"), body.get("data") or {}
     if kind not in PAGE_EVENTS or not isinstance(data, dict) or len(json.dumps(data)) > LARGEST_EVENT:
         allowed = ", ".join(sorted(PAGE_EVENTS))
@@ -562,8 +595,13 @@ def _refusal(request: Request, problem: Exception) -> Response:
     wants_json = request.url.path.startswith("/api/") or request.headers.get("content-type", "").startswith(
         "application/json"
     )
-    if request.url.path.startswith("/join/"):  # everything on a session's own path was logged where it was refused
-        log_refusal(parts.database, problem, request="join")
+    joining = request.url.path.startswith(
+        "/join/"
+    )  # everything on a session's own path was logged where it was refused
+    if problem.code != "too_many" and (joining or problem.code == "unknown"):
+        counted = count(request, REFUSALS_PER_ADDRESS, "refused", address_of(request))
+        if joining and counted:
+            log_refusal(parts.database, problem, request="join")
     if wants_json:
         return JSONResponse(problem.as_dict(), problem.status)
     languages = parts.texts.languages

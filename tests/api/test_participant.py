@@ -11,10 +11,13 @@ from uuid import uuid4
 
 import pytest
 from fastapi.testclient import TestClient
+from limits import parse
 from sqlalchemy import select
 
+from backend.api import participant
 from backend.api.application import build_house, create_application
 from backend.api.dependencies import House
+from backend.api.throttle import LARGEST_BODY
 from backend.learning.errors import LearningError
 from backend.learning.oracles import path_length_m
 from backend.settings import Settings
@@ -75,6 +78,45 @@ def to_first_trial(client, token):
 def logged(house, code):
     with house.database.session() as s:
         return [e for e in s.scalars(select(Event).where(Event.kind == "refused")) if e.data["code"] == code]
+
+
+@contextmanager
+def limited_to(monkeypatch, name, limit):
+    with monkeypatch.context() as patched:
+        patched.setattr(participant, name, parse(limit))
+        yield
+
+
+def test_links_that_lead_nowhere_fill_no_log_and_shut_nobody_out(client, house, link, token, monkeypatch):
+    with limited_to(monkeypatch, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
+        answers = [client.get(f"/api/session/guess-{k}").status_code for k in range(3)]
+        answers += [client.get(f"/{where}/guess").status_code for where in ("join", "p", "api/session")]
+        assert answers == [404] * 3 + [429] * 3
+        assert len(logged(house, "unknown")) == 3
+        assert client.get(f"/join/{link}").status_code == 200  # somebody else behind the same address
+        assert client.get(f"/p/{token}").status_code == 200
+
+
+def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, house, link, token, monkeypatch):
+    def noticed():
+        return client.post(f"/api/session/{token}/events", json={"kind": "viewed", "data": {}}).status_code
+
+    with limited_to(monkeypatch, "JOINS_PER_ADDRESS", "2 per 1 minute"):
+        answers = [client.post(f"/join/{link}", data={"language": "en"}).status_code for _ in range(2)]
+    with limited_to(monkeypatch, "EVENTS_PER_SESSION", "2 per 1 minute"):
+        answers += [noticed() for _ in range(3)]
+    assert answers == [303, 303, 204, 204, 429]
+    with limited_to(monkeypatch, "JOINS_PER_ADDRESS", "2 per 1 minute"):
+        assert client.post(f"/join/{link}", data={"language": "en"}).status_code == 429
+    assert not logged(house, "too_many")
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_body_that_is_too_large_is_not_read(client, token, declared):
+    content = b"x" * (LARGEST_BODY + 1)
+    path = f"/api/session/{token}/problem"
+    answered = client.post(path, content=content if declared else iter([content[:1000], content[1000:]]))
+    assert (answered.status_code, answered.json()["error"]["code"]) == (413, "too_large")
 
 
 # ---- the link --------------------------------------------------------------------------------------------------------
