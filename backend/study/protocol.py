@@ -333,6 +333,8 @@ def _in_words(error: Any, model: type[BaseModel]) -> str:
             return f"must be at most {context['le']}"
         case "too_short" | "string_too_short":
             return "must not be empty"
+        case "int_parsing" | "int_type" | "int_from_float":
+            return "must be a whole number"
         case "string_pattern_mismatch":
             return f"must look like {context['pattern']}"
         case "value_error":
