@@ -69,11 +69,11 @@ def test_every_shipped_protocol_is_valid(file: Path):
             "did you mean study_room/queries_200",
         ),
         ("use: demographics", "use: demografics", "use:", "stages[2].questionnaire.use", "demografics", "no file"),
-        ("version: 1\n", "version: one\n", "version: 1", "version", "one", "valid integer"),
+        ("version: 1\n", "version: one\n", "version: 1", "version", "one", "a whole number"),
         ("languages: [en, de]", "languages: [en, fr]", "title:", "title", None, "no text for fr"),
         ("texts/consent.md", "../consent.md", "consent:", "stages[1].consent.text", "../consent.md", "without '..'"),
         ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
-        ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "valid integer"),
+        ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
         ("arms: [base, own]", "arms: [own, base]", "comparison:", "stages[6].comparison.arms[0]", "own", "base"),
     ],
 )
