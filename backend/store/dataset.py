@@ -88,7 +88,12 @@ SESSIONS = Table(
         Column("plan", TEXT, "the steps in the order they were planned", json=True),
         Column("position", WHOLE, "index of the step reached, from 0"),
         Column("device", TEXT, "screen and input of the device, as far as the page told", json=True),
-        Column("personalisation", TEXT, "why the comparison with the own policy was or was not shown"),
+        Column(
+            "personalisation",
+            TEXT,
+            "whether the comparison with the own policy was shown, and why not: shown, too_few_answers, job_failed, "
+            "late, gate_not_passed, no_scenes",
+        ),
         Column("created_at", MOMENT, "when the session was made"),
         Column("started_at", MOMENT, "when the first step was begun"),
         Column("finished_at", MOMENT, "when it ended; empty if it did not"),

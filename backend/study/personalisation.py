@@ -76,7 +76,8 @@ def job_of(s: DatabaseSession, session: Session) -> Job | None:
 def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: datetime) -> str | None:
     """How the alignment stands for somebody who waits: None means not ready and still worth waiting for.
 
-    Else: shown, job_failed, late, gate_not_passed, too_few_answers.
+    Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_scenes (a policy that
+    passed the gate, but no scene in which both drives can be shown).
     """
     if session.personalisation is not None:
         return session.personalisation
@@ -87,7 +88,7 @@ def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: da
         result = job.result or {}
         if not result.get("passed"):
             return "gate_not_passed"
-        return "shown" if result.get("comparisons") else "job_failed"
+        return "shown" if result.get("comparisons") else "no_scenes"
     if job.state in ("failed", "cancelled", "cancelling"):
         return "job_failed"
     last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))

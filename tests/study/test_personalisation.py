@@ -98,7 +98,7 @@ def test_fewer_pairs_than_planned_are_shown_and_the_guess_is_about_the_last_of_t
     ("job", "outcome"),
     [
         ({"passed": False}, "gate_not_passed"),
-        ({"comparisons": 0}, "job_failed"),
+        ({"comparisons": 0}, "no_scenes"),
         ({"state": "failed"}, "job_failed"),
         ({"state": "cancelled"}, "job_failed"),
     ],
