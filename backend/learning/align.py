@@ -42,7 +42,7 @@ class AlignConfig:
     max_weight: float = 1.0  # refine: the weight never begins higher; spec 06's own for the open field
     time_cost: float = 0.1  # refine: per step, ours: waiting far from the person must not be free
     weight_up: float = 1.15  # refine, weight None: factor after a checkpoint that lost almost no success (ours)
-    weight_down: float = 0.65  # ... and after one that lost too much to be chosen and is not recovering (ours)
+    weight_down: float = 0.65  # ... and after one that lost too much to be chosen: back to the last good one (ours)
     almost_no_loss: float = 0.01
     penalty_cap: float = 4.0  # refine: R' = clip((R - q98) / std, -cap, 0)
     updates: int = 8_000
@@ -61,7 +61,7 @@ class AlignConfig:
     online_exploration: tuple[float, float] = (0.05, 0.4)
     selection_scenes: int = 400
     min_success: float = 0.94  # a checkpoint below is not chosen while another reaches it ...
-    max_selection_loss: float = 0.02  # ... nor one that loses more than this against the base policy (ours)
+    max_selection_loss: float = 0.025  # ... nor one that loses more than this against the base policy (ours)
     gate_scenes: int = 500
     gate_max_loss: float = 0.05  # may lose this much success against the base policy on the same scenes ...
     gate_min_success: float = 0.90  # ... and must reach this
@@ -122,7 +122,6 @@ class PreferenceReward:
         raw = self._raw(replay)
         self._mean, self._std = float(raw.mean()), float(raw.std()) + 1e-6
         self._top = float(np.quantile(raw, 0.98))
-        self._last_success = 1.0
         self.weight = config.preference_weight if config.preference_weight is not None else self._fair_weight(base)
 
     def _fair_weight(self, base: Policy) -> float:
@@ -173,11 +172,7 @@ class PreferenceReward:
         config = self._config
         if config.recipe == "thesis" or config.preference_weight is not None:
             return
-        recovering = success > self._last_success + config.almost_no_loss
-        self._last_success = success
         if success < enough_success(base_success, config):
-            if recovering:
-                return
             self.weight *= config.weight_down
         elif success >= base_success - config.almost_no_loss:
             self.weight *= config.weight_up
@@ -248,6 +243,7 @@ def align(
     sampler = torch.Generator().manual_seed(config.seed)
     policies: list[Policy] = []
     history: list[dict[str, float]] = []
+    last_good = agent.remember()
     for update in range(1, config.updates + 1):
         batch = replay.sample(config.batch_size - n_online, sampler)
         if n_online:
@@ -264,6 +260,10 @@ def align(
             history.append({"updates": update, "preference_weight": reward.weight} | summary)
             on_progress(update / config.updates, history[-1])
             reward.adapt(summary["success_rate"], base_success)
+            if summary["success_rate"] >= enough_success(base_success, config):
+                last_good = agent.remember()
+            elif config.recipe == "refine":
+                agent.go_back(last_good)
             for buffer in buffers:
                 buffer.reweigh()
             if checkpoint_folder is not None:

@@ -7,9 +7,10 @@ Interaction with environments lives in `collect.py`.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -72,6 +73,13 @@ def actor_loss(observations: Tensor, actor: list[Layer], critic: list[Layer], te
     return loss if term is None else loss + term(observations, actions)
 
 
+class Memory(NamedTuple):
+    """An agent's weights (actor, critic, their targets) and optimiser states at one moment."""
+
+    flats: list[Tensor]
+    optimisers: list[dict[str, Any]]
+
+
 class Td3Agent:
     """One actor, one two-headed critic, their targets and optimisers."""
 
@@ -94,9 +102,28 @@ class Td3Agent:
         self.actor_target.flat.copy_(self.actor.flat)
         self.critic_target.flat.copy_(self.critic.flat)
 
+    def remember(self) -> Memory:
+        """Everything that learning has changed, to `go_back` to."""
+        flats = [parameters.flat.detach().clone() for parameters in self._parameters()]
+        return Memory(flats, [copy.deepcopy(optimiser.state_dict()) for optimiser in self._optimisers()])
+
+    def go_back(self, memory: Memory) -> None:
+        """Be as at `remember`; the count of updates and the random stream go on."""
+        with torch.no_grad():
+            for parameters, flat in zip(self._parameters(), memory.flats, strict=True):
+                parameters.flat.copy_(flat)
+        for optimiser, state in zip(self._optimisers(), memory.optimisers, strict=True):
+            optimiser.load_state_dict(copy.deepcopy(state))
+
+    def _parameters(self) -> tuple[Parameters, ...]:
+        return self.actor, self.critic, self.actor_target, self.critic_target
+
+    def _optimisers(self) -> tuple[torch.optim.Adam, ...]:
+        return self.actor_optimiser, self.critic_optimiser
+
     def set_learning_rate(self, learning_rate: float) -> None:
         """Change both optimisers' step size from the next update on."""
-        for optimiser in (self.actor_optimiser, self.critic_optimiser):
+        for optimiser in self._optimisers():
             optimiser.param_groups[0]["lr"] = learning_rate
 
     def update(self, batch: Batch, term: ActorTerm | None = None) -> None:

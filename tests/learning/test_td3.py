@@ -105,3 +105,23 @@ def test_weights_of_another_shape_are_refused() -> None:
     large = Parameters(NetworkShape.of(STUDY_ROOM).actor_layers(), trainable=False)
     with pytest.raises(ValueError, match="this network needs"):
         small.load_arrays(large.to_arrays())
+
+
+def test_an_agent_goes_back_to_what_it_remembers_and_learns_on_the_same_way() -> None:
+    torch.set_num_threads(1)
+    agent = Td3Agent(NetworkShape.of(OPEN_FIELD), Td3Config(gamma=0.97, batch_size=32), seed=1)
+    batches = [random_batch(OPEN_FIELD, 32, seed) for seed in range(6)]
+    for batch in batches[:2]:
+        agent.update(batch)
+    memory, noise = agent.remember(), agent.generator.get_state()
+
+    def four_updates_more() -> torch.Tensor:
+        agent.generator.set_state(noise)
+        for batch in batches[2:]:
+            agent.update(batch)
+        return agent.actor.flat.detach().clone()
+
+    first = four_updates_more()
+    agent.go_back(memory)
+    assert not torch.equal(agent.actor.flat, first)
+    torch.testing.assert_close(four_updates_more(), first, rtol=0, atol=0)
