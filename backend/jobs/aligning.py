@@ -19,6 +19,7 @@ from backend.jobs.context import JobContext
 from backend.jobs.kinds import AlignParams, Params, RewardModelParams
 from backend.learning.align import AlignConfig, thesis_config
 from backend.learning.align import align as learn_policy
+from backend.learning.artefacts import DEPARTURES
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import wilson
 from backend.learning.policy import Policy
@@ -139,6 +140,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
             "select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed),
             "gate": describe(Purpose.GATE, config.gate_scenes, params.seed),
         },
+        departures=[DEPARTURES["refine"]] if params.recipe == "refine" else [],
     )
     context.progress(0.93)
     comparisons = []

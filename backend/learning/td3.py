@@ -1,7 +1,7 @@
 """TD3 (Fujimoto et al. 2018) on flat parameters: the update that base training, ensemble and alignment share.
 
 Same algorithm and equations as Stable-Baselines3's TD3 (`tests/learning/test_td3.py` holds one update equal to 1e-5);
-owned because one update costs less than half of SB3's time on one thread (`benchmark.py` measures both).
+owned for speed on one thread; `desirepath benchmark train` measures both.
 Interaction with environments lives in `collect.py`.
 """
 
