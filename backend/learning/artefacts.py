@@ -16,7 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
     "alignment reward, no ensemble training and no evaluation.",
-    "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained here.",
+    "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "
+    "here.",
     "environments": "Many environments in a fast kinematic engine instead of one in iGibson; updates per step differ.",
     "average": "The kept weights are the best of several checkpoints, as they are or averaged over recent updates, "
     "chosen on scenes that no reported number uses.",
