@@ -17,7 +17,7 @@ from rich.console import Console
 
 from backend.commands.output import JsonFlag, plain_errors, say
 from backend.commands.study import open_store
-from backend.store.artefacts import ArtefactStore
+from backend.store.artefacts import SHA256, ArtefactStore
 from backend.store.database import Database
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
@@ -125,7 +125,7 @@ def evaluate(
         found = load_policy(policy)
     else:
         _, files = open_store()
-        if not files.exists(policy):
+        if not SHA256.fullmatch(policy) or not files.exists(policy):
             raise LookupError(f"no policy {policy!r}: neither an id, a file nor shipped ({', '.join(shipped_names())})")
         found = Policy.from_bytes(files.get(policy))
     say(evaluate_policy(found, n=scenes, seed=seed, engine=engine), as_json)
