@@ -326,6 +326,8 @@ def _in_words(error: Any, model: type[BaseModel]) -> str:
             return f"is not a key that is known here; allowed: {', '.join(allowed)}{_meant(error['loc'][-1], allowed)}"
         case "literal_error":
             allowed = [word.strip("' ") for word in context["expected"].replace(" or ", ", ").split(",")]
+            if len(allowed) == 1:
+                return f"must be {allowed[0]}, the only value there is"
             return f"must be one of {', '.join(allowed)}{_meant(given, allowed)}"
         case "greater_than_equal":
             return f"must be at least {context['ge']}"

@@ -75,6 +75,7 @@ def test_every_shipped_protocol_is_valid(file: Path):
         ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
         ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
         ("arms: [base, own]", "arms: [own, base]", "comparison:", "stages[6].comparison.arms[0]", "own", "base"),
+        ("scheme: random", "scheme: balanced", "assignment:", "assignment.scheme", "balanced", "the only value"),
     ],
 )
 def test_an_error_names_file_line_field_value_and_what_is_allowed(tmp_path, old, new, line, field, value, says):
