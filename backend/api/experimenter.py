@@ -16,7 +16,7 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 
 from backend.api import new_study, preview, settings_pages, study_rows
 from backend.api.auth import CheckedCsrf, SignedIn, checked_csrf
-from backend.api.dependencies import Db, Files, house, public_url
+from backend.api.dependencies import Db, Files, contact, house, public_url
 from backend.api.lab import LabRefusal, lab_page
 from backend.api.preview import first_steps
 from backend.api.study_report import study_report
@@ -304,7 +304,8 @@ def recruit(request: Request, study_id: str, database: Db) -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
         link = f"{public_url(request)}/join/{study.recruiting_token}"
-        return _tab(request, study, "recruit", link=link, loopback=_is_loopback(link))
+        helper = thaw(study).protocol.contact or contact(request)
+        return _tab(request, study, "recruit", link=link, loopback=_is_loopback(link), contact=helper)
 
 
 @router.post("/lab/studies/{study_id}/state")

@@ -258,6 +258,8 @@ def _context(request: Request, s: DatabaseSession, session: Session, token: str)
         "token": token,
         "study_title": frozen.title(session.language),
         "contact": frozen.protocol.contact or contact(request),
+        "code": s.get_one(Participant, session.participant_id).code,
+        "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
         "step": view,
         "state": _state(request, session, view),
         "expires_at": session.expires_at,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from app.stage import Stage
     from app.views import View
 
-EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's completion code will
+EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's own and completion code will
 ON_STAGE = ("trial", "comparison")
 
 router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
@@ -148,6 +148,7 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
         steps=steps,
         languages=languages,
         study_title=frozen.title(language),
+        code=f"P-{EXAMPLE_CODE}",
         contact=frozen.protocol.contact or contact(request),
         back=back,
         here=request.url.path.rsplit("/", 1)[0],

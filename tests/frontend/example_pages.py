@@ -114,12 +114,14 @@ def example_application() -> FastAPI:
 
     @application.get("/help")
     def help_page(request: Request, language: str = "en") -> Response:
-        return page(request, "participant/help.html", language, study_title=TITLE, token="x", expires_at=WHEN)
+        context = {"token": "x", "expires_at": WHEN, "looks_around": True}
+        return page(request, "participant/help.html", language, study_title=TITLE, **context)
 
     @application.get("/step/{kind}")
     def step(request: Request, kind: str, language: str = "en") -> Response:
         shown = ExampleStep(kind, f"05-{kind}", 5, 24, STEPS[kind])
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
+        context |= {"code": "P-4F7K", "looks_around": True}
         return page(request, "participant/session.html", language, study_title=TITLE, **context)
 
     @application.get("/api/session/{kind}")

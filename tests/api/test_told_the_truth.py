@@ -1,0 +1,92 @@
+"""What people are told about what is stored, and their own code: the pages say what the house then does."""
+
+from __future__ import annotations
+
+import re
+from uuid import uuid4
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+
+from backend.api.participant import DEVICE_FIELDS
+from backend.store.models import Participant, Response, Session, Study
+from tests.api.lab_house import VALUES
+
+
+@pytest.fixture
+def link(lab_house, walked):
+    with lab_house.database.session() as s:
+        return f"/join/{s.get_one(Study, walked.id).recruiting_token}"
+
+
+def joined(visitor: TestClient, link: str) -> str:
+    device = '{"width": 1024, "height": 700, "webgl": true, "browser": "Firefox"}'
+    answered = visitor.post(link, data={"language": "en", "device": device})
+    return answered.headers["location"].removeprefix("/p/")
+
+
+def newest(s):
+    return s.scalars(select(Session).order_by(Session.created_at.desc())).first()
+
+
+def submit(client, token, key):
+    body = {"request_id": uuid4().hex, "value": VALUES[key]}
+    return client.post(f"/api/session/{token}/steps/{key}", json=body)
+
+
+def test_continue_stores_a_code_and_the_window_as_the_first_page_says(visitor, link, lab_house):
+    told = visitor.get(link).text
+    assert "random code and notes your language, the size of your window" in told
+    assert "Nothing is stored" not in told
+    assert "recruiting service" not in told
+    assert "The number that the recruiting service has" in visitor.get(f"{link}?PROLIFIC_PID=p1").text
+    joined(visitor, link)
+    with lab_house.database.session() as s:
+        assert newest(s).device == {"width": 1024, "height": 700, "webgl": True}
+        assert set(newest(s).device) <= set(DEVICE_FIELDS)
+
+
+def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(visitor, link, lab_house):
+    token = joined(visitor, link)
+    assert submit(visitor, token, "information").status_code == 200
+    assert submit(visitor, token, "demographics").status_code == 409
+    assert visitor.post(f"/api/session/{token}/withdraw", json={}).json()["state"] == "withdrawn"
+    with lab_house.database.session() as s:
+        session = newest(s)
+        assert (session.state, session.plan[session.position]["kind"]) == ("withdrawn", "consent")
+        person = s.get_one(Participant, session.participant_id)
+        assert person.withdrawn_at is not None
+        stored = s.scalars(select(Response).where(Response.session_id == session.id)).all()
+        assert [(one.step_key, one.value) for one in stored] == [("information", {})]
+    page = visitor.get(f"/p/{token}").text
+    assert f"Your code: {person.code}. Name it if you want your answers erased." in page
+
+
+def test_the_view_from_inside_is_explained_only_where_it_is_shown(visitor, link, lab_house):
+    token = joined(visitor, link)
+    inside = "In the view from inside the room"
+    for page in (f"/p/{token}", f"/p/{token}/help"):
+        assert inside not in visitor.get(page).text
+    with lab_house.database.transaction() as s:
+        session = newest(s)
+        session.plan = [step | {"view": "immersive"} if "view" in step else step for step in session.plan]
+    for page in (f"/p/{token}", f"/p/{token}/help"):
+        assert inside in visitor.get(page).text
+
+
+def test_the_debriefing_shows_the_own_code_apart_from_the_completion_code(lab, walked):
+    steps = lab.get(f"/lab/studies/{walked.id}/preview/1?language=en").text
+    last = int(re.findall(r"Preview 1 of (\d+)", steps)[0])
+    page = lab.get(f"/lab/studies/{walked.id}/preview/{last}?language=de").text
+    assert re.search(r'id="own-code">Ihr Code: P-EXAMPLE\.', page)
+    assert re.search(r'id="completion-code">EXAMPLE<', page)
+
+
+def test_recruit_reminds_of_a_contact_until_there_is_one(lab, walked):
+    page = f"/lab/studies/{walked.id}/recruit"
+    assert 'id="no-contact"' in lab.get(page).text
+    csrf = re.search(r'name="csrf" value="([^"]+)"', lab.get("/lab/settings").text).group(1)
+    form = {"csrf": csrf, "public_url": "", "help_contact": "Ada, ada@example.org"}
+    assert lab.post("/lab/settings", data=form).status_code == 303
+    assert 'id="no-contact"' not in lab.get(page).text
