@@ -111,6 +111,7 @@ async function arrive() {
 
 /** Brings the step in `#step` to life. */
 function mount() {
+  announce(""); // what was said about the step before is no news about this one
   trial?.leave();
   trial = null;
   wait = null;
@@ -343,6 +344,7 @@ function showBanner(text, forMs) {
 /** Another window has taken over: this one rests, and offers to take over again. */
 function moveOut() {
   elsewhere = true;
+  announce("");
   trial?.leave();
   trial = null;
   stream?.close();
