@@ -26,6 +26,8 @@ FEATURE_NAMES = (
     "time",
     "distance to goal",
 )
+CLOSENESS = np.array([" within " in name for name in FEATURE_NAMES])
+"""(9,) bool: the features that say how near something was."""
 PERSON_RADIUS_M = Person(Pose(0, 0)).radius
 MASK_MARGIN_RAD = 0.05
 

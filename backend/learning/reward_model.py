@@ -11,15 +11,15 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
-from backend.learning.features import FEATURE_NAMES, step_features
+from backend.learning.features import CLOSENESS, FEATURE_NAMES, step_features
 from backend.learning.preferences import Preference, usable
-from backend.simulation.setups import get_setup
+from backend.simulation.setups import Setup, get_setup
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -47,7 +47,13 @@ class RewardModel(Protocol):
 
 
 def trajectory_reward(model: RewardModel, trajectory: Trajectory) -> float:
-    """Sum or mean (the model's reduction) of the predicted rewards of a drive."""
+    """What the model thinks of a whole drive; of two, the one with more is predicted to be chosen.
+
+    Sum or mean (the model's reduction) of the predicted rewards; the linear model judges nearness by its worst moment.
+    """
+    if isinstance(model, LinearRewardModel):
+        judged = drive_features(trajectory, get_setup(model.setup), model.reduction).as_judged
+        return float(judged @ model.drive_weights)
     steps = model.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
     return float(steps.sum() if model.reduction == "sum" else steps.mean())
 
@@ -63,6 +69,22 @@ def bradley_terry_gradient(advantages: Doubles) -> Doubles:
     return gradient
 
 
+class DriveFeatures(NamedTuple):
+    """(9,) each. by_steps: sum or mean over the steps, as a policy collects them. as_judged: as a person compares two
+    drives: nearness to person and obstacles by its worst moment, everything else over the steps."""
+
+    by_steps: Doubles
+    as_judged: Doubles
+
+
+def drive_features(trajectory: Trajectory, setup: Setup, reduction: Reduction) -> DriveFeatures:
+    """The features of a whole drive. The worst moment is ours: with the sum alone, 15 answers of the minimum-distance
+    oracle predicted 79 % of other answers in the study room, with it 91 % (40 draws from the shipped queries)."""
+    steps = step_features(trajectory.actions, trajectory.next_observations, setup).astype(np.float64)
+    by_steps: Doubles = steps.sum(0) if reduction == "sum" else steps.mean(0)
+    return DriveFeatures(by_steps, np.where(CLOSENESS, steps.min(0), by_steps))
+
+
 @dataclass(frozen=True)
 class LinearConfig:
     """Ours (spec 06): prior standard deviation of the standardised weights, and how a drive's steps are reduced."""
@@ -70,16 +92,22 @@ class LinearConfig:
     reduction: Reduction = "sum"
     prior_std: float = 1.0
     scale_floor: float = 0.25  # of a summed feature: a smaller difference between two drives is an accident
+    closeness_floor: float = 0.05  # the same for how close the closest moment of a drive was
     iterations: int = 3_000
 
 
 @dataclass(frozen=True)
 class LinearRewardModel:
-    """weights: (9,) float32 per feature, >= 0, in the order of FEATURE_NAMES; standardised: the same in units of the
-    features' typical differences between two drives, comparable with each other."""
+    """All (9,) float32, >= 0, in the order of FEATURE_NAMES.
+
+    weights: of the features of one step, what a policy is rewarded by. drive_weights: of the features of a whole drive
+    (`drive_features`), what predicts an answer. standardised: both in units of the features' typical differences
+    between two drives, comparable with each other.
+    """
 
     setup: str
     weights: Floats
+    drive_weights: Floats
     standardised: Floats
     reduction: Reduction = "sum"
 
@@ -95,12 +123,16 @@ class LinearRewardModel:
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
         meta: dict[str, object] = {"kind": "linear", "setup": self.setup, "reduction": self.reduction}
-        return meta, {"weights": self.weights, "standardised": self.standardised}
+        return meta, {
+            "weights": self.weights,
+            "drive_weights": self.drive_weights,
+            "standardised": self.standardised,
+        }
 
     @classmethod
     def from_arrays(cls, meta: dict[str, str], arrays: dict[str, Floats]) -> LinearRewardModel:
         reduction: Reduction = "mean" if meta["reduction"] == "mean" else "sum"
-        return cls(meta["setup"], arrays["weights"], arrays["standardised"], reduction)
+        return cls(meta["setup"], arrays["weights"], arrays["drive_weights"], arrays["standardised"], reduction)
 
 
 def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = None) -> LinearRewardModel:
@@ -113,15 +145,14 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
     config = config or LinearConfig()
     setup, kept = usable(preferences)
 
-    def reduced(trajectory: Trajectory) -> Doubles:
-        steps = step_features(trajectory.actions, trajectory.next_observations, setup).astype(np.float64)
-        total: Doubles = steps.sum(0) if config.reduction == "sum" else steps.mean(0)
-        return total
-
-    differences = np.stack([reduced(p.chosen) - reduced(p.rejected) for p in kept])
+    pairs = [[drive_features(drive, setup, config.reduction) for drive in (p.chosen, p.rejected)] for p in kept]
+    differences = np.stack([chosen.as_judged - rejected.as_judged for chosen, rejected in pairs])
+    by_steps = np.stack([chosen.by_steps - rejected.by_steps for chosen, rejected in pairs])
     mean_steps = np.mean([len(drive.actions) for p in kept for drive in (p.chosen, p.rejected)])
     floor = config.scale_floor if config.reduction == "sum" else config.scale_floor / mean_steps
-    scale = np.sqrt(np.square(differences).mean(0) + floor**2)
+    floors = np.where(CLOSENESS, config.closeness_floor, floor)
+    scale = np.sqrt(np.square(differences).mean(0) + floors**2)
+    step_scale = np.sqrt(np.square(by_steps).mean(0) + floor**2)
     x = differences / scale
     step = 1.0 / (0.25 * np.square(x).sum() + 1.0 / config.prior_std**2)
     w = np.full(x.shape[1], 0.1)
@@ -129,7 +160,11 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
         gradient = x.T @ bradley_terry_gradient(x @ w) + w / config.prior_std**2
         w = np.maximum(w - step * gradient, 0.0)
     return LinearRewardModel(
-        setup.name, (w / scale).astype(np.float32), w.astype(np.float32), reduction=config.reduction
+        setup.name,
+        (w / step_scale).astype(np.float32),
+        (w / scale).astype(np.float32),
+        w.astype(np.float32),
+        reduction=config.reduction,
     )
 
 
