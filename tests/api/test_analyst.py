@@ -274,9 +274,10 @@ def test_downloaded_policies_act_like_ours(analyst, worked, known, tmp_path):
     expected = ours.act(observations)
     (tmp_path / "policy.zip").write_bytes(analyst.get(f"/lab/policies/{known.base}/policy.zip").content)
     theirs = TD3.load(tmp_path / "policy.zip", device="cpu")
-    np.testing.assert_allclose(theirs.predict(observations, deterministic=True)[0], expected, atol=1e-5)
+    # float32 sums in another order: seven layers leave about 1e-5 where tanh is steep
+    np.testing.assert_allclose(theirs.predict(observations, deterministic=True)[0], expected, atol=3e-5)
     network = onnxruntime.InferenceSession(analyst.get(f"/lab/policies/{known.base}/policy.onnx").content)
-    np.testing.assert_allclose(network.run(None, {"observation": observations})[0], expected, atol=1e-5)
+    np.testing.assert_allclose(network.run(None, {"observation": observations})[0], expected, atol=3e-5)
     manifest = analyst.get(f"/lab/policies/{known.base}/manifest.json").json()
     assert len(manifest["observation"]["layout"]) == ours.shape.observation_size
     assert analyst.get(f"/lab/artefacts/{known.base}/content").content == worked.files.get(known.base)

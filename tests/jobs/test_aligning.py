@@ -84,7 +84,7 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):
 
 def test_policy_that_does_not_pass_the_gate_gets_no_comparison(house):
     params = AlignParams(
-        snapshot=snapshot_of(house, answers=3), **{**QUICK, "gate_least_success": 1.0, "gate_scenes": 200}
+        snapshot=snapshot_of(house, answers=3), **{**QUICK, "gate_least_success": 1.0, "gate_scenes": 2_000}
     )
     result = align(begin(house, "align", params.model_dump()), params)
     assert result["passed"] is False
