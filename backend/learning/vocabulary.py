@@ -1,0 +1,137 @@
+"""The vocabulary of what people may want of a robot's driving: nine objectives, each measured twice.
+
+Of a whole trajectory, as a person compares two (`measures`), and of one step, as a policy is rewarded (`step_terms`).
+How much each objective matters to somebody are preference weights: learned in `posterior.py`, driven by in
+`conditioned.py`. All ours (issue 3, spec 06 "Known limits").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.analysis import metrics
+from backend.learning.features import obstacle_clearance_m
+from backend.simulation.setups import Setup
+from backend.simulation.trajectory import Trajectory
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Objective:
+    """One thing that people may want more of.
+
+    measure: index into MEASURES of what it is judged by; sign: +1 wants more of that measure, -1 less.
+    """
+
+    name: str
+    measure: int
+    sign: int
+
+
+MEASURES = (
+    "min_human_distance_m",
+    "passing_side",
+    "min_clearance_m",
+    "path_length_m",
+    "accumulated_angle_rad",
+    "speed_near_person_m_s",
+    "time_s",
+)
+OBJECTIVES = (
+    Objective("farther", 0, +1),
+    Objective("closer", 0, -1),
+    Objective("person_on_left", 1, +1),
+    Objective("person_on_right", 1, -1),
+    Objective("clearance", 2, +1),
+    Objective("shorter", 3, -1),
+    Objective("smoother", 4, -1),
+    Objective("slower_near_person", 5, -1),
+    Objective("faster", 6, -1),
+)
+NAMES = tuple(objective.name for objective in OBJECTIVES)
+SIZE = len(OBJECTIVES)
+OPPOSITES = ((0, 1), (2, 3))
+"""Pairs of objectives that nobody wants at once."""
+MIRRORED = np.array([0, 1, 3, 2, 4, 5, 6, 7, 8])
+"""weights[MIRRORED]: the same wants in a world with left and right exchanged."""
+
+NEAR_PERSON_M = 2.0
+NEAREST_BAND_M = 0.5
+CLEARANCE_CAP_M = 0.8  # spec 06: farther than this from obstacles is no better
+CLOSE_ENOUGH_M = 0.7  # "closer" never pays for less: 0.48 m is contact
+SIDE_RANGE_M = 3.0
+
+
+def measures(trajectories: Sequence[Trajectory]) -> Doubles:
+    """(n, 7) in the order of MEASURES, each trajectory judged as a whole.
+
+    passing_side: sine of the person's bearing at the closest approach, +1 straight to the robot's left.
+    speed_near_person: mean speed (m/s) while within 2 m of the person, or within 0.5 m of the closest approach where
+    the robot stays farther away. min_clearance is capped at 0.8 m. Raises ValueError for none.
+    """
+    measured = metrics.measure(trajectories)
+    sides, speeds = np.array([_near_person(trajectory) for trajectory in trajectories]).T
+    return np.stack(
+        [
+            measured.min_human_distance,
+            sides,
+            np.minimum(measured.min_obstacle_distance, CLEARANCE_CAP_M),
+            measured.path_length,
+            measured.accumulated_angle,
+            speeds,
+            measured.time,
+        ],
+        axis=1,
+    )
+
+
+def _near_person(trajectory: Trajectory) -> tuple[float, float]:
+    """passing_side and speed_near_person of one trajectory."""
+    poses, person = trajectory.poses.astype(np.float64), trajectory.scene.person.pose
+    offsets = np.array([person.x, person.y]) - poses[:, :2]
+    distances = np.linalg.norm(offsets, axis=1)
+    nearest = int(distances.argmin())
+    bearing = math.atan2(offsets[nearest, 1], offsets[nearest, 0]) - poses[nearest, 2]
+    near = distances[1:] <= max(NEAR_PERSON_M, distances[1:].min() + NEAREST_BAND_M)
+    speeds = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / trajectory.dt
+    return math.sin(bearing), float(speeds[near].mean())
+
+
+def gains(differences: Doubles) -> Doubles:
+    """(n, 7) differences of measures -> (n, 9): how much better for each objective, in the measure's unit."""
+    columns = [objective.measure for objective in OBJECTIVES]
+    signs = np.array([objective.sign for objective in OBJECTIVES], dtype=np.float64)
+    better: Doubles = differences[:, columns] * signs
+    return better
+
+
+def step_terms(actions: Floats, next_observations: Floats, setup: Setup) -> Floats:
+    """(n, 9) float32 in the order of OBJECTIVES, each in [-1, 0], of the states that the steps led to.
+
+    A reward <= 0 never pays for waiting (spec 06); zero is "nothing to complain".
+    """
+    person_m = next_observations[:, 2] * np.float32(setup.distance_scale_m)
+    on_left = np.sin(next_observations[:, 3] * np.float32(math.pi))
+    beside = np.clip(1 - person_m / SIDE_RANGE_M, 0, 1)
+    clearance_m = obstacle_clearance_m(next_observations, setup)
+    speed = (np.clip(actions[:, 0], -1, 1) + 1) / 2
+    near = np.clip((NEAR_PERSON_M + 0.5 - person_m) / 0.5, 0, 1)
+    terms = [
+        -np.square(np.clip(1 - person_m / 4.0, 0, 1)),
+        -np.clip((person_m - CLOSE_ENOUGH_M) / 4.0, 0, 1),
+        -beside * np.clip(-on_left, 0, 1),
+        -beside * np.clip(on_left, 0, 1),
+        -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1)),
+        -speed,
+        -np.abs(np.clip(actions[:, 1], -1, 1)),
+        -near * np.square(speed),
+        np.full(len(actions), -1.0),
+    ]
+    return np.stack(terms, axis=1).astype(np.float32)
