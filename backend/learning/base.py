@@ -13,10 +13,11 @@ from typing import Any
 import torch
 
 from backend.analysis.metrics import collision_rate, success_rate
-from backend.learning.networks import FAST_HEADS, NetworkShape, use_one_thread
+from backend.learning.networks import use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
 from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.shape import FAST_HEADS, NetworkShape
 from backend.learning.td3 import Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup

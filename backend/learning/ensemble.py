@@ -17,10 +17,11 @@ from torch import Tensor
 from backend.analysis.metrics import action_diversity, success_rate
 from backend.learning.base import OnProgress, no_progress, policy_of
 from backend.learning.errors import LearningError
-from backend.learning.networks import ACTION_SIZE, actor_forward, use_one_thread
+from backend.learning.networks import actor_forward, use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer, collect
 from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.shape import ACTION_SIZE
 from backend.learning.td3 import Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same

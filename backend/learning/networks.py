@@ -1,27 +1,18 @@
 """Actor and critic of chapter 6: two feature extractors (task part, lidar part), joined, then two hidden layers.
 
-Here live shapes, parameters and forward passes in torch. How they are trained lives in `td3.py`, how a finished
-actor is carried around lives in `policy.py`.
+Here live parameters and forward passes in torch. Their sizes live in `shape.py`, how they are trained in `td3.py`, how
+a finished actor is carried around in `policy.py`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-
-from backend.simulation.setups import Setup
-
-ACTION_SIZE = 2
-THESIS_HEADS = (400, 300)  # ch. 6.3.2.1: 128 x 400 x 300 x (1, 2)
-FAST_HEADS = (128, 128)  # ours (spec 06): the fast default where the card shows equal success
-EXTRACTOR_WIDTH = 64  # ch. 6.3.2.1
 
 Layer = tuple[Tensor, Tensor]
 
@@ -29,52 +20,6 @@ Layer = tuple[Tensor, Tensor]
 def use_one_thread() -> None:
     """One torch thread for this process: these networks are so small that a second thread makes them slower."""
     torch.set_num_threads(1)
-
-
-@dataclass(frozen=True)
-class NetworkShape:
-    """Sizes of the actor and the critic of one setup."""
-
-    task_inputs: int
-    lidar_inputs: int
-    extractor: int = EXTRACTOR_WIDTH
-    heads: tuple[int, int] = FAST_HEADS
-
-    @classmethod
-    def of(cls, setup: Setup, heads: tuple[int, int] = FAST_HEADS) -> NetworkShape:
-        """The shape that reads this setup's observation."""
-        return cls(task_inputs=setup.polar_size, lidar_inputs=setup.lidar.sectors, heads=heads)
-
-    @property
-    def observation_size(self) -> int:
-        return self.task_inputs + self.lidar_inputs
-
-    def _extractors(self) -> list[tuple[int, int]]:
-        width = self.extractor
-        return [(self.task_inputs, width), (width, width), (self.lidar_inputs, width), (width, width)]
-
-    def _head(self, inputs: int, outputs: int) -> list[tuple[int, int]]:
-        return [(inputs, self.heads[0]), (self.heads[0], self.heads[1]), (self.heads[1], outputs)]
-
-    def actor_layers(self) -> list[tuple[int, int]]:
-        """(inputs, outputs) of the actor's seven linear layers: task, task, lidar, lidar, three of the head."""
-        return self._extractors() + self._head(2 * self.extractor, ACTION_SIZE)
-
-    def critic_layers(self, n_heads: int = 2) -> list[tuple[int, int]]:
-        """The same for the critic: the action joins after the extractors, then `n_heads` heads with one output."""
-        return self._extractors() + n_heads * self._head(2 * self.extractor + ACTION_SIZE, 1)
-
-    def as_dict(self) -> dict[str, Any]:
-        return {
-            "task_inputs": self.task_inputs,
-            "lidar_inputs": self.lidar_inputs,
-            "extractor": self.extractor,
-            "heads": list(self.heads),
-        }
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> NetworkShape:
-        return cls(data["task_inputs"], data["lidar_inputs"], data["extractor"], (data["heads"][0], data["heads"][1]))
 
 
 class Parameters:

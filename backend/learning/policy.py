@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.networks import NetworkShape
+from backend.learning.shape import NetworkShape
 from backend.simulation.setups import Setup, SetupError, get_setup, require_same
 
 Floats = NDArray[np.float32]

@@ -14,9 +14,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from backend.learning.networks import FAST_HEADS, NetworkShape, Parameters, critic_forward, use_one_thread
+from backend.learning.networks import Parameters, critic_forward, use_one_thread
 from backend.learning.preferences import Preference, usable
 from backend.learning.reward_model import Reduction
+from backend.learning.shape import FAST_HEADS, NetworkShape
 
 Floats = NDArray[np.float32]
 

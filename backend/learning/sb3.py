@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from stable_baselines3 import TD3
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from backend.learning.networks import NetworkShape
 from backend.learning.policy import Policy
 from backend.learning.sb3_extractor import TwoBranchExtractor
+from backend.learning.shape import NetworkShape
 from backend.learning.td3 import Td3Config
 from backend.simulation.environments import action_space, observation_space
 from backend.simulation.setups import Setup, get_setup

@@ -17,7 +17,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from backend.learning.networks import Layer, NetworkShape, Parameters, actor_forward, critic_forward
+from backend.learning.networks import Layer, Parameters, actor_forward, critic_forward
+from backend.learning.shape import NetworkShape
 
 ActorTerm = Callable[[Tensor, Tensor], Tensor]
 """(observations (n, obs), this actor's actions (n, 2)) -> scalar that is added to the actor's loss."""

@@ -18,9 +18,9 @@ from stable_baselines3 import TD3
 from backend.learning.base import BaseResult
 from backend.learning.ensemble import agent_of
 from backend.learning.export import policy_to_onnx, policy_to_sb3_zip
-from backend.learning.networks import THESIS_HEADS, NetworkShape
 from backend.learning.policy import Policy, PolicyError
 from backend.learning.sb3 import policy_of_sb3
+from backend.learning.shape import THESIS_HEADS, NetworkShape
 from backend.learning.shipped import load_policy
 from backend.learning.td3 import Td3Config
 from backend.simulation.fast import FastEngine
