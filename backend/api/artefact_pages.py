@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, Depends, Request
 from markupsafe import Markup
@@ -28,7 +28,7 @@ from backend.store.events import log_event
 from backend.store.models import Artefact, ArtefactParent, Job, Participant, Study
 from backend.store.models import Response as Answered
 from backend.store.models import Session as SessionRow
-from backend.store.snapshots import Snapshot, SnapshotError, take_snapshot
+from backend.store.snapshots import Snapshot, SnapshotError, Whose, checked_whose, take_snapshot
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
@@ -43,8 +43,9 @@ def snapshots(request: Request, database: Db) -> Response:
 def take(
     request: Request, database: Db, files: Files, user: CheckedCsrf, form: Annotated[FormData, Depends(posted)]
 ) -> Response:
-    """Freeze the answers of a study, or of one of its participants; 422 if there are too few."""
+    """Freeze the answers of a study's people, of simulated participants or of one of them; 422 if there are too few."""
     study_id, code = str(form.get("study") or ""), str(form.get("participant") or "").strip()
+    whose = str(form.get("answers") or "people")
     try:
         with database.transaction() as s:
             study = s.get(Study, study_id)
@@ -56,11 +57,13 @@ def take(
                 chosen = list(s.scalars(wanted))
                 if not chosen:
                     raise SnapshotError(f"this study has no participant {code!r}")
-            taken = take_snapshot(s, files, study_id=study_id, participant_ids=chosen)
-            log_event(s, "snapshot_taken", study_id=study_id, snapshot=taken.id, by=user.name)
+            taken = take_snapshot(s, files, study_id=study_id, participant_ids=chosen, whose=checked_whose(whose))
+            log_event(s, "snapshot_taken", study_id=study_id, snapshot=taken.id, whose=whose, by=user.name)
     except SnapshotError as problem:
         with database.session() as s:
-            return _snapshots_page(request, s, problem=str(problem), study=study_id, participant=code, status=422)
+            return _snapshots_page(
+                request, s, problem=str(problem), study=study_id, participant=code, whose=whose, status=422
+            )
     return RedirectResponse(f"/lab/snapshots/{taken.id}", status_code=303)
 
 
@@ -297,6 +300,7 @@ def _snapshots_page(
     problem: str | None = None,
     study: str = "",
     participant: str = "",
+    whose: str = "people",
     status: int = 200,
 ) -> Response:
     found = list(s.scalars(select(Artefact).where(Artefact.kind == "snapshot").order_by(Artefact.created_at.desc())))
@@ -311,6 +315,8 @@ def _snapshots_page(
         problem=problem,
         chosen_study=study or request.query_params.get("study", ""),
         chosen_participant=participant or request.query_params.get("participant", ""),
+        chosen_whose=whose,
+        all_whose=get_args(Whose),
     )
 
 

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from backend.commands.output import JsonFlag, plain_errors, say
 from backend.commands.study import open_store
-from backend.store.artefacts import SHA256, ArtefactStore
+from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
@@ -26,6 +26,11 @@ queries = typer.Typer(help="Make queries.", no_args_is_help=True)
 SetFlag = Annotated[list[str] | None, typer.Option("--set", help="Any other parameter of the job, as name=value.")]
 OutFlag = Annotated[Path | None, typer.Option(help="Also write the result to this file.")]
 SeedFlag = Annotated[int, typer.Option(help="Seed of everything random.")]
+StudyFlag = Annotated[str | None, typer.Option(help="Id of a study: a snapshot of its answers is taken.")]
+SnapshotFlag = Annotated[str | None, typer.Option(help="Id of a snapshot.")]
+AnswersFlag = Annotated[
+    str | None, typer.Option(help="With --study, whose answers: people (default), simulated or all.")
+]
 WORKER_PATIENCE_S = 3.0
 
 
@@ -64,24 +69,25 @@ def ensemble(
 @train.command("reward-model")
 @plain_errors
 def reward_model(
-    study: Annotated[str | None, typer.Option(help="Id of a study: a snapshot of all its answers is taken.")] = None,
-    snapshot: Annotated[str | None, typer.Option(help="Id of a snapshot.")] = None,
+    study: StudyFlag = None,
+    snapshot: SnapshotFlag = None,
+    answers: AnswersFlag = None,
     seed: SeedFlag = 0,
     out: OutFlag = None,
     more: SetFlag = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Learn a reward model from answers, with its accuracy on answers it did not see."""
-    run_job(
-        "reward_model", {"snapshot": _snapshot(study, snapshot), "seed": seed, **parsed_settings(more)}, out, as_json
-    )
+    params = {"snapshot": _snapshot(study, snapshot, answers), "seed": seed, **parsed_settings(more)}
+    run_job("reward_model", params, out, as_json)
 
 
 @train.command()
 @plain_errors
 def align(
-    study: Annotated[str | None, typer.Option(help="Id of a study: a snapshot of all its answers is taken.")] = None,
-    snapshot: Annotated[str | None, typer.Option(help="Id of a snapshot.")] = None,
+    study: StudyFlag = None,
+    snapshot: SnapshotFlag = None,
+    answers: AnswersFlag = None,
     recipe: Annotated[str, typer.Option(help="refine (spec 06, recipe B) or thesis (lambda 0.06).")] = "refine",
     seed: SeedFlag = 0,
     out: OutFlag = None,
@@ -89,8 +95,8 @@ def align(
     as_json: JsonFlag = False,
 ) -> None:
     """Turn answers into a policy."""
-    params = {"snapshot": _snapshot(study, snapshot), "recipe": recipe, "seed": seed, **parsed_settings(more)}
-    run_job("align", params, out, as_json)
+    of = _snapshot(study, snapshot, answers)
+    run_job("align", {"snapshot": of, "recipe": recipe, "seed": seed, **parsed_settings(more)}, out, as_json)
 
 
 @queries.command()
@@ -120,14 +126,19 @@ def evaluate(
     from backend.learning.evaluate import evaluate_policy
     from backend.learning.policy import Policy
     from backend.learning.shipped import load_policy, shipped_names
+    from backend.store.artefacts import load_artefact
+    from backend.store.models import Artefact
 
     if policy in shipped_names() or Path(policy).is_file():
         found = load_policy(policy)
     else:
-        _, files = open_store()
-        if not SHA256.fullmatch(policy) or not files.exists(policy):
-            raise LookupError(f"no policy {policy!r}: neither an id, a file nor shipped ({', '.join(shipped_names())})")
-        found = Policy.from_bytes(files.get(policy))
+        database, files = open_store()
+        with database.session() as s:
+            if s.get(Artefact, policy) is None:
+                shipped = ", ".join(shipped_names())
+                raise LookupError(f"no policy {policy!r}: neither an id, a file nor shipped ({shipped})")
+            _, content = load_artefact(s, files, policy, kind="policy")
+        found = Policy.from_bytes(content)
     say(evaluate_policy(found, n=scenes, seed=seed, engine=engine), as_json)
 
 
@@ -145,16 +156,19 @@ def parsed_settings(more: list[str] | None) -> dict[str, Any]:
     return parsed
 
 
-def _snapshot(study: str | None, snapshot: str | None) -> str:
-    from backend.store.snapshots import take_snapshot
+def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> str:
+    from backend.store.snapshots import checked_whose, take_snapshot
 
     if (study is None) == (snapshot is None):
         raise ValueError("give either --study or --snapshot")
     if snapshot is not None:
+        if answers is not None:
+            raise ValueError(f"--answers {answers}: chooses from a study; the answers of a snapshot are chosen already")
         return snapshot
+    whose = checked_whose(answers or "people")
     database, files = open_store()
     with database.transaction() as s:
-        return take_snapshot(s, files, study_id=study).id
+        return take_snapshot(s, files, study_id=study, whose=whose).id
 
 
 def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) -> None:

@@ -35,7 +35,7 @@ from backend.store.models import Session as SessionRow
 ARTEFACT_KINDS = ("policy", "reward_model", "query_set", "snapshot", "evaluation")
 SYNC_ALL_FROM = 8  # files; measured: about 20 ms a file one by one on a busy disk
 SHA256 = re.compile(r"[0-9a-f]{64}")
-QUARANTINED = "answers it was made from have been erased; make it again from a new snapshot"
+QUARANTINED = "answers it was made from were erased or withdrawn; make it again from a new snapshot"
 
 
 class ArtefactError(ValueError):

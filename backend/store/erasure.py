@@ -42,7 +42,7 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.models import Session as SessionRow
-from backend.store.snapshots import SnapshotError, snapshot_of_answers
+from backend.store.snapshots import SnapshotError, retake_snapshot
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
 HASHES = re.compile(r"[0-9a-f]{64}")
@@ -205,7 +205,8 @@ def _replace(s: Session, files: ArtefactStore, study_id: str, others: dict[str, 
     replaced = {}
     for old_id, answers in others.items():
         with contextlib.suppress(SnapshotError):
-            replaced[old_id] = snapshot_of_answers(s, files, study_id, answers).id
+            whose = s.get_one(Artefact, old_id).card["whose"]
+            replaced[old_id] = retake_snapshot(s, files, study_id, answers, whose).id
     return replaced
 
 

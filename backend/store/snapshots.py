@@ -1,7 +1,7 @@
 """Takes dataset snapshots: the answers that a job trains on, frozen, hashed, each traceable to its row.
 
-Who counts is decided here and nowhere else: learning trials and excluded or withdrawn participants never do. What is
-learned from them lives in `learning`.
+Who counts is decided here and nowhere else: learning trials and excluded or withdrawn participants never do, simulated
+ones only where they are asked for. What is learned from them lives in `learning`.
 """
 
 from __future__ import annotations
@@ -9,19 +9,37 @@ from __future__ import annotations
 import json
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal, cast, get_args
 
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from backend.simulation.setups import require_same
 from backend.store.artefacts import ArtefactStore, load_artefact, save_artefact
-from backend.store.models import Artefact, Participant, Response, Study, TrajectoryRow, Trial
+from backend.store.models import (
+    Artefact,
+    ArtefactAnswer,
+    Participant,
+    Response,
+    Study,
+    TrajectoryRow,
+    Trial,
+    utc_now,
+)
 from backend.store.models import Session as SessionRow
 
-FORMAT = "desirepath-snapshot-1"
+FORMAT = "desirepath-snapshot-2"
 MIN_ANSWERS = 2  # one pair cannot say which of two reasons it was chosen for
 PROBE_ROLES = ("repeat", "swap")
+Whose = Literal["people", "simulated", "all"]
+"""Whose answers of a study a snapshot holds. A session's own snapshot holds that session's, whoever it is."""
+WHOSE_WORDS = {
+    "people": "people",
+    "simulated": "simulated participants",
+    "all": "people and simulated participants",
+    "session": "a session",
+}
+LONGEST_NAME = 160  # of an artefact
 
 
 class SnapshotError(ValueError):
@@ -54,11 +72,15 @@ class Answer:
 
 @dataclass(frozen=True)
 class Snapshot:
-    """The content of a snapshot: answers of one setup in the order they were given, and what was left out."""
+    """The content of a snapshot: answers of one setup in the order they were given, and what was left out.
+
+    `whose`: people, simulated or all of the study; session where it holds one session's own.
+    """
 
     setup: str
     study: str
     protocol_hash: str
+    whose: str
     session: str | None
     answers: tuple[Answer, ...]
     left_out: dict[str, int]
@@ -88,6 +110,13 @@ class Snapshot:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
 
+def checked_whose(given: str) -> Whose:
+    """What was typed as the choice of answers. Raises SnapshotError naming what there is to choose."""
+    if given not in get_args(Whose):
+        raise SnapshotError(f"answers = {given!r}: must be one of {', '.join(get_args(Whose))}")
+    return cast(Whose, given)
+
+
 def take_snapshot(
     s: Session,
     files: ArtefactStore,
@@ -95,10 +124,13 @@ def take_snapshot(
     session_id: str | None = None,
     study_id: str | None = None,
     participant_ids: Sequence[str] | None = None,
+    whose: Whose = "people",
 ) -> Artefact:
     """Freeze the usable answers of a session, or of a study (or some of its participants) as a snapshot artefact.
 
-    Raises SnapshotError if fewer than two usable answers are left, LookupError if the session or study is unknown.
+    whose: of a study's participants only people (default), only simulated ones, or all; a session's own snapshot holds
+    its answers, whoever gave them. Raises SnapshotError if fewer than two usable answers are left, LookupError if the
+    session or study is unknown.
     """
     if (session_id is None) == (study_id is None):
         raise SnapshotError("take_snapshot: name either a session or a study")
@@ -115,16 +147,39 @@ def take_snapshot(
         chosen = chosen.where(SessionRow.id == session_id)
     if participant_ids is not None:
         chosen = chosen.where(Participant.id.in_(participant_ids))
-    return _freeze(s, files, study, session_id, s.execute(chosen).all())
+    return _freeze(s, files, study, s.execute(chosen).all(), "session" if session_id else whose, session_id)
 
 
-def snapshot_of_answers(s: Session, files: ArtefactStore, study_id: str, response_ids: Collection[str]) -> Artefact:
-    """Freeze those of the given answers that exist and count. Raises SnapshotError if fewer than two do."""
+def retake_snapshot(
+    s: Session, files: ArtefactStore, study_id: str, response_ids: Collection[str], whose: str
+) -> Artefact:
+    """Freeze those of a former snapshot's answers that still count. Raises SnapshotError if fewer than two do."""
     study = s.get(Study, study_id)
     if study is None:
         raise LookupError(f"no study with id {study_id!r}")
     chosen = _answers_of(study.id).where(Response.id.in_(response_ids))
-    return _freeze(s, files, study, None, s.execute(chosen).all())
+    return _freeze(s, files, study, s.execute(chosen).all(), whose, None)
+
+
+def set_aside_snapshots(s: Session, participant_id: str) -> list[str]:
+    """Quarantine every snapshot that holds answers of a participant who withdraws, so that nothing more is learned from
+    them. Returns the snapshots' ids; what was learned from them before stays.
+    """
+    held = (
+        select(Artefact)
+        .join(ArtefactAnswer, ArtefactAnswer.artefact_id == Artefact.id)
+        .join(Response, Response.id == ArtefactAnswer.response_id)
+        .join(SessionRow, SessionRow.id == Response.session_id)
+        .where(
+            SessionRow.participant_id == participant_id,
+            Artefact.kind == "snapshot",
+            Artefact.quarantined_at.is_(None),
+        )
+    )
+    found = list(s.scalars(held).unique())
+    for snapshot in found:
+        snapshot.quarantined_at = utc_now()
+    return [snapshot.id for snapshot in found]
 
 
 def load_snapshot(s: Session, files: ArtefactStore, artefact_id: str) -> Snapshot:
@@ -145,12 +200,14 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
     )
 
 
-def _freeze(s: Session, files: ArtefactStore, study: Study, session_id: str | None, rows: Sequence[Any]) -> Artefact:
-    left_out = dict.fromkeys(("learning", "excluded", "withdrawn", "no_choice"), 0)
+def _freeze(
+    s: Session, files: ArtefactStore, study: Study, rows: Sequence[Any], whose: str, session_id: str | None
+) -> Artefact:
+    left_out = dict.fromkeys(("learning", "excluded", "withdrawn", "no_choice", "people", "simulated"), 0)
     answers: list[Answer] = []
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
-        reason = _reason_to_leave_out(response, trial, participant)
+        reason = _reason_to_leave_out(response, trial, participant, whose)
         if reason:
             left_out[reason] += 1
             continue
@@ -172,28 +229,33 @@ def _freeze(s: Session, files: ArtefactStore, study: Study, session_id: str | No
     usable = [answer for answer in answers if not answer.probe]
     if len(usable) < MIN_ANSWERS:
         reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count) or "nothing"
+        others = {"people": "simulated", "simulated": "people"}.get(whose, "")
+        advice = f"; to learn from {WHOSE_WORDS[others]}, ask for {others} (--answers {others})" if others else ""
         raise SnapshotError(
-            f"only {len(usable)} usable answers, at least {MIN_ANSWERS} are needed "
+            f"only {len(usable)} usable answers of {WHOSE_WORDS[whose]}, at least {MIN_ANSWERS} are needed "
             f"(left out: {reasons}; probes: {len(answers) - len(usable)})"
+            f"{advice if left_out.get(others) else ''}"
         )
     snapshot = Snapshot(
         setup=require_same(**setups),
         study=study.id,
         protocol_hash=study.protocol_hash,
+        whose=whose,
         session=session_id,
         answers=tuple(answers),
         left_out=left_out,
     )
-    of = "session" if session_id else "study"
+    told = f", {len(answers)} answers of {WHOSE_WORDS[whose]}"
     return save_artefact(
         s,
         files,
         kind="snapshot",
-        name=f"{study.name}, {len(answers)} answers of a {of}",
+        name=study.name[: LONGEST_NAME - len(told)] + told,
         setup=snapshot.setup,
         content=snapshot.to_bytes(),
         card={
             "study": study.id,
+            "whose": whose,
             "session": session_id,
             "protocol_hash": study.protocol_hash,
             "answers": len(answers),
@@ -208,7 +270,10 @@ def _freeze(s: Session, files: ArtefactStore, study: Study, session_id: str | No
     )
 
 
-def _reason_to_leave_out(response: Response, trial: Trial, participant: Participant) -> str | None:
+def _reason_to_leave_out(response: Response, trial: Trial, participant: Participant, whose: str) -> str | None:
+    kind = "simulated" if participant.simulated else "people"
+    if whose not in (kind, "all", "session"):
+        return kind
     if participant.excluded_at is not None:
         return "excluded"
     if participant.withdrawn_at is not None:

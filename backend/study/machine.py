@@ -21,6 +21,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, ProblemReport, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.outbox import ENDED, cancel_job
+from backend.store.snapshots import set_aside_snapshots
 from backend.study import personalisation
 from backend.study.answers import checked_value
 from backend.study.pages import payload_of
@@ -445,7 +446,8 @@ def resume(s: DatabaseSession, session: Session, *, now: datetime) -> None:
 
 
 def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
-    """Leave the study: the answers count nowhere from now on, a running alignment is cancelled.
+    """Leave the study: the answers count nowhere from now on, a running alignment is cancelled, and nothing more is
+    learned from snapshots that hold them.
 
     Possible also after the last step. Erasing what is stored is `store.erasure`'s.
     """
@@ -457,7 +459,26 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     job = personalisation.job_of(s, session)
     if job is not None and job.state not in (*ENDED, "cancelling"):
         cancel_job(s, job.id, by="withdrawal")
+    set_aside_snapshots(s, participant.id)
     log_event(s, "withdrawn", session_id=session.id, step=step_of(session)["key"])
+
+
+def change_language(s: DatabaseSession, session: Session, language: str) -> None:
+    """Show the pages in another of the protocol's languages from now on; answers stay as they are.
+
+    Not while a pair is on the stage: its page must not be loaded anew.
+    """
+    languages = thaw(s.get_one(Study, session.study_id)).protocol.languages
+    if language not in languages:
+        allowed = ", ".join(languages)
+        raise _refused(session, 422, "bad_value", f"must be one of {allowed}", field="language", value=language[:20])
+    step = step_of(session)
+    if session.state == "active" and step["kind"] in TRIAL_KINDS:
+        raise _refused(session, 409, "in_trial", "The language can be changed after this pair.", step=step["key"])
+    if language == session.language:
+        return
+    log_event(s, "language_changed", session_id=session.id, step=step["key"], before=session.language, after=language)
+    session.language = language
 
 
 def report_problem(s: DatabaseSession, session: Session, text: str) -> None:

@@ -50,7 +50,7 @@ def worked_data(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
         register_shipped(s, house.files)
     study = add_answered_study(house.database, house.files, participants=2, answers=8)
     with house.database.transaction() as s:
-        snapshot = take_snapshot(s, house.files, study_id=study).id
+        snapshot = take_snapshot(s, house.files, study_id=study, whose="simulated").id
         queued = enqueue_job(s, "align", {"snapshot": snapshot}, study_id=study, created_by="experimenter")
         queued.message = "waiting"
         failed = enqueue_job(s, "train_base", {"setup": "open_field", "seed": 3}, created_by="experimenter")
@@ -253,19 +253,26 @@ def test_curves_are_there_as_data_csv_and_svg(analyst, known):
 
 
 def test_snapshot_of_one_participant_is_taken_and_too_few_answers_are_told(analyst, worked, known):
-    form = {"csrf": csrf(analyst), "study": known.study}
+    form = {"csrf": csrf(analyst), "study": known.study, "answers": "simulated"}
     taken = analyst.post("/lab/snapshots", data={**form, "participant": "P002"})
     assert taken.status_code == 303
     page = analyst.get(taken.headers["location"]).text
     assert "P002" in page
     assert "P001" not in page
+    assert "8 answers of simulated participants" in page
     unknown = analyst.post("/lab/snapshots", data={**form, "participant": "P999"})
     assert unknown.status_code == 422
     assert "P999" in unknown.text
     lonely = add_answered_study(worked.database, worked.files, answers=1, name="Lonely")
-    refused = analyst.post("/lab/snapshots", data={"csrf": form["csrf"], "study": lonely})
+    refused = analyst.post("/lab/snapshots", data={**form, "study": lonely})
     assert refused.status_code == 422
     assert "only 1 usable answers" in refused.text
+    nobody = analyst.post("/lab/snapshots", data={"csrf": form["csrf"], "study": known.study})
+    assert nobody.status_code == 422
+    assert "only 0 usable answers of people" in nobody.text
+    assert "--answers simulated" in nobody.text
+    mixed = analyst.post("/lab/snapshots", data={**form, "answers": "everybody"})
+    assert "must be one of people, simulated, all" in mixed.text
 
 
 def test_downloaded_policies_act_like_ours(analyst, worked, known, tmp_path):

@@ -47,6 +47,10 @@ def test_too_few_answers_on_the_pages(served: Served, experimenter: httpx.Client
         form = {"csrf": csrf.group(1), "study": served.installation.study.id, "participant": code}
         refused = experimenter.post("/lab/snapshots", data=form)
         assert refused.status_code == 422, refused.text
+        assert "--answers simulated" in refused.text
+        form["answers"] = "simulated"
+        refused = experimenter.post("/lab/snapshots", data=form)
+        assert refused.status_code == 422, refused.text
         assert f"{answers} usable answer" in refused.text
         assert "at least 2" in refused.text
     with served.installation.database.session() as s:

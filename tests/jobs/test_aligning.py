@@ -47,7 +47,7 @@ def snapshot_of(house: tuple[Settings, Database, ArtefactStore], **study: object
     _, database, files = house
     study_id = add_answered_study(database, files, **study)
     with database.transaction() as s:
-        return take_snapshot(s, files, study_id=study_id).id
+        return take_snapshot(s, files, study_id=study_id, whose="simulated").id
 
 
 def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):

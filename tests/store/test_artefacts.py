@@ -34,7 +34,14 @@ from backend.store.models import (
 )
 from backend.store.outbox import cancel_job, enqueue_job
 from backend.store.query_sets import import_query_set, queries_of, save_query_set
-from backend.store.snapshots import Snapshot, SnapshotError, load_snapshot, take_snapshot
+from backend.store.snapshots import (
+    Snapshot,
+    SnapshotError,
+    checked_whose,
+    load_snapshot,
+    set_aside_snapshots,
+    take_snapshot,
+)
 from tests.store.small_study import SmallStudy, trajectory
 
 
@@ -159,29 +166,92 @@ def test_a_snapshot_holds_the_answers_that_count_and_says_what_it_left_out(study
         row = take_snapshot(s, study.files, study_id=study.id)
         again = take_snapshot(s, study.files, study_id=study.id)
     assert again.id == row.id
-    assert row.simulated  # some of it is
+    assert not row.simulated
+    assert row.name == "Passing people, 4 answers of people"
+    assert (row.card["whose"], row.card["participants"], row.card["human"]) == ("people", 1, 4)
     with study.database.session() as s:
         snapshot = load_snapshot(s, study.files, row.id)
         linked = set(lineage(s, row.id).answers)
+    assert snapshot.whose == "people"
     assert [(a.participant, a.choice, a.source, a.probe) for a in snapshot.answers] == [
         ("P1", "a", "human", False),
         ("P1", "b", "human", False),
         ("P1", "a", "human", False),
         ("P1", "b", "human", True),
-        ("bot", "a", "simulated", False),
-        ("bot", "a", "simulated", False),
     ]
-    assert snapshot.left_out == {"learning": 2, "excluded": 3, "withdrawn": 2, "no_choice": 0}
+    assert snapshot.left_out == {
+        "learning": 1,
+        "excluded": 3,
+        "withdrawn": 2,
+        "no_choice": 0,
+        "people": 0,
+        "simulated": 3,
+    }
     assert linked == {answer.response for answer in snapshot.answers}
     second = snapshot.answers[1]
     assert (second.chosen, second.rejected) == (second.trajectory_b, second.trajectory_a)
-    assert len(snapshot.training_answers()) == 5
+    assert len(snapshot.training_answers()) == 3
+
+
+def test_people_and_simulated_participants_are_mixed_only_on_demand(study: SmallStudy):
+    study.participant("P1", choices="ab")
+    _, session = study.participant("bot", choices="aab", drives=100, simulated=True)
+    taken = {}
+    with study.database.transaction() as s:
+        for whose in ("people", "simulated", "all"):
+            taken[whose] = take_snapshot(s, study.files, study_id=study.id, whose=whose)
+        taken["session"] = take_snapshot(s, study.files, session_id=session)
+        contents = {whose: load_snapshot(s, study.files, row.id) for whose, row in taken.items()}
+    assert {whose: [a.participant for a in content.answers] for whose, content in contents.items()} == {
+        "people": ["P1"] * 2,
+        "simulated": ["bot"] * 3,
+        "all": ["P1"] * 2 + ["bot"] * 3,
+        "session": ["bot"] * 3,
+    }
+    assert [whose for whose, row in taken.items() if row.simulated] == ["simulated", "all", "session"]
+    assert len({row.id for row in taken.values()}) == 4
+    assert [row.name.partition(", ")[2] for row in taken.values()] == [
+        "2 answers of people",
+        "3 answers of simulated participants",
+        "5 answers of people and simulated participants",
+        "3 answers of a session",
+    ]
+    assert contents["simulated"].left_out["people"] == 3
+    with pytest.raises(SnapshotError, match="answers = 'robots': must be one of people, simulated, all"):
+        checked_whose("robots")
+
+
+def test_a_study_of_bots_alone_says_how_to_learn_from_them(study: SmallStudy):
+    study.participant("bot", choices="aab", simulated=True)
+    message = r"only 0 usable answers of people.*left out: 4 simulated.*--answers simulated"
+    with pytest.raises(SnapshotError, match=message), study.database.transaction() as s:
+        take_snapshot(s, study.files, study_id=study.id)
+
+
+def test_nothing_more_is_learned_from_a_snapshot_once_somebody_in_it_withdraws(study: SmallStudy):
+    first, session = study.participant("P1")
+    study.participant("P2", drives=100)
+    with study.database.transaction() as s:
+        pooled = take_snapshot(s, study.files, study_id=study.id).id
+        own = take_snapshot(s, study.files, session_id=session).id
+    model = study.model(pooled, kind="reward_model")
+    with study.database.transaction() as s:
+        assert sorted(set_aside_snapshots(s, first)) == sorted([pooled, own])
+        s.get(Participant, first).withdrawn_at = utc_now()
+        assert set_aside_snapshots(s, first) == []
+    with study.database.transaction() as s:
+        for snapshot in (pooled, own):
+            with pytest.raises(ArtefactError, match="erased or withdrawn; make it again from a new snapshot"):
+                load_snapshot(s, study.files, snapshot)
+        load_artefact(s, study.files, model)  # what was learned before stays
+        again = take_snapshot(s, study.files, study_id=study.id)
+        assert {answer.participant for answer in load_snapshot(s, study.files, again.id).answers} == {"P2"}
 
 
 @pytest.mark.parametrize("choices", ["", "a"])
 def test_a_snapshot_of_fewer_than_two_usable_answers_is_refused(study: SmallStudy, choices: str):
     _, session = study.participant("P1", choices=choices)
-    message = f"only {len(choices)} usable answers, at least 2 are needed .*1 learning"
+    message = f"only {len(choices)} usable answers of a session, at least 2 are needed .*1 learning"
     with pytest.raises(SnapshotError, match=message), study.database.transaction() as s:
         take_snapshot(s, study.files, session_id=session)
 

@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import func, select
 from sqlalchemy.exc import DatabaseError
 
-from backend.store.models import Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
+from backend.store.models import Artefact, Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
 from backend.store.snapshots import load_snapshot
 from backend.study import machine
 from backend.study.refusals import Refused
@@ -328,6 +328,7 @@ def test_who_withdraws_counts_nowhere_and_their_training_stops(database, walker)
     with database.session() as s:
         assert s.scalars(select(Participant)).one().withdrawn_at is not None
         assert s.scalars(select(Job)).one().state == "cancelled"
+        assert s.scalars(select(Artefact).where(Artefact.kind == "snapshot")).one().quarantined_at is not None
 
 
 def test_a_problem_report_is_kept_and_an_empty_one_refused(database, walker):
