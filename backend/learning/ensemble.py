@@ -5,7 +5,7 @@ Thesis 6.4.1. What the ensemble is for (queries) lives in `queries.py`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -27,6 +27,12 @@ from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same
 
 Floats = NDArray[np.float32]
+OnMembers = Callable[[int, list[Policy]], None]
+"""(steps done, the members as they are then, without critics)."""
+
+
+def keep_no_members(steps: int, members: list[Policy]) -> None:
+    """The callback of who only wants the end."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +92,17 @@ def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
 
 
 def train_ensemble(
-    base: Policy, config: EnsembleConfig | None = None, on_progress: OnProgress = no_progress
+    base: Policy,
+    config: EnsembleConfig | None = None,
+    on_progress: OnProgress = no_progress,
+    *,
+    marks: Sequence[int] = (),
+    on_members: OnMembers = keep_no_members,
 ) -> EnsembleResult:
-    """Train all members side by side on the core reward, each on its own environments and buffer."""
+    """Train all members side by side on the core reward, each on its own environments and buffer.
+
+    marks: numbers of steps (multiples of `n_envs`) at which `on_members` is given the members as they are then.
+    """
     config = config or EnsembleConfig()
     if config.members < 2:
         raise LearningError(f"members = {config.members}: diversity needs at least 2")
@@ -121,6 +135,8 @@ def train_ensemble(
         done += config.n_envs
         if done % (40 * config.n_envs) == 0:
             on_progress(done / config.steps, {"steps": done})
+        if done in marks:
+            on_members(done, [policy_of(agent, setup.name).without_critic() for agent in agents])
     members = [policy_of(agent, setup.name).without_critic() for agent in agents]
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     success = [success_rate(evaluate(member.act, setup, scenes).outcome) for member in members]
