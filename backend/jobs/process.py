@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from datetime import datetime
 from enum import IntEnum, StrEnum
@@ -77,27 +78,66 @@ def environment_of(settings: Settings) -> dict[str, str]:
     }
 
 
+def start_process(settings: Settings, job_id: str | None = None) -> subprocess.Popen[bytes]:
+    """A training process for that job, or one that gets everything ready and waits to be told (`assign`)."""
+    command = [sys.executable, "-m", "backend.jobs.run", str(os.getpid())]
+    return subprocess.Popen(
+        command if job_id is None else [*command, job_id],
+        env=environment_of(settings),
+        stdin=subprocess.PIPE,
+        start_new_session=True,
+    )
+
+
+def assign(process: subprocess.Popen[bytes], job_id: str) -> None:
+    """Tell a waiting process its job. One that died meanwhile is found dead by `_watch`."""
+    assert process.stdin is not None  # noqa: S101  opened by start_process
+    with contextlib.suppress(BrokenPipeError), process.stdin:
+        process.stdin.write(f"{job_id}\n".encode())
+
+
+class Spare:
+    """One training process that waits with torch and the simulator loaded: whoever sits in front of a page gets it,
+    and saves the seconds that starting takes. None is kept where `wanted` is false."""
+
+    def __init__(self, settings: Settings, *, wanted: bool) -> None:
+        self._settings, self._wanted = settings, wanted
+        self._lock = threading.Lock()
+        self._waiting = start_process(settings) if wanted else None
+
+    def take(self, job_id: str) -> subprocess.Popen[bytes]:
+        """The waiting process if it lives, else a fresh one, with that job; the next spare starts at once."""
+        with self._lock:
+            process, self._waiting = self._waiting, start_process(self._settings) if self._wanted else None
+        if process is None or process.poll() is not None:
+            return start_process(self._settings, job_id)
+        assign(process, job_id)
+        return process
+
+    def end(self) -> None:
+        """Let go of the waiting process."""
+        with self._lock:
+            process, self._waiting, self._wanted = self._waiting, None, False
+        if process is not None:
+            end_group(process)
+
+
 def run_attempt(
-    database: Database, settings: Settings, job_id: str, number: int, running: dict[str, subprocess.Popen[bytes]]
+    database: Database,
+    settings: Settings,
+    job_id: str,
+    number: int,
+    running: dict[str, subprocess.Popen[bytes]],
+    spare: Spare,
 ) -> Outcome:
     """Run attempt `number` (from 1) in a process of its own until it ends, is cancelled or dies.
 
-    The process stands in `running` under the job's id for as long as it lives.
+    The process stands in `running` under the job's id for as long as it lives. Jobs of a session get the spare one.
     """
-    ended = _begin(database, job_id, number)
-    if ended:
-        return ended
-    file = log_file(settings, job_id)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("ab") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "backend.jobs.run", job_id, str(os.getpid())],
-            env=environment_of(settings),
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+    of_a_session = _begin(database, job_id, number)
+    if isinstance(of_a_session, Outcome):
+        return of_a_session
+    process = spare.take(job_id) if of_a_session else start_process(settings, job_id)
     log.info("job started", job=job_id, attempt=number, pid=process.pid)
     running[job_id] = process
     try:
@@ -108,8 +148,8 @@ def run_attempt(
     return _outcome(database, settings, job_id, process.returncode)
 
 
-def _begin(database: Database, job_id: str, number: int) -> Outcome | None:
-    """Mark the job as running, unless it has ended already or must not start."""
+def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
+    """Mark the job as running. Returns whether it is a session's; an outcome if it has ended or must not start."""
     with database.transaction() as s:
         job = s.get(Job, job_id)
         if job is None:  # erased while it was queued
@@ -122,7 +162,7 @@ def _begin(database: Database, job_id: str, number: int) -> Outcome | None:
         now = utc_now()
         job.state, job.started_at, job.heartbeat_at, job.progress = "running", job.started_at or now, now, 0.0
         job.message = "" if number == 1 else f"attempt {number}"
-    return None
+        return job.session_id is not None
 
 
 def _watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> None:

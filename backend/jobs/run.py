@@ -1,18 +1,21 @@
-"""The training process: `python -m backend.jobs.run JOB_ID WORKER_PID` does one job and writes down how it ended.
+"""The training process: `python -m backend.jobs.run WORKER_PID [JOB_ID]` does one job and writes down how it ended.
 
-Started by `process.py`; everything that is printed here goes into the job's log.
+Without a job's id it gets ready and reads one from its standard input. Started by `process.py`; everything that is
+printed once the job is known goes into the job's log.
 """
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from pydantic import ValidationError
 from sqlalchemy.orm import Session as DatabaseSession
@@ -32,10 +35,25 @@ MEASURING_PRIORITY = 20  # after everything that somebody started
 NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the server goes before both
 
 
-def main(job_id: str, worker_pid: int) -> ExitCode:
-    """Do the job. Returns the exit code; the row holds the rest."""
+def main(worker_pid: int, job_id: str | None = None) -> ExitCode:
+    """Get ready, wait for the job's id unless it is given, do the job. An end of input instead: nothing to do."""
     threading.Thread(target=_end_with_worker, args=(worker_pid,), daemon=True).start()
     settings = get_settings()
+    if job_id is not None:
+        _log_into(log_file(settings, job_id))
+    loading = threading.Thread(target=_load)
+    loading.start()
+    if job_id is None:
+        job_id = sys.stdin.readline().strip()
+        if not job_id:
+            return ExitCode.DONE
+        _log_into(log_file(settings, job_id))
+    loading.join()
+    return do(settings, job_id)
+
+
+def do(settings: Settings, job_id: str) -> ExitCode:
+    """Do the job. Returns the exit code; the row holds the rest."""
     database, files = Database(settings.database), ArtefactStore(settings.artefacts)
     with _only_one(settings, job_id):
         with database.session() as s:
@@ -66,8 +84,22 @@ def main(job_id: str, worker_pid: int) -> ExitCode:
         return ExitCode.DONE
 
 
+def _load() -> None:
+    """Import torch and numba, which takes seconds. What fails here fails again in the job, which writes it down."""
+    with contextlib.suppress(Exception):
+        import backend.jobs.runners  # noqa: F401
+
+
+def _log_into(file: Path) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("ab") as out:
+        for stream in (sys.stdout, sys.stderr):
+            stream.flush()
+            os.dup2(out.fileno(), stream.fileno())
+
+
 def _work(context: JobContext) -> dict[str, object]:
-    # Imported late: torch and numba take seconds, and their failure must be written to the row, too.
+    # Imported late, so that its failure is written to the row, too.
     from backend.jobs.runners import run_kind
 
     return run_kind(context, get_kind(context.job.kind).parse(context.job.params))
@@ -111,13 +143,10 @@ def _end_with_worker(worker_pid: int) -> None:
 @contextmanager
 def _only_one(settings: Settings, job_id: str) -> Iterator[None]:
     """Hold the job's log file, so that an orphan that has not noticed yet and its successor never overlap."""
-    file = log_file(settings, job_id)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with file.open("ab") as held:
+    with log_file(settings, job_id).open("ab") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         yield
 
 
 if __name__ == "__main__":
-    entry: Callable[[str, int], ExitCode] = main
-    sys.exit(entry(sys.argv[1], int(sys.argv[2])))
+    sys.exit(main(int(sys.argv[1]), *sys.argv[2:3]))

@@ -18,7 +18,7 @@ import structlog
 from sqlalchemy import select
 
 from backend.jobs.engine import Engine, EngineState, Queue
-from backend.jobs.process import FINAL_STATES, conclude, end_group, finish, run_attempt
+from backend.jobs.process import FINAL_STATES, Spare, conclude, end_group, finish, run_attempt
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, check_writable
@@ -51,11 +51,14 @@ class Worker:
         self._slot, executor_id = _take_slot(settings)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._submitted: set[str] = set()
+        self._spare = Spare(settings, wanted=settings.spare_process)
         self._engine = Engine(
             settings.jobs_database,
             executor_id=executor_id,
             processes=settings.training_processes,
-            attempt=lambda job_id, number: run_attempt(self._database, settings, job_id, number, self._running),
+            attempt=lambda job_id, number: run_attempt(
+                self._database, settings, job_id, number, self._running, self._spare
+            ),
             conclude=lambda job_id, outcome: conclude(self._database, job_id, outcome),
         )
 
@@ -71,6 +74,7 @@ class Worker:
                 self.revive_stale()
                 until_check = STALE_CHECK_S
             stopping.wait(OUTBOX_POLL_S)
+        self._spare.end()
         for process in list(self._running.values()):
             end_group(process)
 
