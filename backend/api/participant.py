@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Body, Depends, Query, Request
+from fastapi import APIRouter, Body, Depends, Form, Query, Request
 from fastapi.responses import StreamingResponse
 from pydantic import AfterValidator
 from sqlalchemy import select
@@ -37,7 +37,7 @@ from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.models import Response as Answer
 from backend.study import machine, personalisation
 from backend.study.pages import payload_of
-from backend.study.protocol import thaw
+from backend.study.protocol import FrozenProtocol, thaw
 from backend.study.refusals import Refused, log_refusal
 from backend.study.sessions import acting, find_session, token_hash
 from backend.study.studies import check_open, join_study, study_by_link
@@ -213,6 +213,14 @@ def session_page(token: str, request: Request) -> Response:
     return response
 
 
+@router.post("/p/{token}/language")
+def change_language(token: str, parts: TheHouse, language: Annotated[str, Form()] = "") -> Response:
+    """Go on in another language; the page is loaded anew."""
+    with acting(parts.database, token, request="language", now=utc_now()) as (s, session):
+        machine.change_language(s, session, language)
+    return RedirectResponse(f"/p/{token}", status_code=303)
+
+
 @router.get("/p/{token}/step")
 def step_fragment(token: str, request: Request) -> Response:
     """The current step alone, to be swapped into the page."""
@@ -229,18 +237,26 @@ def consent_copy(token: str, request: Request) -> Response:
     with _looking(house(request), token) as (s, session):
         frozen = thaw(s.get_one(Study, session.study_id))
         step = next(step for step in session.plan if step["kind"] == "consent")
-        given_at = s.scalar(select(Answer.created_at).where(Answer.session_id == session.id, Answer.kind == "consent"))
+        given = s.scalar(select(Answer).where(Answer.session_id == session.id, Answer.kind == "consent"))
+        language = _consented_in(frozen, given) or session.language
+        given_at = given.created_at if given else None
         code = s.get_one(Participant, session.participant_id).code
     return page(
         request,
         "participant/consent_copy.html",
-        language=session.language,
-        study_title=frozen.title(session.language),
-        payload=payload_of(frozen, step, session.language),
+        language=language,
+        study_title=frozen.title(language),
+        payload=payload_of(frozen, step, language),
         given_at=given_at,
         code=code,
         contact=frozen.protocol.contact or contact(request),
     )
+
+
+def _consented_in(frozen: FrozenProtocol, given: Answer | None) -> str | None:
+    """The language whose text was agreed to, so that the copy holds those words after a change of language."""
+    agreed = given.value.get("text_hash") if given else None
+    return next((one for one in frozen.protocol.languages if frozen.consent_hash(one) == agreed), None)
 
 
 @router.get("/p/{token}/help")
@@ -257,6 +273,7 @@ def _context(request: Request, s: DatabaseSession, session: Session, token: str)
     return {
         "token": token,
         "study_title": frozen.title(session.language),
+        "languages": frozen.protocol.languages,
         "contact": frozen.protocol.contact or contact(request),
         "code": s.get_one(Participant, session.participant_id).code,
         "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),

@@ -417,3 +417,30 @@ def test_a_bot_gets_no_code_that_pays_and_takes_no_persons_place(client, house, 
     someone = {"PROLIFIC_PID": "5f3c0ffee0ddba11"}
     assert client.post(f"/join/{paid}", json={"simulated": True, **someone}).status_code == 201
     assert client.post(f"/join/{paid}", data={"language": "en", **someone}).status_code == 303
+
+
+def test_the_language_can_be_changed_between_pairs_and_answers_stay(client, house, token):
+    submit(client, token, "information", walking.VALUES["information"])
+    submit(client, token, "consent", walking.VALUES["consent"])
+    assert 'value="de"' in client.get(f"/p/{token}").text
+    changed = client.post(f"/p/{token}/language", data={"language": "de"})
+    assert (changed.status_code, changed.headers["location"]) == (303, f"/p/{token}")
+    assert client.get(f"/api/session/{token}").json()["language"] == "de"
+    assert '<html lang="de"' in client.get(f"/p/{token}").text
+    # The copy of the consent keeps the words that were agreed to.
+    assert '<html lang="en"' in client.get(f"/p/{token}/consent").text
+    with house.database.session() as s:
+        event = s.scalars(select(Event).where(Event.kind == "language_changed")).one()
+        assert (event.data["before"], event.data["after"], event.data["step"]) == ("en", "de", "demographics")
+        assert s.scalars(select(Response).where(Response.step_key == "consent")).one()
+
+
+def test_the_language_stays_while_a_pair_is_on_the_stage_and_when_it_is_none_of_the_protocols(client, house, token):
+    refused = client.post(f"/p/{token}/language", data={"language": "fr"})
+    assert refused.status_code == 422
+    to_first_trial(client, token)
+    refused = client.post(f"/p/{token}/language", data={"language": "de"})
+    assert refused.status_code == 409
+    assert "Not during a pair" in refused.text
+    assert client.get(f"/api/session/{token}").json()["language"] == "en"
+    assert len(logged(house, "in_trial")) == 1

@@ -126,6 +126,8 @@ function mount() {
   const onStage = Boolean(step.querySelector("#trial")) && current.state === "active";
   document.body.dataset.layout = onStage ? "stage" : "text";
   $("stage").hidden = !onStage;
+  // Changing the language loads the page anew, which no pair may suffer.
+  $("tools").querySelectorAll(".language").forEach((form) => ((/** @type {HTMLElement} */ (form)).hidden = onStage));
   if (!onStage) stage.close();
 
   if (onStage && current.step) {
