@@ -1,7 +1,7 @@
 """Opens the database and hands out transactions. The tables live in `models.py`, their history in `migrations`.
 
 One way in for SQLite (a file, the default) and PostgreSQL (by URL): writers queue instead of deadlocking, and a commit
-that returned is on disk.
+that returned is on disk. Who waited in vain gets DatabaseBusy: nothing was stored, and asking again is safe.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ import contextlib
 import os
 import shutil
 import sqlite3
+import threading
 import time
+from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,8 @@ from sqlalchemy.orm import Session
 from backend.store.models import Setting
 
 MIGRATIONS = Path(__file__).with_name("migrations")
-BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for the one before it
+BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for other processes
+TURN_PATIENCE_S = 15.0  # ours: and before that for the writers of its own process; browsers wait as long (send.js)
 MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vacuum would fill the disk
 PROBE_BYTES = 64 * 1024
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
@@ -35,6 +38,46 @@ COMPACT_TRIES_S = 15.0
 
 class StorageError(OSError):
     """The data folder or the database cannot be used; the message says what to do."""
+
+
+class DatabaseBusy(StorageError):
+    """Others kept writing for too long. Nothing of this change was stored, so it may be asked for again."""
+
+
+class _Turns:
+    """Lets the writers of one process in one at a time, first come, first served.
+
+    SQLite alone lets a waiting writer sleep up to 0.1 s between two looks, and whoever looks at the right moment goes
+    first: with twenty writers some waited for more than ten seconds while the file was free most of the time.
+    """
+
+    def __init__(self) -> None:
+        self._guard = threading.Lock()
+        self._waiting: deque[threading.Lock] = deque()
+        self._taken = False
+
+    @contextlib.contextmanager
+    def turn(self, patience_s: float) -> Iterator[None]:
+        """Wait for the turn and keep it for the block. Raises TimeoutError if it did not come in time."""
+        with self._guard:
+            ticket = threading.Lock() if self._taken else None
+            if ticket is not None:
+                ticket.acquire()
+                self._waiting.append(ticket)
+            self._taken = True
+        if ticket is not None and not ticket.acquire(timeout=patience_s):
+            with self._guard:
+                if ticket in self._waiting:  # else it was handed over this very moment
+                    self._waiting.remove(ticket)
+                    raise TimeoutError
+        try:
+            yield
+        finally:
+            with self._guard:
+                if self._waiting:
+                    self._waiting.popleft().release()
+                else:
+                    self._taken = False
 
 
 def check_writable(folder: Path, *, min_free_bytes: int = MIN_FREE_BYTES) -> None:
@@ -100,6 +143,7 @@ class Database:
         else:
             raise StorageError(f"database url {url!r}: known are sqlite:///FILE and postgresql://USER@HOST/NAME")
         self.engine = engine
+        self._turns = _Turns()
         self._reading = engine.execution_options(**reading)
 
     def migrate(self) -> None:
@@ -129,11 +173,25 @@ class Database:
     def transaction(self) -> Iterator[Session]:
         """A session that may write; commits when the block ends, rolls back on any exception.
 
-        On SQLite the write lock is taken at the first statement, so what was read in here is still true at the commit.
-        On PostgreSQL lock what you are about to change (`with_for_update`) or compare and set.
+        On SQLite writers take turns, and the write lock is taken at the first statement, so what was read in here is
+        still true at the commit. On PostgreSQL lock what you are about to change (`with_for_update`) or compare and
+        set. Raises DatabaseBusy if the turn does not come in time.
         """
-        with self._explained(), Session(self.engine, expire_on_commit=False) as s, s.begin():
+        with self._turn(), self._explained(), Session(self.engine, expire_on_commit=False) as s, s.begin():
             yield s
+
+    @contextlib.contextmanager
+    def _turn(self) -> Iterator[None]:
+        if not self.is_sqlite:
+            yield
+            return
+        with contextlib.ExitStack() as held:
+            try:
+                held.enter_context(self._turns.turn(TURN_PATIENCE_S))
+            except TimeoutError:
+                said = f"others kept writing for more than {TURN_PATIENCE_S:.0f} s; nothing was stored"
+                raise DatabaseBusy(f"database {self.file}: {said}") from None
+            yield
 
     @contextlib.contextmanager
     def session(self) -> Iterator[Session]:
@@ -204,7 +262,10 @@ class Database:
             elif "file is not a database" in message or "malformed" in message:
                 said = "the file is damaged or no database; restore a backup (`desirepath restore`)"
             elif "database is locked" in message:
-                said = f"another process kept writing for more than {BUSY_TIMEOUT_MS / 1000:.0f} s; nothing was stored"
+                raise DatabaseBusy(
+                    f"database {where}: another process kept writing for more than {BUSY_TIMEOUT_MS / 1000:.0f} s; "
+                    f"nothing was stored ({message})"
+                ) from problem
             elif "connection failed" in message or "could not translate host name" in message:
                 said = "no database server answers there; check DESIREPATH_DATABASE_URL and that the server runs"
             elif isinstance(problem, OperationalError) and problem.connection_invalidated:
@@ -241,5 +302,5 @@ def _set_up_sqlite(connection: sqlite3.Connection, _record: object) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     # IMMEDIATE: a transaction that first reads and then writes would otherwise fail when two do so at once.
     reads_only = connection.get_execution_options().get("reads_only", False)
-    connection.exec_driver_sql(f"PRAGMA query_only = {'ON' if reads_only else 'OFF'}")
+    connection.connection.cursor().execute(f"PRAGMA query_only = {'ON' if reads_only else 'OFF'}")
     connection.exec_driver_sql("BEGIN" if reads_only else "BEGIN IMMEDIATE")

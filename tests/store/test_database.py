@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -18,7 +19,7 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import IntegrityError
 
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, StorageError, check_writable
+from backend.store.database import Database, DatabaseBusy, StorageError, check_writable
 from backend.store.models import Setting
 
 # Writes one answer after another and says the id of each once its transaction has returned.
@@ -86,6 +87,60 @@ def test_writers_that_read_first_queue_instead_of_losing_a_count(database: Datab
         thread.join()
     with database.session() as s:
         assert s.get(Setting, "count").value == {"n": 80}
+
+
+def test_writers_get_in_in_the_order_in_which_they_came(database: Database):
+    waiting = database._turns._waiting
+    order: list[int] = []
+
+    def write(number: int) -> None:
+        with database.transaction():
+            order.append(number)
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(8)]
+    with database.transaction():
+        for number, thread in enumerate(threads):
+            thread.start()
+            while len(waiting) <= number:  # the next one comes when this one stands in line
+                time.sleep(0.001)
+    for thread in threads:
+        thread.join()
+    assert order == list(range(8))
+
+
+def test_who_waits_in_vain_is_told_and_the_others_go_on(database: Database, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("backend.store.database.TURN_PATIENCE_S", 0.05)
+    told: list[DatabaseBusy] = []
+
+    def write_while_another_does() -> None:
+        try:
+            with database.transaction() as s:
+                s.add(Setting(key="late", value={}))
+        except DatabaseBusy as problem:
+            told.append(problem)
+
+    with database.transaction() as s:
+        s.add(Setting(key="first", value={}))
+        impatient = threading.Thread(target=write_while_another_does)
+        impatient.start()
+        impatient.join()
+    assert "nothing was stored" in str(told[0])
+    write_while_another_does()
+    assert len(told) == 1
+    with database.session() as s:
+        assert set(s.scalars(select(Setting.key))) == {"first", "late"}
+
+
+def test_another_process_that_keeps_writing_is_told_the_same_way(database: Database, tmp_path: Path):
+    other = sqlite3.connect(tmp_path / "desirepath.sqlite", isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with database.session() as s:  # the connection that the writer will get
+        s.connection().exec_driver_sql("PRAGMA busy_timeout = 50")
+    with pytest.raises(DatabaseBusy, match="another process kept writing"), database.transaction() as s:
+        s.add(Setting(key="a", value={}))
+    other.close()
+    with database.transaction() as s:
+        s.add(Setting(key="a", value={}))
 
 
 def test_an_exception_leaves_nothing_behind(database: Database):
