@@ -34,19 +34,19 @@ class Preference:
         return require_same(chosen=self.chosen.scene.setup, rejected=self.rejected.scene.setup)
 
 
-def usable(preferences: Sequence[Preference]) -> tuple[Setup, list[Preference]]:
+def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup, list[Preference]]:
     """The preferences that say something (two drives that differ), and their one setup.
 
-    Raises LearningError if fewer than two are left, SetupError if setups are mixed.
+    Raises LearningError if fewer than `fewest` are left, SetupError if setups are mixed.
     """
     kept = [
         p
         for p in preferences
         if len(p.chosen.actions) and len(p.rejected.actions) and not np.array_equal(p.chosen.poses, p.rejected.poses)
     ]
-    if len(kept) < 2:
+    if len(kept) < fewest:
         raise LearningError(
-            f"preferences: {len(kept)} usable of {len(preferences)} given; learning needs at least 2 answers "
+            f"preferences: {len(kept)} usable of {len(preferences)} given; learning needs at least {fewest} answers "
             "about two different drives"
         )
     return get_setup(require_same(**{f"answer {k}": p.setup for k, p in enumerate(kept)})), kept

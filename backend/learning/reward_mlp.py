@@ -32,6 +32,7 @@ class MlpConfig:
     reduction: Reduction = "sum"  # equation 6.4; the mean is an option (spec 06)
     heads: tuple[int, int] = FAST_HEADS  # ours; the thesis's critic has 400, 300
     held_out_share: float = 0.2  # ours: the epoch is chosen on this share of the answers, once there are 10
+    fewest_answers: int = 2  # ours; learning curves begin at 1
 
 
 @dataclass(frozen=True)
@@ -92,11 +93,11 @@ def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) 
     """Train for `epochs`, one pair per step, and keep the epoch with the least loss.
 
     The loss that chooses is that of held-out answers from ten answers on, of the training answers below.
-    Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
+    Raises LearningError for fewer than `fewest_answers` usable ones, SetupError for mixed setups.
     """
     config = config or MlpConfig()
     use_one_thread()
-    setup, kept = usable(preferences)
+    setup, kept = usable(preferences, fewest=config.fewest_answers)
     random = np.random.default_rng([config.seed, 4])
     order = random.permutation(len(kept))
     held_out = [kept[k] for k in order[: int(len(kept) * config.held_out_share)]] if len(kept) >= 10 else []
