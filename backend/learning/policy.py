@@ -9,10 +9,10 @@ import hashlib
 import io
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,13 @@ class PolicyError(ValueError):
     """A policy file or weights that cannot be used; says what was found and what would work."""
 
 
+def check_networks(shape: NetworkShape, actor: Sequence[Floats], critic: Sequence[Floats]) -> None:
+    """Raise PolicyError unless the arrays have the shape's layers and are finite; the critic may be empty."""
+    _check(shape.actor_layers(), actor, "actor")
+    if critic:
+        _check(shape.critic_layers(), critic, "critic")
+
+
 def _check(sizes: list[tuple[int, int]], arrays: Sequence[Floats], what: str) -> None:
     expected = [shape for inputs, outputs in sizes for shape in ((inputs, outputs), (outputs,))]
     found = [array.shape for array in arrays]
@@ -35,6 +42,41 @@ def _check(sizes: list[tuple[int, int]], arrays: Sequence[Floats], what: str) ->
         raise PolicyError(f"policy field '{what}' has layer shapes {found}; its network shape needs {expected}")
     if not all(np.isfinite(array).all() for array in arrays):
         raise PolicyError(f"policy field '{what}' holds NaN or infinite weights; train again or take an earlier file")
+
+
+def networks_to_bytes(meta: Mapping[str, object], actor: Sequence[Floats], critic: Sequence[Floats]) -> bytes:
+    """NPZ without pickled objects; the same meta and weights always give the same bytes."""
+    arrays: dict[str, NDArray[Any]] = {"meta": np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8)}
+    arrays |= {f"actor_{k:02d}": array for k, array in enumerate(actor)}
+    arrays |= {f"critic_{k:02d}": array for k, array in enumerate(critic)}
+    out = io.BytesIO()
+    np.savez_compressed(out, allow_pickle=False, **arrays)
+    return out.getvalue()
+
+
+class StoredNetworks(NamedTuple):
+    """What `networks_to_bytes` wrote."""
+
+    meta: dict[str, Any]
+    actor: tuple[Floats, ...]
+    critic: tuple[Floats, ...]
+
+
+def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
+    """Read `networks_to_bytes` back, never unpickling. Raises PolicyError unless its meta names the `needed` format."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            meta = json.loads(arrays["meta"].tobytes())
+            if meta["format"] != needed:
+                raise PolicyError(f"policy format {meta['format']!r}; what is read here is {needed!r}")
+            names = sorted(arrays.files)
+            actor = tuple(arrays[name] for name in names if name.startswith("actor_"))
+            critic = tuple(arrays[name] for name in names if name.startswith("critic_"))
+    except PolicyError:
+        raise
+    except (ValueError, KeyError, OSError, EOFError) as problem:
+        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+    return StoredNetworks(meta, actor, critic)
 
 
 @dataclass(frozen=True)
@@ -56,9 +98,7 @@ class Policy:
                 f"policy reads {self.shape.observation_size} inputs, setup {self.setup} "
                 f"gives {get_setup(self.setup).observation_size}"
             )
-        _check(self.shape.actor_layers(), self.actor, "actor")
-        if self.critic:
-            _check(self.shape.critic_layers(), self.critic, "critic")
+        check_networks(self.shape, self.actor, self.critic)
 
     def act(self, observations: Floats) -> Floats:
         """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1].
@@ -136,30 +176,12 @@ class Policy:
     def to_bytes(self) -> bytes:
         """NPZ without pickled objects; the same policy always gives the same bytes."""
         meta = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
-        arrays: dict[str, NDArray[Any]] = {
-            "meta": np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8)
-        }
-        arrays |= {f"actor_{k:02d}": array for k, array in enumerate(self.actor)}
-        arrays |= {f"critic_{k:02d}": array for k, array in enumerate(self.critic)}
-        out = io.BytesIO()
-        np.savez_compressed(out, allow_pickle=False, **arrays)
-        return out.getvalue()
+        return networks_to_bytes(meta, self.actor, self.critic)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Policy:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
-        try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                meta = json.loads(arrays["meta"].tobytes())
-                if meta["format"] != FORMAT:
-                    raise PolicyError(f"policy format {meta['format']!r} is unknown; this version reads {FORMAT!r}")
-                names = sorted(arrays.files)
-                actor = tuple(arrays[name] for name in names if name.startswith("actor_"))
-                critic = tuple(arrays[name] for name in names if name.startswith("critic_"))
-        except PolicyError:
-            raise
-        except (ValueError, KeyError, OSError, EOFError) as problem:
-            raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+        meta, actor, critic = networks_from_bytes(data, FORMAT)
         return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic)
 
     def save(self, path: Path) -> None:
