@@ -121,7 +121,7 @@ def example_application() -> FastAPI:
     def step(request: Request, kind: str, language: str = "en") -> Response:
         shown = ExampleStep(kind, f"05-{kind}", 5, 24, STEPS[kind])
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
-        context |= {"code": "P-4F7K", "looks_around": True}
+        context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"]}
         return page(request, "participant/session.html", language, study_title=TITLE, **context)
 
     @application.get("/api/session/{kind}")
