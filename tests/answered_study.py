@@ -12,9 +12,10 @@ from backend.learning.oracles import make_oracle
 from backend.learning.shipped import load_queries
 from backend.store.artefacts import ArtefactStore, save_trajectory
 from backend.store.database import Database
-from backend.store.models import Participant, Response, Session, Study, Trial, new_id
+from backend.store.models import Participant, Response, Session, Study, Trial, new_id, protocol_digest
 
 STARTED = datetime(2026, 11, 2, 9, 30, tzinfo=UTC)
+PROTOCOL_YAML = "protocol: quick_preference_study\n"
 
 
 def add_answered_study(
@@ -34,10 +35,10 @@ def add_answered_study(
             name=name,
             protocol_name="quick_preference_study",
             protocol_version=1,
-            protocol_yaml="protocol: quick_preference_study\n",
+            protocol_yaml=PROTOCOL_YAML,
             protocol={"protocol": "quick_preference_study"},
             files={},
-            protocol_hash=hashlib.sha256(b"protocol").hexdigest(),
+            protocol_hash=protocol_digest(PROTOCOL_YAML, {}),
             recruiting_token=f"recruit-{new_id()}",
             seed=7,
             created_at=STARTED,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
-FORMAT = "desirepath-dataset-1"
+FORMAT = "desirepath-dataset-2"
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
@@ -56,7 +56,6 @@ class Table:
 _MARKS = (
     Column("simulated", YES_NO, "true: a programmed participant (oracle), not a person"),
     Column("excluded", YES_NO, "true: an experimenter excluded the participant; leave out of analyses"),
-    Column("withdrawn", YES_NO, "true: the participant withdrew; leave out of analyses"),
 )
 _TRIAL_MARKS = (Column("learning", YES_NO, "true: a learning trial; stored, never analysed"), *_MARKS)
 _PARTICIPANT = Column("participant", TEXT, "pseudonymous code, unique in the study")
@@ -68,11 +67,12 @@ PARTICIPANTS = Table(
     (
         _PARTICIPANT,
         *_MARKS,
+        Column("withdrawn", YES_NO, "true: the participant withdrew; nothing else of theirs is in the data set"),
         Column("oracle", TEXT, "simulated only: the oracle's name and settings", json=True),
         Column("created_at", MOMENT, "when they followed the recruiting link"),
         Column("withdrawn_at", MOMENT, "when they withdrew; empty if not"),
         Column("excluded_at", MOMENT, "when they were excluded; empty if not"),
-        Column("excluded_reason", TEXT, "why they were excluded, in the experimenter's words"),
+        Column("excluded_reason", TEXT, "why they were excluded, in the experimenter's words; empty if they withdrew"),
     ),
 )
 SESSIONS = Table(
@@ -82,7 +82,7 @@ SESSIONS = Table(
         _SESSION,
         _PARTICIPANT,
         *_MARKS,
-        Column("state", TEXT, "active, paused, completed, withdrawn or expired"),
+        Column("state", TEXT, "active, paused, completed or expired"),
         Column("language", TEXT, "language of the pages: en or de"),
         Column("seed", WHOLE, "seed of the session's plan (order of queries, of A and B)"),
         Column("plan", TEXT, "the steps in the order they were planned", json=True),
@@ -119,6 +119,12 @@ TRIALS = Table(
         Column("trajectory_a", TEXT, "trajectory shown first; see trajectories"),
         Column("trajectory_b", TEXT, "trajectory shown second; see trajectories"),
         Column("arms", TEXT, "comparison only: which policy (artefact id) drove a and b, and which is their own", True),
+        Column(
+            "look_alike",
+            YES_NO,
+            "comparison only: true: a person can hardly tell the two drives apart (paths closer than the smallest gap "
+            "of a query, about equally long), so the choice says little; shown only where too few others were found",
+        ),
         Column("phase", TEXT, "how far it came: ready, playing_a, playing_b, choosing or answered"),
         Column("phase_since", MOMENT, "when that phase began"),
         Column("a_seen_at", MOMENT, "when A had been seen to the end, server's clock"),
@@ -252,8 +258,11 @@ def data_dictionary() -> str:
         "no completion codes, no problem reports. Free-text answers are exported as they were written: read them",
         "before you publish.",
         "",
-        "**Before you analyse**, leave out rows with `excluded`, `withdrawn` or `learning` true, and decide about",
-        "`simulated` ones.",
+        "**Who withdrew** is one row in `participants` with code and times, so that the flow of participants adds up.",
+        "Their sessions, trials, answers, events and the drives that only they saw are not in the data set. Data sets",
+        "written before they withdrew still hold them: replace those by a new one.",
+        "",
+        "**Before you analyse**, leave out rows with `excluded` or `learning` true, and decide about `simulated` ones.",
         "",
         "**Where the person stood** is in the scene: `person.pose.x` and `person.pose.y` (metres, in the same frame as",
         "`poses`) and `person.pose.yaw` (radians) of column `scene` and of `scene` in a trajectory's `meta`.",

@@ -22,7 +22,7 @@ from sqlalchemy.orm import Session
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import COMPACT_PENDING, Database
-from backend.store.events import log_event
+from backend.store.events import log_event, mentions
 from backend.store.models import (
     Artefact,
     ArtefactAnswer,
@@ -144,8 +144,8 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     for job in s.execute(select(Job.id, Job.session_id, Job.study_id, Job.params, Job.result)):
         payload = [job.params, job.result]
         # Another study may have a participant of the same code.
-        same_study = job.study_id == participant.study_id or _mentions(payload, doomed.pooled)
-        named = _mentions(payload, doomed.ids) or (same_study and _mentions(payload, {doomed.code}))
+        same_study = job.study_id == participant.study_id or mentions(payload, doomed.pooled)
+        named = mentions(payload, doomed.ids) or (same_study and mentions(payload, {doomed.code}))
         if named or job.session_id in sessions or job.id in doomed.jobs:
             doomed.jobs.add(job.id)
             own |= set(HASHES.findall(json.dumps(payload)))
@@ -231,7 +231,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     about = [
         event.id
         for event in s.scalars(select(Event).where(Event.study_id == participant.study_id))
-        if _mentions(event.data, names)
+        if mentions(event.data, names)
     ]
     counts["events"] += _count(s, delete(Event).where(Event.id.in_(about)))
     s.execute(delete(TrajectoryRow).where(TrajectoryRow.id.in_(doomed.trajectories)))
@@ -249,15 +249,6 @@ def _count(s: Session, statement: Delete) -> int:
     return int(done.rowcount) if isinstance(done, CursorResult) else 0
 
 
-def _mentions(data: Any, names: set[str]) -> bool:
-    """Whether plain JSON data holds one of the names, as a key or a value."""
-    if isinstance(data, dict):
-        return any(key in names or _mentions(value, names) for key, value in data.items())
-    if isinstance(data, list):
-        return any(_mentions(item, names) for item in data)
-    return isinstance(data, str) and data in names
-
-
 def _without(data: Any, names: set[str]) -> Any:
     """Plain JSON data without the entries named so, and without list items that name one of them."""
     if isinstance(data, dict):
@@ -266,7 +257,7 @@ def _without(data: Any, names: set[str]) -> Any:
             k: _without(value, names) for k, value in kept.items() if not (isinstance(value, str) and value in names)
         }
     if isinstance(data, list):
-        return [_without(item, names) for item in data if not _mentions(item, names)]
+        return [_without(item, names) for item in data if not mentions(item, names)]
     return data
 
 

@@ -1,7 +1,7 @@
 """Writes a study as a data set: CSV, Parquet, trajectories, protocol, dictionary, checksums.
 
 What the tables are lives in `dataset.py`, reading one back in `importing.py`. Who took part under which recruiting id,
-from where and with which link never leaves the database.
+from where and with which link never leaves the database; of who withdrew only that and when.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -48,7 +49,7 @@ from backend.store.dataset import (
     Table,
     data_dictionary,
 )
-from backend.store.events import FORBIDDEN_KEYS
+from backend.store.events import FORBIDDEN_KEYS, mentions
 from backend.store.models import (
     Event,
     Participant,
@@ -66,6 +67,13 @@ FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 REMOVED = "[removed]"
 MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordinary words
 STEPS_ROWS_AT_ONCE = 4096
+# Entries of an event's data that hold words and ids of ours; everything else may have been typed or told by a page.
+OWN_WORDS = frozenset(
+    {
+        *("step", "phase", "goes_on_with", "drive", "response", "outcome", "code", "language"),
+        *("job", "snapshot", "protocol", "hash", "tombstone"),
+    }
+)
 
 
 class ExportError(ValueError):
@@ -134,25 +142,37 @@ class _Content:
         sessions = s.scalars(
             select(SessionRow).where(SessionRow.study_id == study.id).order_by(SessionRow.created_at, SessionRow.id)
         ).all()
-        self.by_id = {row.id: row for row in sorted(sessions, key=lambda row: self.people[row.participant_id].code)}
+        gone = {person.id for person in self.people.values() if person.withdrawn_at is not None}
+        kept = [row for row in sessions if row.participant_id not in gone]
+        self.by_id = {row.id: row for row in sorted(kept, key=lambda row: self.people[row.participant_id].code)}
+        # what an event may call somebody who withdrew
+        self.gone = gone | {self.people[one].code for one in gone} | {row.id for row in sessions} - self.by_id.keys()
         order = {session_id: k for k, session_id in enumerate(self.by_id)}
         in_study = SessionRow.study_id == study.id
         trials = s.scalars(select(Trial).join(SessionRow, SessionRow.id == Trial.session_id).where(in_study))
-        self.trial_rows = sorted(trials, key=lambda t: (order[t.session_id], t.index, t.id))
+        self.trial_rows = sorted(
+            (trial for trial in trials if trial.session_id in order), key=lambda t: (order[t.session_id], t.index, t.id)
+        )
         self.trial_by_id = {trial.id: trial for trial in self.trial_rows}
         answers = s.scalars(select(Response).join(SessionRow, SessionRow.id == Response.session_id).where(in_study))
-        self.answers = sorted(answers, key=lambda r: (order[r.session_id], r.created_at, r.id))
+        self.answers = sorted(
+            (answer for answer in answers if answer.session_id in order),
+            key=lambda r: (order[r.session_id], r.created_at, r.id),
+        )
         self.secrets = _recruiting_words(s, study.id)
+        self.chosen_items = _items_without_free_text(study)
 
     def participants(self) -> Iterator[Row]:
         for person in self.people.values():
+            withdrawn = person.withdrawn_at is not None
             yield {
                 **self._of_participant(person),
-                "oracle": self._json(person.oracle),
+                "withdrawn": withdrawn,
+                "oracle": None if withdrawn else _json(person.oracle),
                 "created_at": person.created_at,
                 "withdrawn_at": person.withdrawn_at,
                 "excluded_at": person.excluded_at,
-                "excluded_reason": self._scrub(person.excluded_reason),
+                "excluded_reason": None if withdrawn else self._scrub(person.excluded_reason),
             }
 
     def sessions(self) -> Iterator[Row]:
@@ -162,9 +182,9 @@ class _Content:
                 "state": row.state,
                 "language": row.language,
                 "seed": row.seed,
-                "plan": self._json(row.plan),
+                "plan": _json(row.plan),
                 "position": row.position,
-                "device": self._json(row.device),
+                "device": _json(row.device),
                 "personalisation": row.personalisation,
                 "created_at": row.created_at,
                 "started_at": row.started_at,
@@ -188,7 +208,8 @@ class _Content:
                 "query": trial.query_id,
                 "trajectory_a": trial.trajectory_a,
                 "trajectory_b": trial.trajectory_b,
-                "arms": self._json(trial.arms),
+                "arms": _json(trial.arms),
+                "look_alike": (trial.arms or {}).get("look_alike"),
                 "phase": trial.phase,
                 "phase_since": trial.phase_since,
                 "a_seen_at": trial.a_seen_at,
@@ -210,8 +231,8 @@ class _Content:
                 "view": trial.view if trial else None,
                 "role": trial.role if trial else None,
                 "query": trial.query_id if trial else None,
-                "choice": self._scrub(choice) if isinstance(choice, str) else None,
-                "value": self._json(answer.value),
+                "choice": choice if isinstance(choice, str) else None,
+                "value": _json(self._value(answer)),
                 "decision_s": answer.decision_s,
                 "client_time": answer.client_time,
                 "created_at": answer.created_at,
@@ -221,21 +242,22 @@ class _Content:
         for answer in self.answers:
             if answer.kind != "questionnaire":
                 continue
-            for item, given in sorted(answer.value.items()):
+            for item, given in sorted(self._value(answer).items()):
                 is_number = isinstance(given, int | float) and not isinstance(given, bool)
                 yield {
                     "response": answer.id,
                     **self._of_session(answer.session_id),
                     "step": answer.step_key,
                     "item": item,
-                    "answer": self._scrub(given) if isinstance(given, str) else self._json(given),
+                    "answer": given if isinstance(given, str) else _json(given),
                     "answer_number": float(given) if is_number else None,
                 }
 
     def events(self) -> Iterator[Row]:
         found = self.s.scalars(select(Event).where(Event.study_id == self.study.id).order_by(Event.id))
-        nobody = {"session": None, "participant": None, "simulated": None, "excluded": None, "withdrawn": None}
-        for number, event in enumerate(found, start=1):
+        nobody = {"session": None, "participant": None, "simulated": None, "excluded": None}
+        kept = (e for e in found if e.session_id not in self.gone and not mentions(e.data, self.gone))
+        for number, event in enumerate(kept, start=1):
             known = event.session_id in self.by_id
             yield {
                 "number": number,
@@ -244,7 +266,7 @@ class _Content:
                 "trial": event.trial_id,
                 "kind": event.kind,
                 "client_time": event.client_time,
-                "data": self._json(event.data),
+                "data": _json({key: v if key in OWN_WORDS else self._scrub_all(v) for key, v in event.data.items()}),
             }
 
     def pairs(self, stored: dict[str, TrajectoryRow]) -> Iterator[Row]:
@@ -280,20 +302,22 @@ class _Content:
             "participant": person.code,
             "simulated": person.simulated,
             "excluded": person.excluded_at is not None,
-            "withdrawn": person.withdrawn_at is not None,
         }
 
-    def _json(self, value: Any) -> str | None:
-        if value is None:
-            return None
-        return json.dumps(self._allowed(value), sort_keys=True, ensure_ascii=False)
+    def _value(self, answer: Response) -> Row:
+        """The answer's value, with what was typed freely scrubbed; every other kind of answer holds our own words."""
+        if answer.kind != "questionnaire":
+            return answer.value
+        return {
+            item: given if item in self.chosen_items else self._scrub_all(given) for item, given in answer.value.items()
+        }
 
-    def _allowed(self, value: Any) -> Any:
-        """Plain data without the entries that must not leave the database, its texts scrubbed."""
+    def _scrub_all(self, value: Any) -> Any:
+        """Plain data with every text in it scrubbed."""
         if isinstance(value, dict):
-            return {key: self._allowed(inner) for key, inner in value.items() if key.lower() not in FORBIDDEN_KEYS}
+            return {key: self._scrub_all(inner) for key, inner in value.items()}
         if isinstance(value, list):
-            return [self._allowed(inner) for inner in value]
+            return [self._scrub_all(inner) for inner in value]
         return self._scrub(value) if isinstance(value, str) else value
 
     def _scrub(self, text: str | None) -> str | None:
@@ -301,6 +325,30 @@ class _Content:
         for word in self.secrets if text else ():
             text = text.replace(word, REMOVED) if text else text
         return text
+
+
+def _json(value: Any) -> str | None:
+    """JSON without the entries that must not leave the database."""
+    return None if value is None else json.dumps(_allowed(value), sort_keys=True, ensure_ascii=False)
+
+
+def _allowed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _allowed(inner) for key, inner in value.items() if key.lower() not in FORBIDDEN_KEYS}
+    return [_allowed(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _items_without_free_text(study: Study) -> set[str]:
+    """Keys of the items whose answers were chosen or counted, in every questionnaire that has them."""
+    chosen: set[str] = set()
+    typed: set[str] = set()
+    for name, content in study.files.items():
+        if not name.startswith("questionnaires/"):
+            continue
+        for block in yaml.safe_load(content)["blocks"]:
+            for item in block["items"]:
+                (typed if item["type"] == "text" else chosen).add(item["key"])
+    return chosen - typed
 
 
 def _recruiting_words(s: Session, study_id: str) -> list[str]:

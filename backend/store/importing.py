@@ -1,7 +1,7 @@
 """Loads an exported data set into this database, to the same answers. Writing one lives in `export.py`.
 
-An imported study is closed and its sessions have no link: it is there to be analysed. Recruiting ids, completion codes
-and problem reports were never exported, so they are not there.
+An imported study is closed and its sessions have no link: it is there to be analysed. Recruiting ids, completion codes,
+problem reports and whatever withdrawn participants left were never exported, so they are not there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,17 @@ from backend.store.dataset import (
     TRIALS,
     Table,
 )
-from backend.store.models import Event, Participant, Response, Study, Tombstone, TrajectoryRow, Trial, new_id
+from backend.store.models import (
+    Event,
+    Participant,
+    Response,
+    Study,
+    Tombstone,
+    TrajectoryRow,
+    Trial,
+    new_id,
+    protocol_digest,
+)
 from backend.store.models import Session as SessionRow
 
 Row = dict[str, Any]
@@ -59,8 +69,8 @@ class DatasetError(ValueError):
 def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str, Any]:
     """Load the data set in `folder`; returns {"study", "participants", "sessions", "responses", "trajectories"}.
 
-    Checks every checksum first. Raises DatasetError naming the file if one is missing, changed, added or unreadable, or
-    if the study is here already.
+    Checks every checksum first. Raises DatasetError naming the file if one is missing, changed, added or unreadable, if
+    the protocol is not the one whose hash the study carries, or if the study is here already.
     """
     _check_files(folder)
     about = _read_json(folder / STUDY_FILE)
@@ -134,13 +144,21 @@ def _read(folder: Path, table: Table) -> list[Row]:
 
 def _add_study(s: Session, folder: Path, about: Row) -> None:
     frozen = _read_json(folder / PROTOCOL_FOLDER / "frozen.json")
+    protocol_yaml = (folder / PROTOCOL_FOLDER / "protocol.yaml").read_bytes().decode()
+    found = protocol_digest(protocol_yaml, frozen["files"])
+    if found != about["protocol"]["sha256"]:
+        raise DatasetError(
+            f"{PROTOCOL_FOLDER}: protocol.yaml and the files in frozen.json have sha256 {found}, but {STUDY_FILE} says "
+            f"{about['protocol']['sha256']}: this is not the protocol that the answers were collected with; use an "
+            "untouched copy"
+        )
     s.add(
         Study(
             id=about["study"],
             name=about["name"],
             protocol_name=about["protocol"]["name"],
             protocol_version=about["protocol"]["version"],
-            protocol_yaml=(folder / PROTOCOL_FOLDER / "protocol.yaml").read_bytes().decode(),
+            protocol_yaml=protocol_yaml,
             protocol=frozen["protocol"],
             files=frozen["files"],
             protocol_hash=about["protocol"]["sha256"],

@@ -7,7 +7,10 @@ shape is documented beside them and in docs/data-dictionary.md. After a change h
 
 from __future__ import annotations
 
+import hashlib
+import json
 import uuid
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -85,8 +88,16 @@ class Setting(Base):
     value: Mapped[dict[str, Any]] = mapped_column(JSON)
 
 
+def protocol_digest(protocol_yaml: str, files: Mapping[str, Any]) -> str:
+    """sha256 of a protocol and all texts it names: a study's `protocol_hash`."""
+    return hashlib.sha256(
+        json.dumps({"yaml": protocol_yaml, "files": dict(files)}, sort_keys=True).encode()
+    ).hexdigest()
+
+
 class Study(Base):
-    """One run of a protocol with its own frozen copy. `files` maps every text the protocol names to its content."""
+    """One run of a protocol with its own frozen copy. `files` maps every text the protocol names to its content;
+    `protocol_hash` is the `protocol_digest` of YAML and files."""
 
     __tablename__ = "study"
     id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
@@ -184,7 +195,8 @@ class Trial(Base):
     query_id: Mapped[str | None] = mapped_column(String(80))
     trajectory_a: Mapped[str] = mapped_column(ForeignKey("trajectory.id"))
     trajectory_b: Mapped[str] = mapped_column(ForeignKey("trajectory.id"))
-    arms: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # {"a": artefact id, "b": artefact id, "own": "a"|"b"}
+    # comparison only: {"a": artefact id, "b": artefact id, "own": "a"|"b", "look_alike": bool}
+    arms: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     phase: Mapped[str] = mapped_column(String(16), default="ready")
     phase_since: Mapped[datetime | None]
     a_seen_at: Mapped[datetime | None]

@@ -107,6 +107,7 @@ def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int
         base = s.get(TrajectoryRow, drives["base"])
         policies = {"own": result["policy"], "base": base.made_by if base is not None else None}
         a, b = ("own", "base") if step["turned"] else ("base", "own")
+        arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
         s.add(
             Trial(
                 session_id=session.id,
@@ -117,7 +118,7 @@ def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int
                 view=step["view"],
                 trajectory_a=drives[a],
                 trajectory_b=drives[b],
-                arms={"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"},
+                arms={**arms, "look_alike": drives["look_alike"]},
                 phase_since=now,
             )
         )

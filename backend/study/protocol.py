@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import json
 import re
 import types
 import typing
@@ -19,12 +18,13 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from backend.store.models import Study
+from backend.store.models import Study, protocol_digest
 from backend.study import source as yaml_source
 from backend.study.schema import (
     BlockStage,
     ComparisonStage,
     Protocol,
+    Queries,
     Questionnaire,
     QuestionnaireStage,
     StageEntry,
@@ -38,6 +38,8 @@ POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
 M = TypeVar("M", bound=BaseModel)
 Read = Callable[[str], str | None]
 """Content of a file named relative to the protocol, None if there is none."""
+Content = tuple[str, tuple[tuple[str, Any], ...]]
+"""YAML and the files that it names."""
 
 __all__ = ["FrozenProtocol", "ProtocolError", "StageSummary", "describe_stages", "freeze", "freeze_text"]
 
@@ -118,14 +120,15 @@ def freeze_text(text: str, *, file: str = "protocol.yaml", folder: Path = PROTOC
 
 def thaw(study: Study) -> FrozenProtocol:
     """The frozen protocol of a study, from its own copy alone."""
-    found = _thawed.get(study.protocol_hash)
+    content = (study.protocol_yaml, tuple(sorted(study.files.items())))
+    found = _thawed.get(content)
     if found is None:
         found = _frozen(study.protocol_yaml, f"{study.protocol_name}.yaml", study.files.get)
-        _thawed[study.protocol_hash] = found
+        _thawed[content] = found
     return found
 
 
-_thawed: dict[str, FrozenProtocol] = {}  # by hash, so never stale; one small entry per protocol version
+_thawed: dict[Content, FrozenProtocol] = {}  # by content, so never stale; one small entry per protocol version
 
 
 def validate_protocol_file(file: Path | str) -> dict[str, Any]:
@@ -170,8 +173,7 @@ def _frozen(text: str, file: str, read: Read) -> FrozenProtocol:
     if problems:
         raise ProtocolError(problems)
     files = dict(sorted(files.items()))
-    digest = hashlib.sha256(json.dumps({"yaml": text, "files": files}, sort_keys=True).encode()).hexdigest()
-    return FrozenProtocol(yaml=text, protocol=protocol, questionnaires=questionnaires, files=files, hash=digest)
+    return FrozenProtocol(text, protocol, questionnaires, files, hash=protocol_digest(text, files))
 
 
 def _questionnaire(
@@ -289,12 +291,30 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
                         ("stages", index, "block", "trials", t, "queries", "probes"),
                         "asks for more probes than there are regular queries to ask again",
                     )
+                yield from _chosen(one.queries, ("stages", index, "block", "trials", t, "queries"), kinds, source)
             if not regular:
                 yield source.problem(
                     ("stages", index, "block", "trials"), "has learning trials only; add queries of role regular"
                 )
     if len(set(protocol.languages)) != len(protocol.languages):
         yield source.problem(("languages",), "names a language twice")
+
+
+def _chosen(queries: Queries, here: yaml_source.Path, kinds: list[str], source: Source) -> Iterator[Problem]:
+    """Where queries may follow the answers: not in practice, not where several blocks must show the same ones."""
+    if queries.choose == "random":
+        if queries.stop is not None:
+            yield source.problem((*here, "stop"), "needs queries that are chosen by disagreement or information")
+        return
+    if queries.role == "learning":
+        yield source.problem((*here, "choose"), "must be random for learning trials; their answers teach nothing")
+    if kinds.count("block") > 1:
+        yield source.problem(
+            (*here, "choose"),
+            "must be random, because this protocol's blocks show the same queries; keep one block, or choose: random",
+        )
+    if queries.stop is not None and queries.stop.at_least > queries.count:
+        yield source.problem((*here, "stop", "at_least"), f"is more than the {queries.count} queries there are")
 
 
 # ---- pydantic's errors in words --------------------------------------------------------------------------------------

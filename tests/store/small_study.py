@@ -23,9 +23,23 @@ from backend.store.models import (
     Study,
     Trial,
     new_id,
+    protocol_digest,
 )
 
 STARTED = datetime(2026, 11, 2, 9, 30, tzinfo=UTC)
+PROTOCOL_YAML = "protocol: quick_preference_study\r\nversion: 1\n"
+FILES = {
+    "questionnaires/background.yaml": """
+blocks:
+  - items:
+      - {key: age, type: number}
+      - {key: presence, type: scale}
+  - items:
+      - {key: remark, type: text}
+      - {key: taste, type: choice}
+""",
+    "texts/information.md": "# Über diese Studie\n",
+}
 
 
 def trajectory(seed: int, steps: int = 6, setup: str = "study_room") -> Trajectory:
@@ -71,10 +85,10 @@ class SmallStudy:
                 name="Passing people",
                 protocol_name="quick_preference_study",
                 protocol_version=1,
-                protocol_yaml="protocol: quick_preference_study\r\nversion: 1\n",
+                protocol_yaml=PROTOCOL_YAML,
                 protocol={"protocol": "quick_preference_study", "licence": "CC-BY-4.0"},
-                files={"texts/information.md": "# Über diese Studie\n"},
-                protocol_hash=hashlib.sha256(b"protocol").hexdigest(),
+                files=FILES,
+                protocol_hash=protocol_digest(PROTOCOL_YAML, FILES),
                 recruiting_token=f"recruit-{new_id()}",
                 seed=7,
                 created_at=STARTED,
@@ -151,7 +165,7 @@ class SmallStudy:
                 at = STARTED + timedelta(seconds=10 * k + 9)
                 s.add(self._response(session.id, f"trial-{k}", "preference", {"choice": choice}, at, trial.id))
                 log_event(s, "answered", session_id=session.id, trial_id=trial.id, request=new_id())
-            items = {"age": 44, "remark": secret, "presence": 6, "devices": ["tablet", "laptop"]}
+            items = {"age": 44, "remark": secret, "presence": 6, "taste": "regular", "devices": ["tablet", "laptop"]}
             at = STARTED + timedelta(minutes=9)
             s.add(self._response(session.id, "background", "questionnaire", items, at))
             s.add(ProblemReport(session_id=session.id, text=secret))

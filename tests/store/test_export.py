@@ -20,33 +20,40 @@ from backend.store.dataset import CHECKSUMS_FILE, TABLES, data_dictionary
 from backend.store.events import log_event
 from backend.store.export import ExportError, export_study
 from backend.store.importing import DatasetError, import_dataset
-from backend.store.models import Participant, Response, Session, Study, Trial, utc_now
+from backend.store.models import Participant, RecruitingId, Response, Session, Study, Trial, protocol_digest, utc_now
 from backend.store.snapshots import load_snapshot, take_snapshot
-from tests.store.small_study import SmallStudy, trajectory
+from tests.store.small_study import FILES, PROTOCOL_YAML, SmallStudy, trajectory
 
+WITHDRAWN_DRIVES = 200
 FORMULA = '=HYPERLINK("http://evil.example","click")'
 
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory: pytest.TempPathFactory) -> SmallStudy:
-    """Three people and a bot; one excluded, one withdrawn; free text that a spreadsheet would run. Only read it."""
+    """Three people and a bot; one excluded, one withdrawn; free text that a spreadsheet would run. Only read it.
+
+    One of the recruiting ids is `regular`, which is also a word of ours and an option of the questionnaire.
+    """
     folder = tmp_path_factory.mktemp("full")
     database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
     database.migrate()
     study = SmallStudy(database, ArtefactStore((folder / "artefacts").as_uri()))
     _, session = study.participant("P1", secret=FORMULA)
     excluded, _ = study.participant("P2", choices="bb", drives=100)
-    withdrawn, _ = study.participant("P3", choices="", drives=200)
+    withdrawn, left = study.participant("P3", choices="ab", drives=WITHDRAWN_DRIVES, secret="told in confidence")
     study.participant("bot", choices="aa", drives=300, simulated=True)
     with database.transaction() as s:
         s.get(Participant, excluded).excluded_at = utc_now()
         s.get(Participant, excluded).excluded_reason = "-asleep"
         s.get(Participant, withdrawn).withdrawn_at = utc_now()
+        s.get(Participant, withdrawn).excluded_reason = "told in confidence"
+        s.get(Session, left).state = "withdrawn"
+        s.get(RecruitingId, excluded).external_id = "regular"
         log_event(s, "opened", session_id=session, address="/join?PROLIFIC_PID=prolific-P1-" + FORMULA)
         s.execute(
             update(Trial)
             .where(Trial.step_key == "trial-4")
-            .values(kind="comparison", arms={"a": "base", "b": "own", "own": "b"})
+            .values(kind="comparison", arms={"a": "base", "b": "own", "own": "b", "look_alike": True})
         )
     return study
 
@@ -82,22 +89,23 @@ def test_the_tables_hold_every_row_with_its_marks(exported: Path):
     assert [name for name, row in people.items() if row["simulated"]] == ["bot"]
     assert json.loads(people["bot"]["oracle"]) == {"name": "min-human-distance", "noise": 0.0}
     responses = parquet_rows(exported, "responses")
-    assert len(responses) == 4 * 2 + 4 + 2 + 0 + 2  # learning trial and questionnaire each, and the answers
-    assert sum(row["learning"] for row in responses) == 4
+    assert len(responses) == 3 * 2 + 4 + 2 + 2  # learning trial and questionnaire each, and the answers
+    assert sum(row["learning"] for row in responses) == 3
     assert {row["participant"] for row in responses if row["excluded"]} == {"P2"}
     first = next(row for row in responses if row["participant"] == "P1" and row["step"] == "trial-1")
     assert (first["choice"], first["view"], first["decision_s"]) == ("a", "top_down", 1.25)
     assert first["created_at"].isoformat() == "2026-11-02T09:30:19+00:00"
     sessions = parquet_rows(exported, "sessions")
     assert json.loads(sessions[0]["device"]) == {"width": 1280}
-    assert len(parquet_rows(exported, "trials")) == 12
+    assert len(parquet_rows(exported, "trials")) == 11
     comparison = [row for row in parquet_rows(exported, "trials") if row["kind"] == "comparison"]
-    assert [json.loads(row["arms"])["own"] for row in comparison] == ["b"]
+    assert [(json.loads(row["arms"])["own"], row["look_alike"]) for row in comparison] == [("b", True)]
     items = [row for row in parquet_rows(exported, "questionnaire_items") if row["participant"] == "P2"]
     assert {row["item"]: (row["answer"], row["answer_number"]) for row in items} == {
         "age": ("44", 44.0),
         "remark": ("fine", None),
         "presence": ("6", 6.0),
+        "taste": ("regular", None),
         "devices": ('["tablet", "laptop"]', None),
     }
     events = parquet_rows(exported, "events")
@@ -153,7 +161,7 @@ def test_the_study_file_names_protocol_licence_citation_and_units(exported: Path
     about = json.loads((exported / "study.json").read_text())
     assert about["licence"] == "CC-BY-4.0"
     assert "Passing people" in about["citation"]
-    assert about["protocol"]["sha256"] == hashlib.sha256(b"protocol").hexdigest()
+    assert about["protocol"]["sha256"] == protocol_digest(PROTOCOL_YAML, FILES)
     layout = about["setups"]["study_room"]["observation_layout"]
     assert layout[0] == {"name": "goal_distance", "unit": "m", "divided_by": 10.0}
     assert len(layout) == len(parquet_rows(exported, "trajectory_steps")[0]["observation"])
@@ -178,6 +186,64 @@ def test_what_identifies_a_person_does_not_leave(full: SmallStudy, exported: Pat
     assert found == []
     opened = next(row for row in parquet_rows(exported, "events") if row["kind"] == "opened")
     assert json.loads(opened["data"]) == {"address": "/join?PROLIFIC_PID=[removed]"}
+
+
+def test_who_withdrew_is_one_row_without_content(full: SmallStudy, exported: Path):
+    with full.database.session() as s:
+        person = s.scalars(select(Participant).where(Participant.code == "P3")).one()
+        session = s.scalars(select(Session.id).where(Session.participant_id == person.id)).one()
+        answers = s.scalars(select(Response.id).where(Response.session_id == session)).all()
+    row = next(row for row in parquet_rows(exported, "participants") if row["participant"] == "P3")
+    assert row == {
+        "participant": "P3",
+        "simulated": False,
+        "excluded": False,
+        "withdrawn": True,
+        "oracle": None,
+        "created_at": person.created_at,
+        "withdrawn_at": person.withdrawn_at,
+        "excluded_at": None,
+        "excluded_reason": None,
+    }
+    drives = [trajectory(WITHDRAWN_DRIVES + k).digest() for k in range(6)]
+    traces = [session, *answers, *drives, "told in confidence", "P3"]
+    found = {}
+    for table in TABLES:
+        rows = [str(row) for row in parquet_rows(exported, table.name)]
+        found |= {(table.name, trace): 1 for row in rows for trace in traces if trace in row}
+    assert found == {("participants", "P3"): 1}
+    assert not [drive for drive in drives if (exported / "trajectories" / f"{drive}.npz").exists()]
+    for path in exported.rglob("*"):
+        assert not path.is_file() or "told in confidence" not in path.read_bytes().decode(errors="replace"), path
+
+
+def test_recruiting_ids_are_removed_from_free_text_and_from_nothing_else(study: SmallStudy, tmp_path: Path):
+    person, session = study.participant("P1", secret="I am top_down, they call me regular")
+    with study.database.transaction() as s:
+        s.get(RecruitingId, person).external_id = "regular"
+        s.get(RecruitingId, person).details = {"STUDY_ID": "top_down"}
+        s.get(Participant, person).excluded_reason = "regular came twice"
+        s.get(Session, session).plan = [{"key": "regular", "kind": "trial", "view": "top_down"}]
+        log_event(s, "page_script_error", session_id=session, step="regular", page={"text": "at /join?pid=regular"})
+    export_study(study.database, study.files, study.id, tmp_path / "out")
+    rows = {table.name: parquet_rows(tmp_path / "out", table.name) for table in TABLES}
+    assert {row["view"] for row in rows["trials"]} == {"top_down"}
+    assert [row["role"] for row in rows["trials"]] == ["learning"] + ["regular"] * 4
+    assert json.loads(rows["sessions"][0]["plan"])[0] == {"key": "regular", "kind": "trial", "view": "top_down"}
+    assert rows["participants"][0]["excluded_reason"] == "[removed] came twice"
+    items = {row["item"]: row["answer"] for row in rows["questionnaire_items"]}
+    assert items["taste"] == "regular"
+    assert items["remark"] == "I am [removed], they call me [removed]"
+    given = next(row for row in rows["responses"] if row["kind"] == "questionnaire")
+    assert json.loads(given["value"]) == {
+        "age": 44,
+        "presence": 6,
+        "taste": "regular",
+        "devices": ["tablet", "laptop"],
+        "remark": items["remark"],
+    }
+    event = next(row for row in rows["events"] if row["kind"] == "page_script_error")
+    assert json.loads(event["data"]) == {"step": "regular", "page": {"text": "at /join?pid=[removed]"}}
 
 
 def test_no_cell_starts_a_formula(exported: Path):
@@ -219,7 +285,7 @@ def test_an_export_comes_back_to_the_same_answers(full: SmallStudy, exported: Pa
     there, their_files = either, ArtefactStore((tmp_path / "there").as_uri())
     there.migrate()
     said = import_dataset(there, their_files, exported)
-    assert said == {"study": full.id, "participants": 4, "sessions": 4, "responses": 16, "trajectories": 24}
+    assert said == {"study": full.id, "participants": 4, "sessions": 3, "responses": 14, "trajectories": 22}
     export_study(there, their_files, full.id, tmp_path / "back")
     for table in TABLES:
         assert parquet_rows(tmp_path / "back", table.name) == parquet_rows(exported, table.name), table.name
@@ -227,12 +293,18 @@ def test_an_export_comes_back_to_the_same_answers(full: SmallStudy, exported: Pa
     with full.database.session() as here, there.session() as s:
         assert s.get(Study, full.id).state == "closed"
         same = select(Response.id, Response.value, Response.created_at).order_by(Response.id)
-        assert s.execute(same).all() == here.execute(same).all()
-    with full.database.transaction() as s:
-        original = load_snapshot(s, full.files, take_snapshot(s, full.files, study_id=full.id).id)
-    with there.transaction() as s:
-        imported = load_snapshot(s, their_files, take_snapshot(s, their_files, study_id=full.id).id)
-    assert imported == original
+        kept = here.execute(same.join(Session).where(Session.state != "withdrawn")).all()
+        assert s.execute(same).all() == kept
+        assert s.scalars(select(Participant.code).where(Participant.withdrawn_at.is_not(None))).all() == ["P3"]
+    for whose in ("people", "all"):
+        with full.database.transaction() as s:
+            taken = take_snapshot(s, full.files, study_id=full.id, whose=whose)
+            original = load_snapshot(s, full.files, taken.id)
+        with there.transaction() as s:
+            taken = take_snapshot(s, their_files, study_id=full.id, whose=whose)
+            imported = load_snapshot(s, their_files, taken.id)
+        assert imported.answers == original.answers
+        assert imported.left_out == {**original.left_out, "withdrawn": 0}  # they are not there to be left out
 
 
 def test_importing_twice_is_refused(full: SmallStudy, exported: Path):
@@ -267,7 +339,7 @@ def forge(folder: Path, name: str, content: bytes) -> None:
     )
 
 
-def test_a_forged_data_set_leaves_nothing_behind(copied: Path, tmp_path: Path):
+def test_a_forged_data_set_leaves_nothing_behind(exported: Path, copied: Path, tmp_path: Path):
     fresh, store = Database(f"sqlite:///{tmp_path / 'there.sqlite'}"), ArtefactStore((tmp_path / "there").as_uri())
     fresh.migrate()
     name = f"trajectories/{trajectory(3).digest()}.npz"
@@ -287,6 +359,16 @@ def test_a_forged_data_set_leaves_nothing_behind(copied: Path, tmp_path: Path):
     forge(copied, "sessions.parquet", (copied / "participants.parquet").read_bytes())
     with pytest.raises(DatasetError, match=r"sessions.parquet: column 'session' \(text\) is missing"):
         import_dataset(fresh, store, copied)
+    forge(copied, "sessions.parquet", (exported / "sessions.parquet").read_bytes())
+    for name, content in {
+        "protocol.yaml": PROTOCOL_YAML.replace("version: 1", "version: 2"),
+        "frozen.json": json.dumps({"protocol": {}, "files": {**FILES, "texts/information.md": "# Another\n"}}),
+    }.items():
+        original = (copied / "protocol" / name).read_bytes()
+        forge(copied, f"protocol/{name}", content.encode())
+        with pytest.raises(DatasetError, match="this is not the protocol that the answers were collected with"):
+            import_dataset(fresh, store, copied)
+        forge(copied, f"protocol/{name}", original)
     with fresh.session() as s:
         assert s.scalars(select(Study)).all() == []
         assert s.scalars(select(Participant)).all() == []
@@ -328,4 +410,4 @@ def test_an_export_can_be_moved_and_read_elsewhere(copied: Path, tmp_path: Path)
     fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
     fresh.migrate()
     said = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), tmp_path / "elsewhere")
-    assert said["responses"] == 16
+    assert said["responses"] == 14

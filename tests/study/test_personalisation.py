@@ -33,7 +33,9 @@ def end_job(database, files, study, *, passed=True, comparisons=3, state="succee
         job.result = {
             "policy": "own-policy",
             "passed": passed,
-            "comparisons": [{"base": q.trajectory_a, "own": q.trajectory_b} for q in queries],
+            "comparisons": [
+                {"base": q.trajectory_a, "own": q.trajectory_b, "look_alike": k == 1} for k, q in enumerate(queries)
+            ],
         }
 
 
@@ -61,7 +63,7 @@ def test_three_blind_pairs_then_a_guess_about_the_last_then_the_code(database, f
     assert not settle(waiting)
     with database.session() as s:
         trials = list(s.scalars(select(Trial).where(Trial.kind == "comparison").order_by(Trial.index)))
-    assert len(trials) == 3
+    assert [trial.arms["look_alike"] for trial in trials] == [False, True, False]
     for trial in trials:
         own = trial.arms["own"]
         assert trial.arms[own] == "own-policy"
