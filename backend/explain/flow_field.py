@@ -103,7 +103,7 @@ class FlowField:
             yield (
                 *_place(self.grid, row, column),
                 int(free),
-                *(_told(values[row, column]) for values in (self.heading, self.speed, self.oscillation)),
+                *(_told(values.item(row, column)) for values in (self.heading, self.speed, self.oscillation)),
                 "" if outcome == NOTHING else Outcome(outcome).name.lower(),
                 int(self.traversals[row, column]),
             )
@@ -138,7 +138,7 @@ class FlowDifference:
         """One row per cell, in the order of DIFFERENCE_COLUMNS."""
         for (row, column), angle in np.ndenumerate(self.heading):
             place = _place(self.first.grid, row, column)
-            yield (*place, _told(angle), int(self.traversals[row, column]))
+            yield (*place, _told(float(angle)), int(self.traversals[row, column]))
 
 
 def _place(grid: Grid, row: int, column: int) -> tuple[object, ...]:
@@ -362,8 +362,6 @@ def spread_starts(scene: Scene, count: int) -> list[Scene]:
     return chosen
 
 
-def drives_from(
-    acts: Mapping[str, ActFunction], setup: Setup, starts: Sequence[Scene]
-) -> dict[str, list[Trajectory]]:
+def drives_from(acts: Mapping[str, ActFunction], setup: Setup, starts: Sequence[Scene]) -> dict[str, list[Trajectory]]:
     """Every policy, by name, from every start: one trajectory per start, in order."""
     return {name: rollout(setup, act, starts) for name, act in acts.items()}
