@@ -34,8 +34,10 @@ class EngineState(StrEnum):
 
 
 class Queue(StrEnum):
-    """Participants who wait for their own policy never queue behind an analyst's long training."""
+    """Lanes that never wait for each other: policies that are there at once, those that participants' answers are
+    trained into, and what analysts start."""
 
+    INSTANT = "instant"
     PARTICIPANTS = "participants"
     ANALYSTS = "analysts"
 

@@ -34,8 +34,10 @@ log = structlog.get_logger("desirepath.worker")
 
 
 def queue_of(job: Job) -> Queue:
-    """A job that a session waits for does not queue behind an analyst's."""
-    return Queue.PARTICIPANTS if job.session_id else Queue.ANALYSTS
+    """A job of a session does not queue behind an analyst's, one that takes a second not behind a training."""
+    if not job.session_id:
+        return Queue.ANALYSTS
+    return Queue.INSTANT if job.params.get("recipe") == "instant" else Queue.PARTICIPANTS
 
 
 class Worker:

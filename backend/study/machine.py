@@ -22,7 +22,7 @@ from backend.store.events import log_event
 from backend.store.models import Participant, ProblemReport, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
-from backend.study import personalisation
+from backend.study import asking, personalisation
 from backend.study.answers import checked_value
 from backend.study.pages import payload_of
 from backend.study.planning import Step
@@ -333,7 +333,7 @@ def submit(
         response=response.id,
     )
     session.started_at = session.started_at or now
-    _move(s, files, session, _next(s, session), now)
+    _move(s, files, session, _next(s, files, session), now)
     return Submitted(response.id, duplicate=False)
 
 
@@ -350,7 +350,7 @@ def _about_last_comparison(s: DatabaseSession, session: Session, choice: str) ->
 
 def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, now: datetime) -> None:
     """Advance to step `to` if nobody else has moved the session, and do what arriving there means."""
-    before = session.plan[session.position]
+    passed = session.plan[session.position : to]
     _compare_and_set(
         s,
         session,
@@ -362,23 +362,8 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
     study = s.get_one(Study, session.study_id)
     protocol = thaw(study).protocol
     if step["kind"] == "trial":
-        s.add(
-            Trial(
-                session_id=session.id,
-                step_key=step["key"],
-                index=session.position,
-                block=step["block"],
-                kind="query",
-                role=step["role"],
-                view=step["view"],
-                query_id=step["query"],
-                trajectory_a=step["trajectory_a"],
-                trajectory_b=step["trajectory_b"],
-                phase_since=now,
-            )
-        )
-        s.flush()
-    if before.get("then") == "train":
+        _make_trial(s, files, session, step, now)
+    if any(one.get("then") == "train" for one in passed):
         personalisation.start_training(s, files, session, study, protocol)
     if step["kind"] == "wait":
         settle(s, files, session, now=now)
@@ -388,6 +373,27 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
         session.completion_code = secrets.token_hex(4).upper() if code == "random" or session.simulated else code
         session.state, session.finished_at = "completed", now
         log_event(s, "session_completed", session_id=session.id)
+
+
+def _make_trial(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step, now: datetime) -> None:
+    asked = asking.asked_in(s, files, session, step)
+    trial = Trial(
+        session_id=session.id,
+        step_key=step["key"],
+        index=session.position,
+        block=step["block"],
+        kind="query",
+        role=step["role"],
+        view=step["view"],
+        query_id=asked.query,
+        trajectory_a=asked.trajectory_a,
+        trajectory_b=asked.trajectory_b,
+        phase_since=now,
+    )
+    s.add(trial)
+    s.flush()
+    if asked.why is not None:
+        log_event(s, "query_chosen", session_id=session.id, trial_id=trial.id, query=asked.query, **asked.why)
 
 
 def settle(s: DatabaseSession, files: ArtefactStore, session: Session, *, now: datetime) -> bool:
@@ -414,12 +420,24 @@ def _after_wait(session: Session, shown: int) -> int:
     return next(i for i in range(session.position + 1, len(session.plan)) if session.plan[i]["kind"] not in past)
 
 
-def _next(s: DatabaseSession, session: Session) -> int:
-    """The step after the current one; comparisons that could not be made are passed over."""
+def _next(s: DatabaseSession, files: ArtefactStore, session: Session) -> int:
+    """The step after the current one; passed over are comparisons that could not be made, queries after the stopping
+    rule has ended them, and probes of these."""
     to = session.position + 1
-    while session.plan[to]["kind"] == "comparison" and trial_of(s, session, session.plan[to]["key"]) is None:
+    if session.plan[to].get("choose") and asking.little_left(s, files, session, session.plan[to]):
+        log_event(s, "queries_ended", session_id=session.id, step=session.plan[to]["key"])
+        while session.plan[to].get("choose") and "again" not in session.plan[to]:
+            to += 1
+    while not _can_be_asked(s, session, session.plan[to]):
         to += 1
     return to
+
+
+def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
+    """Comparisons need the trial that was made for them, probes of chosen queries the one that they repeat."""
+    if step["kind"] == "comparison":
+        return trial_of(s, session, step["key"]) is not None
+    return "again" not in step or trial_of(s, session, step["again"]) is not None
 
 
 # ---- pause, leave, tell ----------------------------------------------------------------------------------------------
@@ -456,9 +474,9 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     participant = s.get_one(Participant, session.participant_id)
     participant.withdrawn_at = now
     session.state = "withdrawn"
-    job = personalisation.job_of(s, session)
-    if job is not None and job.state not in (*ENDED, "cancelling"):
-        cancel_job(s, job.id, by="withdrawal")
+    for job in personalisation.jobs_of(s, session):
+        if job.state not in (*ENDED, "cancelling"):
+            cancel_job(s, job.id, by="withdrawal")
     set_aside_snapshots(s, participant.id)
     log_event(s, "withdrawn", session_id=session.id, step=step_of(session)["key"])
 

@@ -31,10 +31,10 @@ def train_stage(protocol: Protocol) -> TrainStage:
 
 def start_training(
     s: DatabaseSession, files: ArtefactStore, session: Session, study: Study, protocol: Protocol
-) -> Job | None:
+) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
-    Too few answers: no job; the session's `personalisation` says so.
+    Recipe instant: two jobs, the second a refinement. Too few answers: none; the session's `personalisation` says so.
     """
     stage = train_stage(protocol)
     try:
@@ -42,35 +42,60 @@ def start_training(
     except SnapshotError as problem:
         session.personalisation = "too_few_answers"
         log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
-        return None
+        return
     scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
-    job = enqueue_job(
-        s,
-        stage.job,
-        {
-            "snapshot": snapshot.id,
-            "setup": snapshot.setup,
-            "recipe": stage.recipe,
-            "comparisons": scenes,
-            "seed": session.seed % (LARGEST_JOB_SEED + 1),
-        },
-        priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
-        study_id=study.id,
-        session_id=session.id,
-        created_by="study",
+    recipes: list[dict[str, str]] = [{"recipe": stage.recipe}]
+    if stage.recipe == "instant":
+        recipes.append({"recipe": "refine", "start": "conditioned"})
+    for recipe in recipes:
+        job = enqueue_job(
+            s,
+            stage.job,
+            {
+                "snapshot": snapshot.id,
+                "setup": snapshot.setup,
+                "comparisons": scenes,
+                "seed": session.seed % (LARGEST_JOB_SEED + 1),
+                **recipe,
+            },
+            priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
+            study_id=study.id,
+            session_id=session.id,
+            created_by="study",
+        )
+        log_event(
+            s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id, recipe=recipe["recipe"]
+        )
+
+
+def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
+    """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
+    refinement is shown instead of the instant policy that it began with, once it is there and better."""
+    found = s.scalars(
+        select(Job).where(Job.session_id == session.id, Job.kind == "align").order_by(Job.created_at, Job.id)
     )
-    log_event(s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id)
-    return job
+    newest = {job.params.get("recipe"): job for job in found}
+    return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
 
 
-def job_of(s: DatabaseSession, session: Session) -> Job | None:
-    """The session's alignment: the newest one that the study or a retry started."""
-    return s.scalars(
-        select(Job)
-        .where(Job.session_id == session.id, Job.kind == "align")
-        .order_by(Job.created_at.desc(), Job.id)
-        .limit(1)
-    ).first()
+def ready_job(s: DatabaseSession, session: Session) -> Job | None:
+    """The alignment whose policy may be shown now."""
+    return next((job for job in jobs_of(s, session) if _verdict(job) == "shown"), None)
+
+
+def _verdict(job: Job) -> str | None:
+    """What became of one alignment, None while it goes on."""
+    if job.state == "succeeded":
+        result = job.result or {}
+        if not result.get("passed"):
+            return "gate_not_passed"
+        return "shown" if result.get("comparisons") else "no_scenes"
+    return "job_failed" if job.state in ("failed", "cancelled", "cancelling") else None
+
+
+def progress_of(s: DatabaseSession, session: Session) -> float:
+    """How far the alignment is that somebody waits for, 0 to 1."""
+    return max((job.progress for job in jobs_of(s, session)), default=0.0)
 
 
 def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: datetime) -> str | None:
@@ -81,25 +106,24 @@ def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: da
     """
     if session.personalisation is not None:
         return session.personalisation
-    job = job_of(s, session)
-    if job is None:
+    jobs = jobs_of(s, session)
+    if not jobs:
         return "too_few_answers"
-    if job.state == "succeeded":
-        result = job.result or {}
-        if not result.get("passed"):
-            return "gate_not_passed"
-        return "shown" if result.get("comparisons") else "no_scenes"
-    if job.state in ("failed", "cancelled", "cancelling"):
-        return "job_failed"
+    verdicts = [_verdict(job) for job in jobs]
+    if "shown" in verdicts:
+        return "shown"
+    if None not in verdicts:
+        return verdicts[-1]
     last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
-    since = max(job.created_at, last) if last else job.created_at
+    began = min(job.created_at for job in jobs)
+    since = max(began, last) if last else began
     patience = timedelta(seconds=train_stage(protocol).give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
     return "late" if now - since > patience else None
 
 
 def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int:
     """The comparison trials from the job's drives; sides as the plan's lot says. Returns how many there are."""
-    job = job_of(s, session)
+    job = ready_job(s, session)
     result: dict[str, Any] = (job.result or {}) if job is not None else {}
     planned: list[tuple[int, Step]] = [(i, step) for i, step in enumerate(session.plan) if step["kind"] == "comparison"]
     pairs = list(zip(planned, result.get("comparisons", []), strict=False))

@@ -56,8 +56,11 @@ def queries_needed(protocol: schema.Protocol) -> int:
 def make_plan(protocol: schema.Protocol, seed: int, queries: Sequence[AnyQuery]) -> list[Step]:
     """The steps of one session.
 
-    Queries are drawn without replacement and shown in random order; which of a query's drives is A is drawn by lot once
-    per participant and query. Several blocks show the same queries with the same sides, each in its own order
+    Steps of queries that are chosen by the answers so far say by what (`choose`) instead of which (`query`); what is
+    asked then stands in the trial. Probes of these say which step they repeat (`again`).
+
+    Other queries are drawn without replacement and shown in random order; which of a query's drives is A is drawn by
+    lot once per participant and query. Several blocks show the same queries with the same sides, each in its own order
     (spec 07). Probes come after all regular queries of their block have been seen. PlanError: too few queries.
     """
     needed = queries_needed(protocol)
@@ -115,46 +118,70 @@ def _block(
     turned: dict[str, bool],
     random: np.random.Generator,
 ) -> list[Step]:
-    regular: list[tuple[str, AnyQuery, bool]] = []
-    learning: list[tuple[str, AnyQuery, bool]] = []
-    probes: list[tuple[str, AnyQuery, bool]] = []
+    asked: dict[str, list[Step]] = {"learning": [], "regular": [], "probe": []}
     first = 0
     for entry in stage.trials:
         wanted = entry.queries
-        chosen = drawn[first : first + wanted.count]
+        mine = drawn[first : first + wanted.count]
         first += wanted.count
         if wanted.role == "learning":
-            learning += [("learning", query, turned[query.id]) for query in chosen]
+            asked["learning"] += [_fixed("learning", query, turned[query.id]) for query in mine]
             continue
-        regular += [("regular", chosen[i], turned[chosen[i].id]) for i in random.permutation(len(chosen))]
-        again = [chosen[i] for i in random.choice(len(chosen), wanted.probes.repeat + wanted.probes.swap, False)]
-        probes += [("repeat", query, turned[query.id]) for query in again[: wanted.probes.repeat]]
-        probes += [("swap", query, not turned[query.id]) for query in again[wanted.probes.repeat :]]
-    probes = [probes[i] for i in random.permutation(len(probes))]
-    counted = len(regular) + len(probes)
+        place = len(asked["regular"])
+        if wanted.choose == "random":
+            asked["regular"] += [_fixed("regular", mine[i], turned[mine[i].id]) for i in random.permutation(len(mine))]
+        else:
+            rule = {"choose": wanted.choose} | ({"stop": wanted.stop.model_dump()} if wanted.stop else {})
+            asked["regular"] += [{"role": "regular", "turned": bool(random.integers(2)), **rule} for _ in mine]
+        again = random.choice(len(mine), wanted.probes.repeat + wanted.probes.swap, False)
+        for n, i in enumerate(again):
+            step = asked["regular"][place + int(i)]
+            role = "repeat" if n < wanted.probes.repeat else "swap"
+            probe = {**step, "role": role, "again": place + int(i)}
+            if role == "swap":
+                probe = _sides_changed(probe)
+            probe.pop("stop", None)
+            asked["probe"].append(probe)
+    asked["probe"] = [asked["probe"][i] for i in random.permutation(len(asked["probe"]))]
+    counted = len(asked["regular"]) + len(asked["probe"])
+    learning = len(asked["learning"])
     steps: list[Step] = []
-    for number, (role, query, other_way) in enumerate(learning + regular + probes):
-        drives = [
-            {"trajectory": query.trajectory_a, "duration_s": query.duration_a_s},
-            {"trajectory": query.trajectory_b, "duration_s": query.duration_b_s},
-        ]
-        a, b = reversed(drives) if other_way else drives
+    for number, step in enumerate(asked["learning"] + asked["regular"] + asked["probe"], 1):
+        practice = step["role"] == "learning"
+        if "again" in step:
+            step["again"] = f"{name}.{learning + step['again'] + 1:02d}"
         steps.append(
             {
-                "key": f"{name}.{number + 1:02d}",
+                "key": f"{name}.{number:02d}",
                 "kind": "trial",
                 "stage": name,
                 "block": name,
-                "role": role,
                 "view": stage.view,
-                "number": number + 1 if role == "learning" else number + 1 - len(learning),
-                "of": len(learning) if role == "learning" else counted,
-                "query": query.id,
-                "turned": other_way,
-                "trajectory_a": a["trajectory"],
-                "trajectory_b": b["trajectory"],
-                "duration_a_s": a["duration_s"],
-                "duration_b_s": b["duration_s"],
+                "number": number if practice else number - learning,
+                "of": learning if practice else counted,
+                **step,
             }
         )
     return steps
+
+
+def _fixed(role: str, query: AnyQuery, turned: bool) -> Step:
+    """A query that is known before the session; `turned`: its second trajectory is shown as A."""
+    step = {
+        "role": role,
+        "query": query.id,
+        "turned": False,
+        "trajectory_a": query.trajectory_a,
+        "trajectory_b": query.trajectory_b,
+        "duration_a_s": query.duration_a_s,
+        "duration_b_s": query.duration_b_s,
+    }
+    return _sides_changed(step) if turned else step
+
+
+def _sides_changed(step: Step) -> Step:
+    changed = {**step, "turned": not step["turned"]}
+    if "query" in step:
+        for name in ("trajectory_{}", "duration_{}_s"):
+            changed[name.format("a")], changed[name.format("b")] = step[name.format("b")], step[name.format("a")]
+    return changed

@@ -56,12 +56,27 @@ class Probes(Part):
     swap: int = Field(0, ge=0, le=50)
 
 
+class Stopping(Part):
+    """End the queries early once little is left to learn: when the best next answer promised less than `below_bits` of
+    information for `in_a_row` queries, and at least `at_least` were answered.
+    """
+
+    below_bits: float = Field(0.05, gt=0, le=1)
+    in_a_row: int = Field(2, ge=1, le=20)
+    at_least: int = Field(6, ge=2, le=200)
+
+
 class Queries(Part):
-    """`count` queries of the query set. `learning` ones are marked and never analysed (spec 07)."""
+    """`count` queries of the query set. `learning` ones are marked and never analysed (spec 07).
+
+    choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
+    participant's own answers so far (spec 06).
+    """
 
     count: int = Field(ge=1, le=200)
     role: Literal["learning", "regular"] = "regular"
-    choose: Literal["random"] = "random"
+    choose: Literal["random", "disagreement", "information"] = "random"
+    stop: Stopping | None = Field(None, description="default: all queries are asked")
     probes: Probes = Probes()
 
 
@@ -87,12 +102,13 @@ class Meanwhile(Part):
 class TrainStage(Part):
     """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
 
-    recipe: `refine` is recipe B of spec 06, `thesis` the one of thesis 6.4.
+    recipe: `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs behind it and takes its
+    place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
     """
 
     job: Literal["align"] = "align"
     on: Literal["own_answers"] = "own_answers"
-    recipe: Literal["refine", "thesis"] = "refine"
+    recipe: Literal["instant", "refine", "thesis"] = "instant"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # DESIGN.md, sketch of a protocol
 

@@ -1,0 +1,148 @@
+"""Which query a trial asks about: the planned one, or the one that teaches most after the answers so far.
+
+What answers say is `learning.posterior`'s, what teaches most `learning.choosing`'s; here both meet the stored rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.artefacts import ArtefactStore, load_artefact
+from backend.store.models import Response, Session, Study, Trial
+from backend.store.query_sets import StoredQuery, import_query_set, queries_of
+from backend.study.planning import Step
+from backend.study.protocol import thaw
+
+if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
+    from backend.learning.posterior import Posterior
+
+Doubles = NDArray[np.float64]
+Answers = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a trial shows. `why`: for the event log, None where the plan knew the query before."""
+
+    query: str
+    trajectory_a: str
+    trajectory_b: str
+    why: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class MeasuredQueries:
+    """A query set with what its trajectories measure: differences (n, 7) of first minus second, in its order."""
+
+    setup: str
+    queries: tuple[StoredQuery, ...]
+    differences: Doubles
+
+    def index(self) -> dict[str, int]:
+        """Where each query stands, by id."""
+        return {query.id: i for i, query in enumerate(self.queries)}
+
+
+def asked_in(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> Asked:
+    """What the trial of that step shows."""
+    if "query" in step:
+        return Asked(step["query"], step["trajectory_a"], step["trajectory_b"])
+    if "again" in step:
+        return _asked_again(s, session, step)
+    from backend.learning.choosing import next_query
+
+    measured = measured_queries(s, files, s.get_one(Study, session.study_id))
+    used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
+    used |= {one["query"] for one in session.plan if "query" in one}
+    left = [i for i, query in enumerate(measured.queries) if query.id not in used]
+    posterior = posterior_of(s, files, session)
+    random = np.random.default_rng([session.seed, 31, session.position])
+    chosen = next_query(posterior, measured.differences[left], step["choose"], random)
+    query = measured.queries[left[chosen.index]]
+    sides = (query.trajectory_a, query.trajectory_b)
+    a, b = sides[::-1] if step["turned"] else sides
+    why = {"by": step["choose"], "bits": round(chosen.bits, 4), "answers": len(posterior.chosen), "of": len(left)}
+    return Asked(query.id, a, b, why)
+
+
+def _asked_again(s: DatabaseSession, session: Session, step: Step) -> Asked:
+    before = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step["again"])).one()
+    sides = (before.trajectory_a, before.trajectory_b)
+    a, b = sides[::-1] if step["role"] == "swap" else sides
+    return Asked(str(before.query_id), a, b)
+
+
+def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> bool:
+    """Does the protocol's stopping rule end the chosen queries here?"""
+    rule = step.get("stop")
+    if rule is None:
+        return False
+    from backend.learning.choosing import best_information
+
+    answers = answers_of(s, session)
+    if len(answers) < rule["at_least"]:
+        return False
+    study = s.get_one(Study, session.study_id)
+    measured = measured_queries(s, files, study)
+    for fewer in range(rule["in_a_row"]):
+        known = answers[: len(answers) - fewer]
+        used = {query for query, _ in known}
+        left = [i for i, query in enumerate(measured.queries) if query.id not in used]
+        if best_information(posterior_after(measured, known), measured.differences[left]) >= rule["below_bits"]:
+            return False
+    return True
+
+
+def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> Posterior:
+    """What the session's answers so far say, without practice and probes."""
+    study = s.get_one(Study, session.study_id)
+    return posterior_after(measured_queries(s, files, study), answers_of(s, session))
+
+
+def answers_of(s: DatabaseSession, session: Session) -> Answers:
+    """(query, id of the trajectory that was chosen) of the regular trials, in the order in which they were asked."""
+    rows = s.execute(
+        select(Trial, Response)
+        .join(Response, Response.trial_id == Trial.id)
+        .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role == "regular")
+        .order_by(Trial.index)
+    )
+    return tuple(
+        (str(trial.query_id), trial.trajectory_a if response.value["choice"] == "a" else trial.trajectory_b)
+        for trial, response in rows
+    )
+
+
+def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
+    """The posterior after those answers."""
+    from backend.learning.posterior import Posterior
+
+    places = measured.index()
+    rows = [places[query] for query, _ in answers]
+    choices = [chosen == measured.queries[row].trajectory_a for row, (_, chosen) in zip(rows, answers, strict=True)]
+    return Posterior.from_answers(measured.setup, measured.differences[rows], choices)
+
+
+def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study) -> MeasuredQueries:
+    """The study's query set, measured once per process."""
+    artefact = import_query_set(s, files, thaw(study).protocol.query_set)
+    known = _measured.get(artefact.id)
+    if known is None:
+        from backend.learning.queries import QuerySet
+        from backend.learning.vocabulary import measures
+
+        queries = QuerySet.from_bytes(load_artefact(s, files, artefact.id, kind="query_set")[1]).queries
+        of_all = measures([t for query in queries for t in (query.trajectory_a, query.trajectory_b)])
+        stored = tuple(queries_of(s, files, artefact.id))
+        known = MeasuredQueries(artefact.setup, stored, of_all[0::2] - of_all[1::2])
+        _measured[artefact.id] = known
+    return known
+
+
+_measured: dict[str, MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries
