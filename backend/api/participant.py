@@ -11,7 +11,7 @@ import ipaddress
 import json
 import math
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime, timedelta
 from typing import Annotated, Any, Literal
 
@@ -32,6 +32,7 @@ from backend.api.throttle import (
     count,
     exhausted,
 )
+from backend.store.database import DatabaseBusy
 from backend.store.events import log_event
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.models import Response as Answer
@@ -298,11 +299,14 @@ def _looking(parts: House, token: str) -> Iterator[tuple[DatabaseSession, Sessio
     """A reading transaction on the token's session, which first lets a waiting session go on. Refusals are logged."""
     try:
         with parts.database.session() as s:
-            due = _may_settle(s, find_session(s, token, now=utc_now(), lock=False))
+            session = find_session(s, token, now=utc_now(), lock=False)
+            due = _may_settle(s, session)
+            if not due:
+                yield s, session
         if due:
             _settle(parts, token)
-        with parts.database.session() as s:
-            yield s, find_session(s, token, now=utc_now(), lock=False)
+            with parts.database.session() as s:
+                yield s, find_session(s, token, now=utc_now(), lock=False)
     except Refused as refused:
         log_refusal(parts.database, refused, request="look")
         raise
@@ -531,8 +535,7 @@ class _Glance:
         self.waiting = step["kind"] == "wait" and session.state == "active"
         self.job: dict[str, Any] | None = None
         if self.waiting:
-            job = personalisation.job_of(s, session)
-            self.job = {"progress": round(job.progress, 3) if job is not None else 0.0, "done": False}
+            self.job = {"progress": round(personalisation.progress_of(s, session), 3), "done": False}
 
 
 def _glance(parts: House, token: str) -> _Glance:
@@ -540,8 +543,8 @@ def _glance(parts: House, token: str) -> _Glance:
         glance = _Glance(s, session)
         unseen = session.last_seen_at is None or utc_now() - session.last_seen_at > SEEN_EVERY
     if unseen:
-        with acting(parts.database, token, request="stream", now=utc_now()):
-            pass  # `acting` notes when the session was last seen
+        with suppress(DatabaseBusy), acting(parts.database, token, request="stream", now=utc_now()):
+            pass  # `acting` notes when the session was last seen; a busy database is told at the next look
     return glance
 
 
