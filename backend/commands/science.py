@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -19,6 +19,9 @@ from backend.commands.output import JsonFlag, plain_errors, say
 from backend.commands.study import open_store
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+
+if TYPE_CHECKING:
+    from backend.learning.policy import Policy
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
 queries = typer.Typer(help="Make queries.", no_args_is_help=True)
@@ -124,22 +127,26 @@ def evaluate(
 ) -> None:
     """Drive a policy through fresh scenes and measure it."""
     from backend.learning.evaluate import evaluate_policy
+
+    say(evaluate_policy(find_policy(policy), n=scenes, seed=seed, engine=engine), as_json)
+
+
+def find_policy(reference: str) -> Policy:
+    """The policy that was named on the command line: by id, path or shipped name. Raises LookupError."""
     from backend.learning.policy import Policy
     from backend.learning.shipped import load_policy, shipped_names
     from backend.store.artefacts import load_artefact
     from backend.store.models import Artefact
 
-    if policy in shipped_names() or Path(policy).is_file():
-        found = load_policy(policy)
-    else:
-        database, files = open_store()
-        with database.session() as s:
-            if s.get(Artefact, policy) is None:
-                shipped = ", ".join(shipped_names())
-                raise LookupError(f"no policy {policy!r}: neither an id, a file nor shipped ({shipped})")
-            _, content = load_artefact(s, files, policy, kind="policy")
-        found = Policy.from_bytes(content)
-    say(evaluate_policy(found, n=scenes, seed=seed, engine=engine), as_json)
+    if reference in shipped_names() or Path(reference).is_file():
+        return load_policy(reference)
+    database, files = open_store()
+    with database.session() as s:
+        if s.get(Artefact, reference) is None:
+            shipped = ", ".join(shipped_names())
+            raise LookupError(f"no policy {reference!r}: neither an id, a file nor shipped ({shipped})")
+        _, content = load_artefact(s, files, reference, kind="policy")
+    return Policy.from_bytes(content)
 
 
 def parsed_settings(more: list[str] | None) -> dict[str, Any]:

@@ -125,7 +125,7 @@ def starts_figure(drives: Mapping[str, Sequence[Trajectory]], *, title: str, wor
         raise ValueError("drives: none given")
     scene = every[0].scene
     with mpl.rc_context(STYLE):
-        figure, axes = _panels(scene, 1, 1, legend_lines=1 + math.ceil((2 + len(drives)) / 2))
+        figure, axes = _panels(scene, 1, 1, legend_lines=max(3, len(drives)))
         ax = axes[0]
         ax.set_title(title)
         lines = []
@@ -298,4 +298,8 @@ def _legend(figure: Figure, words: Words, flowing: Scene | None, lines: Sequence
         marks.append(Line2D([], [], color=INK, linewidth=THICKEST, label=words.streams.format(fastest=f"{fastest:g}")))
     columns = 2 if lines or figure.get_figwidth() < 1.5 * PANEL_IN else 4
     handles = [*marks, *lines]
+    if lines:  # marks left, drives right
+        longest = max(len(marks), len(lines))
+        empty = [Line2D([], [], linestyle="none", label=" ") for _ in range(longest - len(marks))]
+        handles = [*marks, *empty, *lines]
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, handletextpad=0.5)
