@@ -1,0 +1,313 @@
+"""What answers say about somebody's wants: a particle posterior over preference weights, after every answer.
+
+Pure and deterministic: the same answers give the same posterior. What is asked next lives in `choosing.py`, what the
+weights drive in `conditioned.py`. All ours (spec 06, "Beyond the thesis").
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.errors import LearningError
+from backend.learning.vocabulary import (
+    MEASURES,
+    NAMES,
+    OPPOSITES,
+    SIZE,
+    gains,
+    typical_differences,
+)
+from backend.simulation.setups import get_setup
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+MOST_WANTS = 3
+SIDE = MEASURES.index("passing_side")
+
+
+@dataclass(frozen=True)
+class PosteriorConfig:
+    """The prior, and how many particles carry it. All ours.
+
+    wants: prior probability that somebody has one, two or three objectives; their shares are uniform on the simplex.
+    rationality: a pair that differs by one typical difference is told apart with probability sigmoid(rationality);
+    log-uniform in this range, from hardly at all to without fail. mistakes: mean of the exponential prior of the share
+    of answers that are given without looking, cut off at `most_mistakes`; half of these are wrong.
+    """
+
+    particles: int = 20_000
+    seed: int = 0
+    wants: tuple[float, float, float] = (0.5, 0.3, 0.2)
+    carried_by: tuple[float, float, float] = (0.3, 0.35, 0.35)  # share of the particles for each number of wants
+    rationality: tuple[float, float] = (0.5, 100.0)
+    mistakes: float = 0.08
+    most_mistakes: float = 0.5
+    least_effective: float = 0.1  # of the particles: below, they are drawn anew and moved
+    moves: int = 4
+    smallest_weight: float = 0.2  # a smaller preference weight (the largest is 1) is left out
+
+
+def supports() -> list[tuple[int, ...]]:
+    """All sets of one to three objectives that somebody can want at once, as indices."""
+    return [
+        chosen
+        for size in range(1, MOST_WANTS + 1)
+        for chosen in combinations(range(SIZE), size)
+        if not any(a in chosen and b in chosen for a, b in OPPOSITES)
+    ]
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What is believed after some answers; `updated` gives the next one.
+
+    weights: (n, 9) float32 >= 0, each particle's shares, summing to 1. rationality, mistakes: (n,) float32.
+    log_mass: (n,) float64, unnormalised. differences (answers, 7) and chosen (answers,) are what was learned from:
+    measures of A minus B in the setup's unit, and whether A was chosen.
+    """
+
+    setup: str
+    config: PosteriorConfig
+    weights: Floats
+    rationality: Floats
+    mistakes: Floats
+    log_mass: Doubles
+    differences: Doubles = field(default_factory=lambda: np.zeros((0, len(MEASURES))))
+    chosen: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    draws: int = 0
+
+    @classmethod
+    def prior(cls, setup: str, config: PosteriorConfig | None = None) -> Posterior:
+        """What is believed before any answer. Every set of wants has equally many particles among those of its size."""
+        config = config or PosteriorConfig()
+        typical_differences(get_setup(setup).name)
+        random = np.random.default_rng([config.seed, 21])
+        weights, log_mass = [], []
+        for size, (mass, carried) in enumerate(zip(config.wants, config.carried_by, strict=True), start=1):
+            sets = [chosen for chosen in supports() if len(chosen) == size]
+            each = max(1, round(config.particles * carried / len(sets)))
+            for chosen in sets:
+                shares = np.zeros((each, SIZE), dtype=np.float32)
+                shares[:, chosen] = random.dirichlet(np.ones(size), each)
+                weights.append(shares)
+                log_mass.append(np.full(each, math.log(mass / len(sets) / each)))
+        n = sum(len(part) for part in weights)
+        low, high = np.log(config.rationality)
+        # Evenly spread, in random order: fewer accidents than independent draws.
+        rationality = np.exp(low + (high - low) * (random.permutation(n) + 0.5) / n)
+        cut = -math.expm1(-config.most_mistakes / config.mistakes)
+        mistakes = -config.mistakes * np.log1p(-cut * (random.permutation(n) + 0.5) / n)
+        return cls(
+            setup,
+            config,
+            np.concatenate(weights),
+            rationality.astype(np.float32),
+            mistakes.astype(np.float32),
+            np.concatenate(log_mass),
+        )
+
+    @classmethod
+    def from_answers(
+        cls, setup: str, differences: Doubles, choices: Sequence[bool], config: PosteriorConfig | None = None
+    ) -> Posterior:
+        """The posterior after answers to pairs whose measures differ by (n, 7) A minus B; choices: was A chosen?
+
+        Raises LearningError if the numbers of both do not agree.
+        """
+        posterior = cls.prior(setup, config)
+        if len(differences) != len(choices):
+            raise LearningError(f"choices = {len(choices)}: {len(differences)} pairs need as many")
+        for difference, choice in zip(differences, choices, strict=True):
+            posterior = posterior.updated(difference, bool(choice))
+        return posterior
+
+    def updated(self, difference: Doubles, a_chosen: bool) -> Posterior:
+        """The posterior after one more answer. difference: (7,) measures of A minus those of B."""
+        differences = np.concatenate([self.differences, np.asarray(difference, dtype=np.float64)[None]])
+        chosen = np.append(self.chosen, a_chosen)
+        likelihood = self.chances(differences[-1:])[:, 0]
+        seen = np.log(likelihood if a_chosen else 1 - likelihood, dtype=np.float64)
+        after = replace(self, log_mass=self.log_mass + seen, differences=differences, chosen=chosen)
+        if after.effective_particles() >= self.config.least_effective * len(self.weights):
+            return after
+        return after._rejuvenated()
+
+    def masses(self) -> Doubles:
+        """(n,) the particles' probabilities."""
+        masses: Doubles = np.exp(self.log_mass - self.log_mass.max())
+        masses /= masses.sum()
+        return masses
+
+    def effective_particles(self) -> float:
+        """How many particles of equal mass would carry as much."""
+        return float(1.0 / np.square(self.masses()).sum())
+
+    def shares(self) -> Doubles:
+        """(9,) expected share of each objective in what is wanted; sums to 1."""
+        expected: Doubles = self.masses() @ self.weights.astype(np.float64)
+        return expected
+
+    def mean_weights(self) -> Floats:
+        """(9,) preference weights for a conditioned policy: the largest 1, small ones none, opposites never both."""
+        return preference_weights(self.shares(), self.config.smallest_weight)
+
+    def importance(self) -> dict[str, float]:
+        """Expected share of each objective, by name: what the answers were about."""
+        return {name: float(share) for name, share in zip(NAMES, self.shares(), strict=True)}
+
+    def dominant(self) -> str:
+        """The objective with the largest expected share."""
+        return NAMES[int(self.shares().argmax())]
+
+    def predict(self, differences: Doubles) -> Doubles:
+        """(n,) probability that A is chosen from pairs whose measures differ by (n, 7)."""
+        predicted: Doubles = self.masses() @ self.chances(differences)
+        return predicted
+
+    def entropy_bits(self) -> float:
+        """How undecided it is which objective dominates: 0 if that is known, log2(9) = 3.2 if nothing is."""
+        most = self.weights.argmax(axis=1)
+        shares = np.bincount(most, weights=self.masses(), minlength=SIZE)
+        present = shares[shares > 0]
+        return float(-(present * np.log2(present)).sum())
+
+    def sample(self, n: int) -> Posterior:
+        """A posterior of n particles of equal mass, for what need not be exact."""
+        rows = _systematic(self.masses(), n, np.random.default_rng([self.config.seed, 22, len(self.chosen)]))
+        return replace(
+            self,
+            weights=self.weights[rows],
+            rationality=self.rationality[rows],
+            mistakes=self.mistakes[rows],
+            log_mass=np.zeros(n),
+        )
+
+    def chances(self, differences: Doubles) -> Floats:
+        """(particles, n) float32: each particle's probability that A is chosen."""
+        return _probabilities(self.weights, self.rationality, self.mistakes, self._gains(differences))
+
+    def _gains(self, differences: Doubles) -> Floats:
+        return gains(np.atleast_2d(differences) / typical_differences(self.setup)).astype(np.float32)
+
+    def _rejuvenated(self) -> Posterior:
+        """As many particles, of equal mass, each moved a few times by Metropolis steps that leave the posterior be."""
+        random = np.random.default_rng([self.config.seed, 23, self.draws])
+        n = len(self.weights)
+        rows = _systematic(self.masses(), n, random)
+        weights, rationality, mistakes = self.weights[rows], self.rationality[rows], self.mistakes[rows]
+        seen = self._gains(self.differences) * np.where(self.chosen, 1, -1).astype(np.float32)[:, None]
+
+        def log_likelihood(w: Floats, r: Floats, m: Floats) -> Doubles:
+            logs: Doubles = np.log(_probabilities(w, r, m, seen)).sum(axis=1, dtype=np.float64)
+            return logs
+
+        now = log_likelihood(weights, rationality, mistakes)
+        for move in range(self.config.moves):
+            proposed = _moved_weights(weights, random, swap=move % 2 == 1)
+            for w, (r, m), prior_ratio in (
+                (proposed, (rationality, mistakes), np.zeros(n)),
+                (None, *_moved_habits(rationality, mistakes, self.config, random)),
+            ):
+                w = weights if w is None else w
+                then = log_likelihood(w, r, m)
+                accepted = np.log(random.random(n)) < then - now + prior_ratio
+                weights = np.where(accepted[:, None], w, weights)
+                rationality, mistakes = np.where(accepted, r, rationality), np.where(accepted, m, mistakes)
+                now = np.where(accepted, then, now)
+        return replace(
+            self,
+            weights=weights,
+            rationality=rationality,
+            mistakes=mistakes,
+            log_mass=np.zeros(n),
+            draws=self.draws + 1,
+        )
+
+
+def _probabilities(weights: Floats, rationality: Floats, mistakes: Floats, better: Floats) -> Floats:
+    """(particles, n): (1 - eps) sigmoid(beta w . g) + eps / 2, of gains g (n, 9) of A over B."""
+    advantage = np.clip((weights * rationality[:, None]) @ better.T, -30, 30)
+    careful = 1 / (1 + np.exp(-advantage))
+    # Never quite certain, so that no particle dies of one answer.
+    probabilities: Floats = np.clip((1 - mistakes[:, None]) * careful + mistakes[:, None] / 2, 1e-6, 1 - 1e-6)
+    return probabilities
+
+
+def _systematic(masses: Doubles, n: int, random: np.random.Generator) -> NDArray[np.int64]:
+    """n rows drawn by mass, evenly spread."""
+    places = (np.arange(n) + random.random()) / n
+    rows: NDArray[np.int64] = np.minimum(np.searchsorted(np.cumsum(masses), places), len(masses) - 1)
+    return rows
+
+
+def _moved_weights(weights: Floats, random: np.random.Generator, *, swap: bool) -> Floats:
+    """Proposals that the prior likes as much: the sum of two objectives' shares split anew, or exchanged.
+
+    swap: one of the two places is any objective, so that a want can turn into another one; impossible sets stay.
+    """
+    n = len(weights)
+    rows = np.arange(n)
+    first = (random.random((n, SIZE)) * (weights > 0)).argmax(axis=1)
+    proposed = weights.copy()
+    if swap:
+        second = random.integers(SIZE, size=n)
+        proposed[rows, first], proposed[rows, second] = weights[rows, second], weights[rows, first]
+    else:
+        others = (weights > 0) & (np.arange(SIZE) != first[:, None])
+        second = (random.random((n, SIZE)) * others).argmax(axis=1)
+        second = np.where(others.any(axis=1), second, first)
+        both = weights[rows, first] + weights[rows, second]
+        split = np.where(
+            random.random(n) < 0.5,
+            random.random(n),
+            _reflected(weights[rows, first] / both + random.normal(0, 0.1, n), 0.0, 1.0),
+        ).astype(np.float32)
+        split = np.clip(split, 1e-3, 1 - 1e-3)  # a want never vanishes in a move
+        alone = first == second
+        proposed[rows, first], proposed[rows, second] = both * split, both * (1 - split)
+        proposed[alone] = weights[alone]
+    impossible = np.zeros(n, dtype=np.bool_)
+    for a, b in OPPOSITES:
+        impossible |= (proposed[:, a] > 0) & (proposed[:, b] > 0)
+    proposed[impossible] = weights[impossible]
+    return proposed
+
+
+def _moved_habits(
+    rationality: Floats, mistakes: Floats, config: PosteriorConfig, random: np.random.Generator
+) -> tuple[tuple[Floats, Floats], Doubles]:
+    """Proposed rationality and mistakes, and the logarithm of how much more the prior likes them."""
+    n = len(rationality)
+    low, high = np.log(config.rationality)
+    r = np.exp(_reflected(np.log(rationality) + random.normal(0, 0.5, n), low, high)).astype(np.float32)
+    m = _reflected(mistakes + random.normal(0, config.mistakes / 2, n), 0.0, config.most_mistakes).astype(np.float32)
+    favour: Doubles = ((mistakes - m) / config.mistakes).astype(np.float64)
+    return (r, m), favour
+
+
+def _reflected(values: NDArray[np.floating[Any]], low: float, high: float) -> Doubles:
+    """Values that stepped over a border, mirrored back."""
+    inside: Doubles = low + np.abs((values - low + (high - low)) % (2 * (high - low)) - (high - low))
+    return inside
+
+
+def preference_weights(shares: Doubles, smallest: float = PosteriorConfig.smallest_weight) -> Floats:
+    """(9,) shares -> (9,) float32 in [0, 1]: of opposites what the larger has more, the largest 1, the small ones 0."""
+    weights = np.asarray(shares, dtype=np.float64).copy()
+    for a, b in OPPOSITES:
+        both = min(weights[a], weights[b])
+        weights[a] -= both
+        weights[b] -= both
+    top = weights.max()
+    if top <= 0:
+        return np.zeros(SIZE, dtype=np.float32)
+    weights /= top
+    weights[weights < smallest] = 0
+    return weights.astype(np.float32)
