@@ -42,6 +42,13 @@ class Parameters:
             self.layers.append((weight, bias))
         if self.grad is not None:
             self.flat.grad = self.grad
+        self.weights = self._arrays(self.flat)
+        self.gradients = self._arrays(self.grad) if self.grad is not None else []
+
+    def _arrays(self, flat: Tensor) -> list[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+        """NumPy views per layer, for who computes without automatic differentiation."""
+        parts = iter(np.split(flat.numpy(), np.cumsum([n for i, o in self.sizes for n in (i * o, o)])[:-1]))
+        return [(next(parts).reshape(inputs, outputs), next(parts)) for inputs, outputs in self.sizes]
 
     def _view(self, offset: int, shape: tuple[int, ...]) -> tuple[Tensor, int]:
         end = offset + math.prod(shape)

@@ -1,23 +1,32 @@
 """TD3 (Fujimoto et al. 2018) on flat parameters: the update that base training, ensemble and alignment share.
 
 Same algorithm and equations as Stable-Baselines3's TD3 (`tests/learning/test_td3.py` holds one update equal to 1e-5);
-owned for speed on one thread; `desirepath benchmark train` measures both.
-Interaction with environments lives in `collect.py`.
+owned for speed on one thread; `desirepath benchmark train` measures both. The chain rule through the networks is
+written out in `backprop.py`; interaction with environments lives in `replay.py`.
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from backend.learning.networks import Layer, Parameters, actor_forward, critic_forward
+from backend.learning.backprop import (
+    Adam,
+    Floats,
+    Weights,
+    features,
+    features_backward,
+    head,
+    head_backward,
+    input_gradient,
+    move_towards,
+)
+from backend.learning.networks import Parameters
 from backend.learning.shape import NetworkShape
 
 ActorTerm = Callable[[Tensor, Tensor], Tensor]
@@ -50,35 +59,61 @@ class Batch(NamedTuple):
     continues: Tensor
 
 
-def td_targets(
-    batch: Batch, noise: Tensor, actor_target: list[Layer], critic_target: list[Layer], config: Td3Config
-) -> Tensor:
-    """y = r + gamma * min_k Q'_k(s', clip(pi'(s') + clip(noise))), no gradient."""
-    with torch.no_grad():
-        clipped = (noise * config.target_noise).clamp(-config.target_noise_clip, config.target_noise_clip)
-        next_actions = (actor_forward(batch.next_observations, actor_target) + clipped).clamp(-1, 1)
-        first, second = critic_forward(batch.next_observations, next_actions, critic_target)
-        return batch.rewards + config.gamma * batch.continues * torch.minimum(first, second)
+def act(observations: Floats, actor: Weights) -> Floats:
+    """observations (n, obs) -> actions (n, 2) in [-1, 1]."""
+    actions: Floats = np.tanh(head(features(observations, actor).joined, actor[4:7]).output)
+    return actions
 
 
-def critic_loss(batch: Batch, targets: Tensor, critic: list[Layer]) -> Tensor:
-    """Sum over both heads of the mean squared temporal-difference error."""
-    first, second = critic_forward(batch.observations, batch.actions, critic)
-    return torch.nn.functional.mse_loss(first, targets) + torch.nn.functional.mse_loss(second, targets)
+def td_targets(batch: Batch, noise: Floats, actor_target: Weights, critic_target: Weights, config: Td3Config) -> Floats:
+    """y = r + gamma * min_k Q'_k(s', clip(pi'(s') + clip(noise))): (n,). noise (n, 2): standard normal."""
+    following = batch.next_observations.numpy()
+    clipped = np.clip(noise * np.float32(config.target_noise), -config.target_noise_clip, config.target_noise_clip)
+    actions = np.clip(act(following, actor_target) + clipped, -1, 1)
+    joined = features(following, critic_target, actions).joined
+    worth = np.minimum(head(joined, critic_target[4:7]).output, head(joined, critic_target[7:10]).output)[:, 0]
+    targets: Floats = batch.rewards.numpy() + np.float32(config.gamma) * batch.continues.numpy() * worth
+    return targets
 
 
-def actor_loss(observations: Tensor, actor: list[Layer], critic: list[Layer], term: ActorTerm | None = None) -> Tensor:
-    """-mean Q_1(s, pi(s)), plus an extra term on the actions where an algorithm has one (equation 6.3)."""
-    actions = actor_forward(observations, actor)
-    loss = -critic_forward(observations, actions, critic, n_heads=1)[0].mean()
-    return loss if term is None else loss + term(observations, actions)
+def critic_gradients(batch: Batch, targets: Floats, critic: Weights, gradients: Weights) -> None:
+    """Write the gradients of sum_k mean (Q_k(s, a) - y)^2 over both heads k."""
+    seen = features(batch.observations.numpy(), critic, batch.actions.numpy())
+    width = 2 * critic[1][0].shape[1]
+    at_joined = np.zeros((len(targets), width), dtype=np.float32)
+    for first in (4, 7):
+        layers = critic[first : first + 3]
+        through = head(seen.joined, layers)
+        error = (through.output - targets[:, None]) * np.float32(2 / len(targets))
+        at_first = head_backward(error, seen.joined, through, layers, gradients[first : first + 3])
+        at_joined += at_first @ layers[0][0][:width].T
+    features_backward(at_joined, seen, critic, gradients)
+
+
+def actor_gradients(
+    observations: Tensor, actor: Weights, critic: Weights, gradients: Weights, term: ActorTerm | None = None
+) -> None:
+    """Write the gradients of -mean Q_1(s, pi(s)), plus a term on the actions where an algorithm has one (eq. 6.3)."""
+    seen = features(observations.numpy(), actor)
+    through = head(seen.joined, actor[4:7])
+    actions = np.tanh(through.output)
+    judged = features(observations.numpy(), critic, actions)
+    width = seen.joined.shape[1]
+    minus_mean = np.full((len(actions), 1), -1 / len(actions), dtype=np.float32)
+    at_actions = input_gradient(minus_mean, head(judged.joined, critic[4:7]), critic[4:7], slice(width, None))
+    if term is not None:
+        varied = torch.from_numpy(actions).requires_grad_(True)
+        at_actions += torch.autograd.grad(term(observations, varied), varied)[0].numpy()
+    at_output = at_actions * (1 - actions * actions)
+    at_first = head_backward(at_output, seen.joined, through, actor[4:7], gradients[4:7])
+    features_backward(at_first @ actor[4][0].T, seen, actor, gradients)
 
 
 class Memory(NamedTuple):
     """An agent's weights (actor, critic, their targets) and optimiser states at one moment."""
 
     flats: list[Tensor]
-    optimisers: list[dict[str, Any]]
+    optimisers: list[Any]
 
 
 class Td3Agent:
@@ -94,8 +129,8 @@ class Td3Agent:
         self.actor_target = Parameters(shape.actor_layers(), trainable=False)
         self.critic_target = Parameters(shape.critic_layers(), trainable=False)
         self.synchronise_targets()
-        self.actor_optimiser = torch.optim.Adam([self.actor.flat], lr=config.learning_rate, fused=True)
-        self.critic_optimiser = torch.optim.Adam([self.critic.flat], lr=config.learning_rate, fused=True)
+        self._actor_optimiser = Adam(self.actor.flat.numel(), config.learning_rate)
+        self._critic_optimiser = Adam(self.critic.flat.numel(), config.learning_rate)
         self.updates = 0
 
     def synchronise_targets(self) -> None:
@@ -106,7 +141,7 @@ class Td3Agent:
     def remember(self) -> Memory:
         """Everything that learning has changed, to `go_back` to."""
         flats = [parameters.flat.detach().clone() for parameters in self._parameters()]
-        return Memory(flats, [copy.deepcopy(optimiser.state_dict()) for optimiser in self._optimisers()])
+        return Memory(flats, [optimiser.remember() for optimiser in self._optimisers()])
 
     def go_back(self, memory: Memory) -> None:
         """Be as at `remember`; the count of updates and the random stream go on."""
@@ -114,38 +149,40 @@ class Td3Agent:
             for parameters, flat in zip(self._parameters(), memory.flats, strict=True):
                 parameters.flat.copy_(flat)
         for optimiser, state in zip(self._optimisers(), memory.optimisers, strict=True):
-            optimiser.load_state_dict(copy.deepcopy(state))
+            optimiser.go_back(state)
 
     def _parameters(self) -> tuple[Parameters, ...]:
         return self.actor, self.critic, self.actor_target, self.critic_target
 
-    def _optimisers(self) -> tuple[torch.optim.Adam, ...]:
-        return self.actor_optimiser, self.critic_optimiser
+    def _optimisers(self) -> tuple[Adam, Adam]:
+        return self._actor_optimiser, self._critic_optimiser
 
     def set_learning_rate(self, learning_rate: float) -> None:
         """Change both optimisers' step size from the next update on."""
         for optimiser in self._optimisers():
-            optimiser.param_groups[0]["lr"] = learning_rate
+            optimiser.learning_rate = learning_rate
 
     def update(self, batch: Batch, term: ActorTerm | None = None) -> None:
         """One critic step; every `policy_delay`-th time one actor step and one step of the targets."""
-        noise = torch.randn(batch.actions.shape, generator=self.generator)
-        targets = td_targets(batch, noise, self.actor_target.layers, self.critic_target.layers, self.config)
-        self.critic.zero_grad()
-        critic_loss(batch, targets, self.critic.layers).backward()  # type: ignore[no-untyped-call]
-        self.critic_optimiser.step()
+        noise = torch.randn(batch.actions.shape, generator=self.generator).numpy()
+        targets = td_targets(batch, noise, self.actor_target.weights, self.critic_target.weights, self.config)
+        critic_gradients(batch, targets, self.critic.weights, self.critic.gradients)
+        _step(self._critic_optimiser, self.critic)
         self.updates += 1
         if self.updates % self.config.policy_delay:
             return
-        self.actor.zero_grad()
-        loss = actor_loss(batch.observations, self.actor.layers, self.critic.frozen(), term)
-        loss.backward()  # type: ignore[no-untyped-call]
-        self.actor_optimiser.step()
-        self.actor_target.flat.lerp_(self.actor.flat, self.config.tau)
-        self.critic_target.flat.lerp_(self.critic.flat, self.config.tau)
+        actor_gradients(batch.observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
+        _step(self._actor_optimiser, self.actor)
+        tau = np.float32(self.config.tau)
+        move_towards(self.actor_target.flat.numpy(), self.actor.flat.numpy(), tau)
+        move_towards(self.critic_target.flat.numpy(), self.critic.flat.numpy(), tau)
 
-    @torch.no_grad()
-    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    def act(self, observations: Floats) -> Floats:
         """observations (n, obs) -> actions (n, 2) in [-1, 1], without exploration."""
-        actions: NDArray[np.float32] = actor_forward(torch.from_numpy(observations), self.actor.frozen()).numpy()
-        return actions
+        return act(observations, self.actor.weights)
+
+
+def _step(optimiser: Adam, parameters: Parameters) -> None:
+    if parameters.grad is None:
+        raise ValueError("parameters: made without gradients, so there is nothing to step along")
+    optimiser.step(parameters.flat.numpy(), parameters.grad.numpy())

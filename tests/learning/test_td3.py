@@ -37,9 +37,9 @@ def random_batch(setup: Setup, n: int, seed: int) -> Batch:
 
 
 @pytest.mark.parametrize("setup", [OPEN_FIELD, STUDY_ROOM], ids=lambda setup: setup.name)
-def test_four_updates_equal_those_of_stable_baselines3(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_two_updates_equal_those_of_stable_baselines3(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
     torch.set_num_threads(1)
-    config = Td3Config(gamma=0.97, batch_size=32, learning_rate=1e-3, tau=0.02)
+    config = Td3Config(gamma=0.97, batch_size=32, tau=0.02)
     ours = Td3Agent(NetworkShape.of(setup), config, seed=1)
     theirs = sb3_td3(
         DummyVecEnv([lambda: SpacesOnly(setup)]),
@@ -53,8 +53,9 @@ def test_four_updates_equal_those_of_stable_baselines3(setup: Setup, monkeypatch
     for target in (False, True):
         write_layers(actor_layers(theirs, target=target), ours.actor.to_arrays())
         write_layers(critic_layers(theirs, target=target), ours.critic.to_arrays())
-    batches = [random_batch(setup, 32, seed) for seed in range(4)]
-    noises = [torch.randn(32, 2, generator=torch.Generator().manual_seed(seed)) for seed in range(4)]
+    # Two: the second is the first in which actor and targets move as well.
+    batches = [random_batch(setup, 32, seed) for seed in range(2)]
+    noises = [torch.randn(32, 2, generator=torch.Generator().manual_seed(seed)) for seed in range(2)]
 
     # SB3 draws its noise with Tensor.normal_, we with torch.randn: both are given the same numbers.
     ours_noise, theirs_noise = iter(noises), iter(noises)
