@@ -6,13 +6,10 @@ drives for the participant's comparison are prepared, so that no page has to wai
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
-
-import numpy as np
 
 from backend.jobs.artefacts import find_artefact, keep, keep_trajectory, load_policy
 from backend.jobs.context import JobContext
@@ -20,8 +17,7 @@ from backend.jobs.kinds import AlignParams, Params, RewardModelParams
 from backend.learning.align import AlignConfig, thesis_config
 from backend.learning.align import align as learn_policy
 from backend.learning.artefacts import DEPARTURES
-from backend.learning.errors import LearningError
-from backend.learning.evaluate import wilson
+from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, flaw, look_alike
@@ -33,6 +29,7 @@ from backend.learning.reward_model import (
     RewardModel,
     accuracy,
     fit_linear,
+    held_out_accuracy,
     reward_model_to_bytes,
 )
 from backend.learning.scene_sets import Purpose, describe, scene_set
@@ -43,7 +40,6 @@ from backend.store.artefacts import load_trajectory
 from backend.store.models import Artefact
 from backend.store.snapshots import Answer, Snapshot, load_snapshot
 
-FEWEST_TO_HOLD_OUT = 3  # one is predicted by a model of at least two others
 COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
 COMPARISON_SECONDS = 20.0  # ours: people watch both drives of every comparison
 
@@ -60,7 +56,7 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
     model = fit(everything)
     held_out: list[dict[str, Any]] = []
     for number, (code, preferences) in enumerate(of_participant.items()):
-        held_out.append({"participant": code, **held_out_accuracy(preferences, fit, params.folds, params.seed)})
+        held_out.append({"participant": code, **_held_out(preferences, fit, params)})
         measured = {"held_out_accuracy": held_out[-1]["accuracy"]} if "accuracy" in held_out[-1] else {}
         context.progress(0.2 + 0.7 * (number + 1) / len(of_participant), {"step": number + 1, **measured})
     result = {
@@ -73,30 +69,12 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
     return {"reward_model": kept, **result}
 
 
-def held_out_accuracy(preferences: Sequence[Preference], fit: Fit, folds: int, seed: int) -> dict[str, Any]:
-    """How often a model of some of a participant's answers predicts the others, with the 95 % Wilson interval.
-
-    Leave-one-out where there are fewer than two answers per fold, else `folds` folds in a seeded order. With fewer than
-    three answers nothing can be held out: `reason` says so instead.
-    """
-    n = len(preferences)
-    if n < FEWEST_TO_HOLD_OUT:
-        return {"n": n, "reason": "too_few_answers"}
-    parts = n if n < 2 * folds else folds
-    order = np.random.default_rng([seed, 64]).permutation(n)
-    hits = 0.0
-    for part in range(parts):
-        test = set(order[part::parts].tolist())
-        model = fit([preference for k, preference in enumerate(preferences) if k not in test])
-        hits += sum(accuracy(model, [preferences[k]]) for k in sorted(test))
-    estimate = wilson(math.floor(hits), n)  # a tie counts half for the value and not at all for the interval
-    return {
-        "n": n,
-        "method": "leave_one_out" if parts == n else f"{parts}_folds",
-        "accuracy": hits / n,
-        "low": estimate.low,
-        "high": max(estimate.high, hits / n),
-    }
+def _held_out(preferences: Sequence[Preference], fit: Fit, params: RewardModelParams) -> dict[str, Any]:
+    """How well models predict a participant's answers that they did not see; `reason` where nothing can be held out."""
+    try:
+        return asdict(held_out_accuracy(preferences, fit, folds=params.folds, seed=params.seed))
+    except TooFewAnswers:
+        return {"n": len(preferences), "reason": "too_few_answers"}
 
 
 def align(context: JobContext, params: AlignParams) -> dict[str, Any]:

@@ -5,3 +5,7 @@ from __future__ import annotations
 
 class LearningError(ValueError):
     """Data or a setting that cannot be learned from; names it and says what would work."""
+
+
+class TooFewAnswers(LearningError):
+    """Fewer answers about two different drives than what was asked for needs."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.learning.errors import LearningError
+from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.queries import Query
 from backend.simulation.setups import Setup, get_setup, require_same
 from backend.simulation.trajectory import Trajectory
@@ -37,7 +37,7 @@ class Preference:
 def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup, list[Preference]]:
     """The preferences that say something (two drives that differ), and their one setup.
 
-    Raises LearningError if fewer than `fewest` are left, SetupError if setups are mixed.
+    Raises TooFewAnswers if fewer than `fewest` are left, SetupError if setups are mixed.
     """
     kept = [
         p
@@ -45,7 +45,7 @@ def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup
         if len(p.chosen.actions) and len(p.rejected.actions) and not np.array_equal(p.chosen.poses, p.rejected.poses)
     ]
     if len(kept) < fewest:
-        raise LearningError(
+        raise TooFewAnswers(
             f"preferences: {len(kept)} usable of {len(preferences)} given; learning needs at least {fewest} answers "
             "about two different drives"
         )

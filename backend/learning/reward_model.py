@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
+from backend.learning.evaluate import wilson
 from backend.learning.features import CLOSENESS, FEATURE_NAMES, step_features
 from backend.learning.preferences import Preference, usable
 from backend.simulation.setups import Setup, get_setup
@@ -26,6 +28,7 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Reduction = Literal["sum", "mean"]
 FORMAT = "desirepath-reward-model-1"
+FEWEST_TO_HOLD_OUT = 3  # one is predicted by a model of at least two others
 
 
 class RewardModel(Protocol):
@@ -46,16 +49,38 @@ class RewardModel(Protocol):
         ...
 
 
+@runtime_checkable
+class JudgesDrives(Protocol):
+    """A reward model with a view of whole drives that is not the sum of their steps."""
+
+    def drive_reward(self, trajectory: Trajectory) -> float: ...
+
+
+@runtime_checkable
+class PredictsAnswers(Protocol):
+    """A reward model that knows how sure it is of an answer."""
+
+    def log_odds(self, a: Trajectory, b: Trajectory) -> float:
+        """log of how much likelier A is chosen than B."""
+        ...
+
+
 def trajectory_reward(model: RewardModel, trajectory: Trajectory) -> float:
     """What the model thinks of a whole drive; of two, the one with more is predicted to be chosen.
 
-    Sum or mean (the model's reduction) of the predicted rewards; the linear model judges nearness by its worst moment.
+    Sum or mean (the model's reduction) of the predicted rewards, unless the model judges whole drives.
     """
-    if isinstance(model, LinearRewardModel):
-        judged = drive_features(trajectory, get_setup(model.setup), model.reduction).as_judged
-        return float(judged @ model.drive_weights)
+    if isinstance(model, JudgesDrives):
+        return model.drive_reward(trajectory)
     steps = model.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
     return float(steps.sum() if model.reduction == "sum" else steps.mean())
+
+
+def log_odds(model: RewardModel, a: Trajectory, b: Trajectory) -> float:
+    """log of how much likelier A is chosen than B: the model's own, or the difference of rewards (equation 6.4)."""
+    if isinstance(model, PredictsAnswers):
+        return model.log_odds(a, b)
+    return trajectory_reward(model, a) - trajectory_reward(model, b)
 
 
 def bradley_terry_loss(advantages: Doubles) -> float:
@@ -116,6 +141,11 @@ class LinearRewardModel:
         values: Floats = step_features(actions, next_observations, get_setup(self.setup)) @ self.weights
         return values
 
+    def drive_reward(self, trajectory: Trajectory) -> float:
+        """Of a whole drive, nearness judged by its worst moment."""
+        judged = drive_features(trajectory, get_setup(self.setup), self.reduction).as_judged
+        return float(judged @ self.drive_weights)
+
     def importance(self) -> dict[str, float]:
         """Share of each feature in the standardised weights, by name: what the answers were about."""
         total = float(self.standardised.sum()) or 1.0
@@ -169,11 +199,24 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
 
 
 def accuracy(model: RewardModel, preferences: Sequence[Preference]) -> float:
-    """Share of pairs whose chosen drive gets the larger predicted reward; ties count half."""
+    """Share of pairs whose chosen drive is predicted to be chosen; ties count half."""
     if not preferences:
         raise LearningError("preferences: none given to measure accuracy on")
-    gaps = [trajectory_reward(model, p.chosen) - trajectory_reward(model, p.rejected) for p in preferences]
+    gaps = [log_odds(model, p.chosen, p.rejected) for p in preferences]
     return float(np.mean([1.0 if gap > 0 else 0.5 if gap == 0 else 0.0 for gap in gaps]))
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """How often models of some of `n` answers predict the others. low and high: 95 % Wilson interval of the share; it
+    takes the answers as independent, which predictions by models of nearly the same answers are only roughly.
+    """
+
+    n: int
+    method: str  # "leave_one_out" or e.g. "5_folds"
+    accuracy: float
+    low: float
+    high: float
 
 
 def held_out_accuracy(
@@ -182,20 +225,24 @@ def held_out_accuracy(
     *,
     folds: int = 5,
     seed: int = 0,
-) -> float:
-    """Cross-validated accuracy: each answer is predicted by a model that never saw it."""
-    _, kept = usable(preferences)
-    folds = min(folds, len(kept))
-    order = np.random.default_rng([seed, 64]).permutation(len(kept))
+) -> HeldOut:
+    """Cross-validated accuracy: each answer is predicted by a model that never saw it.
+
+    `folds` folds in a seeded order, leave-one-out where there are fewer than two answers per fold. Raises TooFewAnswers
+    for fewer than FEWEST_TO_HOLD_OUT answers about two different drives.
+    """
+    _, kept = usable(preferences, fewest=FEWEST_TO_HOLD_OUT)
+    n = len(kept)
+    parts = n if n < 2 * folds else folds
+    order = np.random.default_rng([seed, 64]).permutation(n)
     hits = 0.0
-    for fold in range(folds):
-        test = set(order[fold::folds].tolist())
-        train = [p for k, p in enumerate(kept) if k not in test]
-        if len(train) < 2:
-            raise LearningError(f"preferences: {len(kept)} are too few for held-out accuracy; it needs at least 3")
-        held_out = [kept[k] for k in sorted(test)]
-        hits += accuracy(fit(train), held_out) * len(held_out)
-    return hits / len(kept)
+    for part in range(parts):
+        test = set(order[part::parts].tolist())
+        model = fit([p for k, p in enumerate(kept) if k not in test])
+        hits += accuracy(model, [kept[k] for k in sorted(test)]) * len(test)
+    hits = round(2 * hits) / 2  # whole or half: ties count half
+    low, high = wilson(math.floor(hits), n).low, wilson(math.ceil(hits), n).high
+    return HeldOut(n, "leave_one_out" if parts == n else f"{parts}_folds", hits / n, low, high)
 
 
 def reward_model_to_bytes(model: RewardModel) -> bytes:
@@ -210,10 +257,12 @@ def reward_model_to_bytes(model: RewardModel) -> bytes:
 def reward_model_from_bytes(data: bytes) -> RewardModel:
     """Read `reward_model_to_bytes` back, never unpickling. Raises LearningError on anything else."""
     from backend.learning.reward_mlp import MlpRewardModel  # imports torch, which the linear model does without
+    from backend.learning.reward_weights import WeightsRewardModel
 
     kinds: dict[str, Callable[[dict[str, str], dict[str, Floats]], RewardModel]] = {
         "linear": LinearRewardModel.from_arrays,
         "mlp": MlpRewardModel.from_arrays,
+        "weights": WeightsRewardModel.from_arrays,
     }
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:

@@ -5,13 +5,10 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.jobs.aligning import align, held_out_accuracy, learn_reward_model
+from backend.jobs.aligning import align, learn_reward_model
 from backend.jobs.artefacts import ArtefactError
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import AlignParams, RewardModelParams
-from backend.learning.oracles import make_oracle
-from backend.learning.reward_model import fit_linear
-from backend.learning.shipped import load_queries
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database
@@ -127,9 +124,7 @@ def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(hous
         assert s.get_one(Job, context.job.id).progress > 0.5
 
 
-def test_few_answers_are_left_out_one_at_a_time_and_two_cannot_be():
-    answers = make_oracle("min-human-distance").answer(load_queries("study_room/queries_200").queries[:6])
-    row = held_out_accuracy(answers, fit_linear, folds=5, seed=0)
-    assert (row["n"], row["method"]) == (6, "leave_one_out")
-    assert row["accuracy"] * 6 == round(row["accuracy"] * 12) / 2
-    assert held_out_accuracy(answers[:2], fit_linear, folds=5, seed=0) == {"n": 2, "reason": "too_few_answers"}
+def test_two_answers_cannot_be_held_out_and_the_job_says_so(house):
+    params = RewardModelParams(snapshot=snapshot_of(house, participants=1, answers=2))
+    result = learn_reward_model(begin(house, "reward_model", params.model_dump()), params)
+    assert result["held_out"] == [{"participant": "P001", "n": 2, "reason": "too_few_answers"}]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.learning.errors import LearningError
+from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.features import FEATURE_NAMES, obstacle_clearance_m, step_features
 from backend.learning.oracles import ORACLES, make_oracle, min_human_distance_m
 from backend.learning.preferences import Preference
@@ -19,6 +20,7 @@ from backend.learning.queries import QuerySet
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import (
     LinearConfig,
+    LinearRewardModel,
     RewardModel,
     accuracy,
     bradley_terry_gradient,
@@ -93,7 +95,33 @@ def test_clear_pairs_are_predicted_better_than_all(distance_answers: list[Prefer
 
 def test_held_out_accuracy_is_near_chance_for_random_answers(study_queries: QuerySet) -> None:
     random_answers = make_oracle("random", seed=1).answer(study_queries.queries[:100])
-    assert 0.3 < held_out_accuracy(random_answers, fit_linear) < 0.7
+    row = held_out_accuracy(random_answers, fit_linear)
+    assert (row.n, row.method) == (100, "5_folds")
+    assert 0.3 < row.accuracy < 0.7
+    assert row.high - row.low == pytest.approx(2 * 1.96 * 0.05, abs=0.02)  # of a share near a half, n = 100
+
+
+def test_few_answers_are_left_out_one_at_a_time_and_two_cannot_be(distance_answers: list[Preference]) -> None:
+    seen: list[int] = []
+
+    def fit(preferences: Sequence[Preference]) -> RewardModel:
+        seen.append(len(preferences))
+        return fit_linear(preferences)
+
+    row = held_out_accuracy(distance_answers[:6], fit)
+    assert (row.n, row.method, seen) == (6, "leave_one_out", [5] * 6)
+    assert row.accuracy * 6 == round(row.accuracy * 12) / 2
+    assert row.low < row.accuracy <= row.high <= 1
+    with pytest.raises(TooFewAnswers, match="2 usable of 2 given; learning needs at least 3"):
+        held_out_accuracy(distance_answers[:2], fit)
+
+
+def test_a_tie_counts_half_and_widens_the_interval(distance_answers: list[Preference]) -> None:
+    nothing = np.zeros(len(FEATURE_NAMES), dtype=np.float32)
+    indifferent = LinearRewardModel("study_room", nothing, nothing, nothing)
+    row = held_out_accuracy(distance_answers[:3], lambda _: indifferent)
+    assert row.accuracy == 0.5
+    assert row.low < 1 / 3 < 2 / 3 < row.high
 
 
 def test_the_neural_model_learns_its_answers_and_is_normalised(distance_answers: list[Preference]) -> None:
