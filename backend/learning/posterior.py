@@ -19,6 +19,7 @@ from backend.learning.errors import LearningError
 from backend.learning.vocabulary import (
     MEASURES,
     NAMES,
+    OBJECTIVES,
     OPPOSITES,
     SIZE,
     gains,
@@ -29,7 +30,7 @@ from backend.simulation.setups import get_setup
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 MOST_WANTS = 3
-SIDE = MEASURES.index("passing_side")
+SIDES = tuple(k for k, objective in enumerate(OBJECTIVES) if MEASURES[objective.measure] == "passing_side")
 
 
 @dataclass(frozen=True)
@@ -52,14 +53,16 @@ class PosteriorConfig:
     least_effective: float = 0.1  # of the particles: below, they are drawn anew and moved
     moves: int = 4
     smallest_weight: float = 0.2  # a smaller preference weight (the largest is 1) is left out
+    left_right_symmetry: bool = False  # somebody would answer a mirrored query alike, so nobody wants a side
 
 
-def supports() -> list[tuple[int, ...]]:
-    """All sets of one to three objectives that somebody can want at once, as indices."""
+def supports(*, left_right_symmetry: bool = False) -> list[tuple[int, ...]]:
+    """All sets of one to three objectives that somebody can want at once, as indices; with symmetry none has a side."""
+    wanted = [k for k in range(SIZE) if not (left_right_symmetry and k in SIDES)]
     return [
         chosen
         for size in range(1, MOST_WANTS + 1)
-        for chosen in combinations(range(SIZE), size)
+        for chosen in combinations(wanted, size)
         if not any(a in chosen and b in chosen for a, b in OPPOSITES)
     ]
 
@@ -89,9 +92,10 @@ class Posterior:
         config = config or PosteriorConfig()
         typical_differences(get_setup(setup).name)
         random = np.random.default_rng([config.seed, 21])
+        possible = supports(left_right_symmetry=config.left_right_symmetry)
         weights, log_mass = [], []
         for size, (mass, carried) in enumerate(zip(config.wants, config.carried_by, strict=True), start=1):
-            sets = [chosen for chosen in supports() if len(chosen) == size]
+            sets = [chosen for chosen in possible if len(chosen) == size]
             each = max(1, round(config.particles * carried / len(sets)))
             for chosen in sets:
                 shares = np.zeros((each, SIZE), dtype=np.float32)
@@ -156,7 +160,7 @@ class Posterior:
 
     def mean_weights(self) -> Floats:
         """(9,) preference weights for a conditioned policy: the largest 1, small ones none, opposites never both."""
-        return preference_weights(self.shares(), self.config.smallest_weight)
+        return weights_of_shares(self.shares(), self.config.smallest_weight)
 
     def importance(self) -> dict[str, float]:
         """Expected share of each objective, by name: what the answers were about."""
@@ -191,7 +195,7 @@ class Posterior:
 
     def chances(self, differences: Doubles) -> Floats:
         """(particles, n) float32: each particle's probability that A is chosen."""
-        return _probabilities(self.weights, self.rationality, self.mistakes, self._gains(differences))
+        return choice_chances(self.weights, self.rationality, self.mistakes, self._gains(differences))
 
     def _gains(self, differences: Doubles) -> Floats:
         return gains(np.atleast_2d(differences) / typical_differences(self.setup)).astype(np.float32)
@@ -205,12 +209,12 @@ class Posterior:
         seen = self._gains(self.differences) * np.where(self.chosen, 1, -1).astype(np.float32)[:, None]
 
         def log_likelihood(w: Floats, r: Floats, m: Floats) -> Doubles:
-            logs: Doubles = np.log(_probabilities(w, r, m, seen)).sum(axis=1, dtype=np.float64)
+            logs: Doubles = np.log(choice_chances(w, r, m, seen)).sum(axis=1, dtype=np.float64)
             return logs
 
         now = log_likelihood(weights, rationality, mistakes)
         for move in range(self.config.moves):
-            proposed = _moved_weights(weights, random, swap=move % 2 == 1)
+            proposed = _moved_weights(weights, random, self.config, swap=move % 2 == 1)
             for w, (r, m), prior_ratio in (
                 (proposed, (rationality, mistakes), np.zeros(n)),
                 (None, *_moved_habits(rationality, mistakes, self.config, random)),
@@ -231,7 +235,7 @@ class Posterior:
         )
 
 
-def _probabilities(weights: Floats, rationality: Floats, mistakes: Floats, better: Floats) -> Floats:
+def choice_chances(weights: Floats, rationality: Floats, mistakes: Floats, better: Floats) -> Floats:
     """(particles, n): (1 - eps) sigmoid(beta w . g) + eps / 2, of gains g (n, 9) of A over B."""
     advantage = np.clip((weights * rationality[:, None]) @ better.T, -30, 30)
     careful = 1 / (1 + np.exp(-advantage))
@@ -247,7 +251,7 @@ def _systematic(masses: Doubles, n: int, random: np.random.Generator) -> NDArray
     return rows
 
 
-def _moved_weights(weights: Floats, random: np.random.Generator, *, swap: bool) -> Floats:
+def _moved_weights(weights: Floats, random: np.random.Generator, config: PosteriorConfig, *, swap: bool) -> Floats:
     """Proposals that the prior likes as much: the sum of two objectives' shares split anew, or exchanged.
 
     swap: one of the two places is any objective, so that a want can turn into another one; impossible sets stay.
@@ -273,7 +277,7 @@ def _moved_weights(weights: Floats, random: np.random.Generator, *, swap: bool) 
         alone = first == second
         proposed[rows, first], proposed[rows, second] = both * split, both * (1 - split)
         proposed[alone] = weights[alone]
-    impossible = np.zeros(n, dtype=np.bool_)
+    impossible = (proposed[:, SIDES] > 0).any(axis=1) & config.left_right_symmetry
     for a, b in OPPOSITES:
         impossible |= (proposed[:, a] > 0) & (proposed[:, b] > 0)
     proposed[impossible] = weights[impossible]
@@ -298,7 +302,7 @@ def _reflected(values: NDArray[np.floating[Any]], low: float, high: float) -> Do
     return inside
 
 
-def preference_weights(shares: Doubles, smallest: float = PosteriorConfig.smallest_weight) -> Floats:
+def weights_of_shares(shares: NDArray[np.floating[Any]], smallest: float = PosteriorConfig.smallest_weight) -> Floats:
     """(9,) shares -> (9,) float32 in [0, 1]: of opposites what the larger has more, the largest 1, the small ones 0."""
     weights = np.asarray(shares, dtype=np.float64).copy()
     for a, b in OPPOSITES:
