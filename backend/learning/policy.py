@@ -54,6 +54,15 @@ def networks_to_bytes(meta: Mapping[str, object], actor: Sequence[Floats], criti
     return out.getvalue()
 
 
+def stored_format(data: bytes) -> str:
+    """The format that a stored policy of any kind names itself. Raises PolicyError for anything else."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return str(json.loads(arrays["meta"].tobytes())["format"])
+    except (ValueError, KeyError, OSError, EOFError) as problem:
+        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+
+
 class StoredNetworks(NamedTuple):
     """What `networks_to_bytes` wrote."""
 
@@ -64,18 +73,14 @@ class StoredNetworks(NamedTuple):
 
 def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
     """Read `networks_to_bytes` back, never unpickling. Raises PolicyError unless its meta names the `needed` format."""
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            meta = json.loads(arrays["meta"].tobytes())
-            if meta["format"] != needed:
-                raise PolicyError(f"policy format {meta['format']!r}; what is read here is {needed!r}")
-            names = sorted(arrays.files)
-            actor = tuple(arrays[name] for name in names if name.startswith("actor_"))
-            critic = tuple(arrays[name] for name in names if name.startswith("critic_"))
-    except PolicyError:
-        raise
-    except (ValueError, KeyError, OSError, EOFError) as problem:
-        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+    found = stored_format(data)
+    if found != needed:
+        raise PolicyError(f"policy format {found!r}; what is read here is {needed!r}")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        meta = json.loads(arrays["meta"].tobytes())
+        names = sorted(arrays.files)
+        actor = tuple(arrays[name] for name in names if name.startswith("actor_"))
+        critic = tuple(arrays[name] for name in names if name.startswith("critic_"))
     return StoredNetworks(meta, actor, critic)
 
 

@@ -8,9 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from backend.learning.artefacts import ROOT, Card, card_path, file_sha256
+from backend.learning.conditioned import FORMAT as CONDITIONED
+from backend.learning.conditioned import ConditionedPolicy
 from backend.learning.errors import LearningError
-from backend.learning.policy import Policy
+from backend.learning.policy import Policy, stored_format
 from backend.learning.queries import QuerySet
+from backend.learning.vocabulary import parsed_weights
 
 DATASETS = ROOT / "datasets"
 
@@ -30,9 +33,30 @@ def resolve(name_or_path: str) -> Path:
     raise LearningError(f"{name_or_path!r} is neither a file nor shipped; shipped are: {', '.join(shipped_names())}")
 
 
-def load_policy(name_or_path: str) -> Policy:
-    """A policy by shipped name or path. Raises LearningError or PolicyError."""
-    return Policy.load(resolve(name_or_path))
+def names_policy(reference: str) -> bool:
+    """Whether `load_policy` would find a file for the reference."""
+    name = reference.partition("@")[0]
+    return name in shipped_names() or Path(name).is_file()
+
+
+def load_policy(reference: str) -> Policy:
+    """A policy by shipped name or path.
+
+    A conditioned policy may be told what is wanted, `study_room/conditioned@farther=1,smoother=0.5`; without, nothing
+    is. Raises LearningError or PolicyError.
+    """
+    name, told, wants = reference.partition("@")
+    data = resolve(name).read_bytes()
+    if stored_format(data) == CONDITIONED:
+        return ConditionedPolicy.from_bytes(data).at(parsed_weights(wants))
+    if told:
+        raise LearningError(f"{name} takes no wants: write it without @{wants}, or name a conditioned policy")
+    return Policy.from_bytes(data)
+
+
+def load_conditioned(name_or_path: str) -> ConditionedPolicy:
+    """A conditioned policy by shipped name (`study_room/conditioned`) or path. Raises LearningError or PolicyError."""
+    return ConditionedPolicy.load(resolve(name_or_path))
 
 
 def load_ensemble(setup: str) -> list[Policy]:
@@ -53,7 +77,7 @@ def load_card(name_or_path: str) -> Card:
     return Card.load(card_path(resolve(name_or_path)))
 
 
-def load_shipped(name: str) -> Policy | QuerySet:
+def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet:
     """The shipped artefact of that name, its bytes checked against its card.
 
     Raises LearningError if the name is unknown or file and card disagree.
@@ -61,4 +85,9 @@ def load_shipped(name: str) -> Policy | QuerySet:
     path, card = resolve(name), load_card(name)
     if file_sha256(path) != card.sha256:
         raise LearningError(f"{name}: file and card disagree (sha256); restore both from the repository")
-    return QuerySet.load(path) if card.kind == "query_set" else Policy.load(path)
+    kinds: dict[str, type[Policy] | type[ConditionedPolicy] | type[QuerySet]] = {
+        "policy": Policy,
+        "conditioned_policy": ConditionedPolicy,
+        "query_set": QuerySet,
+    }
+    return kinds[card.kind].load(path)

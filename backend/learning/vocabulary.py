@@ -8,13 +8,14 @@ How much each objective matters to somebody are preference weights: learned in `
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.analysis import metrics
+from backend.learning.errors import LearningError
 from backend.learning.features import obstacle_clearance_m
 from backend.simulation.setups import Setup
 from backend.simulation.trajectory import Trajectory
@@ -75,6 +76,43 @@ CLEARANCE_CAP_M = 0.8  # spec 06: farther than this from obstacles is no better
 CLOSE_ENOUGH_M = 0.7  # "closer" never pays for less: 0.48 m is contact
 CLOSENESS_RANGE_M = 0.8
 SIDE_RANGE_M = 3.0
+
+
+def preference_weights(wanted: Mapping[str, float]) -> Floats:
+    """(9,) float32 preference weights from objectives by name; what is not named is not wanted.
+
+    Raises LearningError for an unknown name, a weight outside [0, 1] or two opposites.
+    """
+    unknown = [name for name in wanted if name not in NAMES]
+    if unknown:
+        raise LearningError(f"objective {unknown[0]!r} is unknown; known are {', '.join(NAMES)}")
+    return check_weights(np.array([wanted.get(name, 0.0) for name in NAMES], dtype=np.float32))
+
+
+def parsed_weights(wanted: str) -> Floats:
+    """Preference weights from words such as `farther=1,smoother=0.5`; empty: nothing. Raises LearningError."""
+    named: dict[str, float] = {}
+    for word in filter(None, wanted.split(",")):
+        name, _, value = word.partition("=")
+        try:
+            named[name.strip()] = float(value)
+        except ValueError:
+            raise LearningError(f"wants {word!r}: write it as objective=weight, e.g. farther=1,smoother=0.5") from None
+    return preference_weights(named)
+
+
+def check_weights(weights: Floats) -> Floats:
+    """The weights (9,) as float32. Raises LearningError unless each is in [0, 1] and no two are opposites."""
+    weights = np.asarray(weights, dtype=np.float32)
+    if weights.shape != (SIZE,):
+        raise LearningError(f"preference weights have shape {weights.shape}; needed is ({SIZE},)")
+    for name, weight in zip(NAMES, weights, strict=True):
+        if not 0.0 <= weight <= 1.0:
+            raise LearningError(f"preference weight {name} = {weight:g}: must be between 0 and 1")
+    for a, b in OPPOSITES:
+        if weights[a] > 0 and weights[b] > 0:
+            raise LearningError(f"preference weights {NAMES[a]} and {NAMES[b]} are opposites: only one may be above 0")
+    return weights
 
 
 def measures(trajectories: Sequence[Trajectory]) -> Doubles:

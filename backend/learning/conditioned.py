@@ -1,0 +1,111 @@
+"""The conditioned policy: one policy that is told preference weights, so that aligning it takes no training.
+
+Recipe A of spec 06. Nine weights (`vocabulary.py`) enter beside the task inputs; `at(weights)` folds them into a bias,
+which leaves an ordinary policy of the setup. How the weights are learned from answers lives in `posterior.py`, how the
+policy is trained in `conditioned_training.py`, how far weights move it in `movement.py`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.policy import Policy, PolicyError, check_networks, networks_from_bytes, networks_to_bytes
+from backend.learning.shape import NetworkShape
+from backend.learning.vocabulary import NAMES, SIZE, check_weights, preference_weights
+from backend.simulation.setups import SetupError, get_setup
+
+Floats = NDArray[np.float32]
+FORMAT = "desirepath-conditioned-1"
+
+
+@dataclass(frozen=True)
+class ConditionedPolicy:
+    """A deterministic actor of one setup that is told what somebody wants.
+
+    shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
+    the weights enter come after those of the task part. scales: (9,) reward per step of each objective's step term at
+    full weight, as in training.
+    """
+
+    setup: str
+    shape: NetworkShape
+    actor: tuple[Floats, ...]
+    critic: tuple[Floats, ...]
+    scales: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        setup = get_setup(self.setup)
+        if self.shape.observation_size != setup.observation_size + SIZE:
+            raise SetupError(
+                f"conditioned policy reads {self.shape.observation_size} inputs; setup {self.setup} gives "
+                f"{setup.observation_size}, with {SIZE} weights {setup.observation_size + SIZE}"
+            )
+        if len(self.scales) != SIZE:
+            raise PolicyError(f"conditioned policy has {len(self.scales)} scales; there are {SIZE} objectives")
+        check_networks(self.shape, self.actor, self.critic)
+
+    def at(self, weights: Floats) -> Policy:
+        """The ordinary policy that drives by these preference weights (9,), critic included.
+
+        Exact: a constant input only moves the first task layer's bias. Raises LearningError for weights outside [0, 1]
+        or of two opposites at once.
+        """
+        weights = check_weights(weights)
+        shape = replace(self.shape, task_inputs=self.shape.task_inputs - SIZE)
+        folded = [_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic)]
+        return Policy(self.setup, shape, *folded)
+
+    def to_bytes(self) -> bytes:
+        """NPZ without pickled objects; the same policy always gives the same bytes."""
+        meta = {
+            "format": FORMAT,
+            "setup": self.setup,
+            "shape": self.shape.as_dict(),
+            "objectives": list(NAMES),
+            "scales": list(self.scales),
+        }
+        return networks_to_bytes(meta, self.actor, self.critic)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> ConditionedPolicy:
+        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
+        meta, actor, critic = networks_from_bytes(data, FORMAT)
+        if tuple(meta["objectives"]) != NAMES:
+            raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
+        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, tuple(meta["scales"]))
+
+    def save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.to_bytes())
+
+    @classmethod
+    def load(cls, path: Path) -> ConditionedPolicy:
+        """Raises PolicyError if the file is missing or no conditioned policy."""
+        try:
+            data = path.read_bytes()
+        except OSError as problem:
+            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
+        return cls.from_bytes(data)
+
+    def digest(self) -> str:
+        """sha256 of `to_bytes`, the policy's identity in lineages."""
+        return hashlib.sha256(self.to_bytes()).hexdigest()
+
+
+def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:
+    if not arrays:
+        return ()
+    first, bias = arrays[:2]
+    return (first[:task_inputs].copy(), bias + weights @ first[task_inputs:], *arrays[2:])
+
+
+def settings(extra: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, Floats]:
+    """The wants a conditioned policy is judged by: nothing (`neutral`), then each objective alone at full strength."""
+    wanted: dict[str, Mapping[str, float]] = {"neutral": {}, **{name: {name: 1.0} for name in NAMES}, **(extra or {})}
+    return {name: preference_weights(weights) for name, weights in wanted.items()}

@@ -1,0 +1,36 @@
+"""Left and right exchanged: what a robot observes and does in the mirrored world. For training data and for tests."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.simulation.setups import Setup
+
+Floats = NDArray[np.float32]
+ACTION_SIGNS = np.array([1, -1], dtype=np.float32)
+"""actions * ACTION_SIGNS: the same driving with left and right exchanged."""
+
+
+class Mirror(NamedTuple):
+    """observations[:, order] * signs is the observation in the mirrored world.
+
+    Bearings and turning change sign, lidar sectors come in reverse: sector k covers [k, k + 1) sector widths from
+    straight ahead. The beams lie on each sector's near edge, so a mirrored sector looks through beams that are one beam
+    (1 degree or 0.5) beside; everything else is exact.
+    """
+
+    order: NDArray[np.int64]
+    signs: Floats
+
+
+def mirror_of(setup: Setup) -> Mirror:
+    """How observations of that setup are mirrored."""
+    order, signs = np.arange(setup.observation_size), np.ones(setup.observation_size, dtype=np.float32)
+    order[setup.polar_size :] = order[setup.polar_size :][::-1]
+    signs[[1, 3]] = -1  # goal and person bearing
+    if setup.with_velocity:
+        signs[5] = -1  # angular velocity
+    return Mirror(order, signs)
