@@ -25,6 +25,7 @@ class Purpose(IntEnum):
     QUERIES = 4  # scenes that queries are made in
     BENCHMARK = 5  # when has a benchmarked learner reached 94 %?
     COMPARISON = 6  # where a participant sees the base policy and their own
+    FIGURE = 7  # scenes that figures show: looking at them gives nothing away
 
 
 def first_seed(purpose: Purpose, seed: int) -> int:
