@@ -35,7 +35,7 @@ class ConditionedConfig:
 
     setup: str
     seed: int = 0
-    scales: tuple[float, ...] = (2.0, 0.8, 1.5, 1.5, 2.0, 1.5, 0.8, 1.0, 0.3)
+    scales: tuple[float, ...] = (1.5, 1.5, 1.0, 1.0, 2.0, 1.5, 1.0, 3.5, 0.3)
     updates: int = 60_000
     batch_size: int = 256
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
@@ -49,8 +49,9 @@ class ConditionedConfig:
     base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
     exploration: tuple[float, float] = (0.03, 0.4)
     progress_weight: float = 1.0  # per metre, as in base training: the critic that it starts from was trained so
-    collision: float = -25.0  # core rewards during this training: whoever pays per step must not crash to end it ...
+    collision: float = -20.0  # core rewards during this training: whoever pays per step must not crash to end it ...
     self_intersection: float = -6.0  # ... nor drive in circles; evaluation and cards use the setup's own
+    time_cost: float = 0.15  # per step: waiting must not be free
     turning: float = 0.05  # penalty per step of turning at full rate, whatever is wanted: circling has no other price
     neutral_share: float = 0.12  # of the episodes: nothing is wanted
     one_share: float = 0.4  # one objective; of the rest, half have two and half three
@@ -186,7 +187,7 @@ class ConditionedTraining:
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
 
     def batch(self) -> Batch:
-        """What the agent learns from: reward = core + progress + sum_k scale_k weight_k term_k - turning.
+        """What the agent learns from: reward = core + progress + sum_k scale_k weight_k term_k - turning - time.
 
         Part of it is judged by the wants of other rows, part of it is mirrored; both are as true as what was driven.
         """
@@ -197,7 +198,7 @@ class ConditionedTraining:
         shuffled = int(n * config.relabelled_share)
         wants[:shuffled] = wants[self._random.permutation(n)[:shuffled]]
         judged = (wants * terms.numpy()) @ np.array(config.scales, dtype=np.float32)
-        judged -= np.float32(config.turning) * np.abs(actions.numpy()[:, 1])
+        judged -= np.float32(config.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(config.time_cost)
         turned = self._random.random(n) < config.mirrored_share
         seen, then, done = observations.numpy(), following.numpy(), actions.numpy()
         order, signs = self._mirror

@@ -75,6 +75,7 @@ NEAREST_BAND_M = 0.5
 CLEARANCE_CAP_M = 0.8  # spec 06: farther than this from obstacles is no better
 CLOSE_ENOUGH_M = 0.7  # "closer" never pays for less: 0.48 m is contact
 CLOSENESS_RANGE_M = 0.8
+SLOW_SHARE = 0.3  # of full speed: slower than this near the person is no better
 SIDE_RANGE_M = 3.0
 
 
@@ -185,7 +186,8 @@ def step_terms(actions: Floats, next_observations: Floats, setup: Setup) -> Floa
         -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1)),
         -speed * off_course,
         -np.abs(np.clip(actions[:, 1], -1, 1)),
-        -near * np.square(speed),
+        # The way around the person is priced too: driving past slowly is what was wanted.
+        -0.85 * near * np.square(np.clip((speed - SLOW_SHARE) / (1 - SLOW_SHARE), 0, 1)) - 0.15 * speed * off_course,
         np.full(len(actions), -1.0),
     ]
     return np.stack(terms, axis=1).astype(np.float32)

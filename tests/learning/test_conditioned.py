@@ -163,8 +163,8 @@ def test_the_mirrored_world_is_the_same_world(name: str) -> None:
 
 
 def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
-    training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, turning=0.0))
-    kept = replace(TINY, mirrored_share=0.0, turning=0.0, relabelled_share=0.0, scales=(0.0,) * SIZE)
+    training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, turning=0.0, time_cost=0.0))
+    kept = replace(TINY, mirrored_share=0.0, turning=0.0, time_cost=0.0, relabelled_share=0.0, scales=(0.0,) * SIZE)
     plain = ConditionedTraining(base, kept)
     judged, core = training.batch(), plain.batch()
     setup = training.setup
