@@ -50,9 +50,9 @@ class Draft:
         """Replace the protocol. Raises DraftError if it is empty or too large."""
         self.file.write_text(_checked("protocol.yaml", yaml.replace("\r\n", "\n")), encoding="utf-8")
 
-    def freeze(self) -> FrozenProtocol:
-        """The checked protocol. Raises ProtocolError with every problem."""
-        return freeze_text(self.yaml, file=self.file.name, folder=self.folder)
+    def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
+        """The checked protocol. query_sets: what it may name by id. Raises ProtocolError with every problem."""
+        return freeze_text(self.yaml, file=self.file.name, folder=self.folder, query_sets=query_sets)
 
     def discard(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -9,10 +9,11 @@ from starlette.responses import RedirectResponse, Response
 
 from backend.api import drafts
 from backend.api.auth import CheckedCsrf, checked_csrf
-from backend.api.dependencies import Db, Files, TheHouse
+from backend.api.dependencies import Db, Files, TheHouse, house
 from backend.api.drafts import Draft, DraftError
 from backend.api.lab import LabRefusal, lab_language, lab_page
 from backend.api.preview import first_steps
+from backend.store.query_sets import query_sets_here
 from backend.study.protocol import ProtocolError, describe_stages, expected_minutes, freeze, shipped_protocols
 from backend.study.studies import StudyError, create_study
 
@@ -107,7 +108,8 @@ def _check_page(
     """The second and third step on one page: what is wrong, or what the study will be and the button that opens it."""
     frozen, problems = None, []
     try:
-        frozen = draft.freeze()
+        with house(request).database.session() as s:
+            frozen = draft.freeze(query_sets_here(s))
     except ProtocolError as wrong:
         problems = sorted(wrong.problems, key=lambda one: (one.file, one.line))
     return lab_page(
@@ -138,7 +140,8 @@ def open_study(
     """Make the study: it keeps its own copy of the protocol, so later changes of files do not reach it."""
     name = " ".join(name.split())[:LONGEST_NAME]
     try:
-        frozen = draft.freeze()
+        with database.session() as s:
+            frozen = draft.freeze(query_sets_here(s))
         if not name:
             raise DraftError("no_name")
         with database.transaction() as s:

@@ -16,7 +16,9 @@ from backend.api.drafts import find_draft
 from backend.api.lab import LabRefusal, lab_language
 from backend.api.replay_stages import replays
 from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
+from backend.store.query_sets import query_sets_here
 from backend.study.machine import StepView
 from backend.study.pages import payload_of
 from backend.study.planning import Step, make_plan, queries_needed
@@ -79,14 +81,18 @@ def first_steps(frozen: FrozenProtocol) -> dict[str, int]:
 
 
 @lru_cache(maxsize=4)
-def example_query(query_set: str) -> tuple[Trajectory, Trajectory] | None:
-    """The first query of a query set, None where the set cannot be read; the check of the protocol says why."""
+def example_query(files: ArtefactStore, query_set: str) -> tuple[Trajectory, Trajectory] | None:
+    """The first query of a query set (shipped name, path, or id of one made here), None where the set cannot be read;
+    the check of the protocol says why.
+    """
     from backend.learning.errors import LearningError  # torch comes with it: only where somebody looks
+    from backend.learning.queries import QuerySet
     from backend.learning.shipped import load_queries
 
     try:
-        queries = load_queries(query_set).queries
-    except LearningError:
+        made_here = SHA256.fullmatch(query_set)
+        queries = (QuerySet.from_bytes(files.get(query_set)) if made_here else load_queries(query_set)).queries
+    except (LearningError, ArtefactError):
         return None
     return (queries[0].trajectory_a, queries[0].trajectory_b) if queries else None
 
@@ -97,7 +103,8 @@ def preview_draft(request: Request, parts: TheHouse, draft_id: str, number: int,
     if draft is None:
         raise LabRefusal(404, "no_draft")
     try:
-        frozen = draft.freeze()
+        with parts.database.session() as s:
+            frozen = draft.freeze(query_sets_here(s))
     except ProtocolError:
         raise LabRefusal(422, "not_valid") from None
     return _preview_page(request, frozen, number, language, back=f"/lab/new/{draft.id}")
@@ -131,7 +138,7 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
     if language not in languages:
         language = wish if (wish := lab_language(request)) in languages else languages[0]
     step = steps[number - 1]
-    query = example_query(frozen.protocol.query_set) if step["kind"] in ON_STAGE else None
+    query = example_query(house(request).files, frozen.protocol.query_set) if step["kind"] in ON_STAGE else None
     return page(
         request,
         "lab/preview.html",

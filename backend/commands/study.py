@@ -27,6 +27,17 @@ def open_store() -> tuple[Database, ArtefactStore]:
     return database, ArtefactStore(settings.artefacts)
 
 
+def _query_sets() -> dict[str, str]:
+    """The query sets of this installation, none where there is no installation yet; nothing is made or migrated."""
+    from backend.store.query_sets import query_sets_here
+
+    database = Database(get_settings().database)
+    if database.file is not None and not database.file.is_file():
+        return {}
+    with database.session() as s:
+        return query_sets_here(s)
+
+
 @commands.command()
 @plain_errors
 def validate(file: Path, as_json: JsonFlag = False) -> None:
@@ -34,7 +45,7 @@ def validate(file: Path, as_json: JsonFlag = False) -> None:
     from backend.study.protocol import validate_protocol_file
     from backend.study.source import Problem
 
-    result = validate_protocol_file(file)
+    result = validate_protocol_file(file, _query_sets())
     if as_json or result["valid"]:
         say(result, as_json)
     else:
@@ -57,7 +68,7 @@ def create(
     from backend.study.studies import create_study
 
     database, files = open_store()
-    frozen = freeze(file)
+    frozen = freeze(file, _query_sets())
     with database.transaction() as s:
         register_shipped(s, files)
         study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)

@@ -1,4 +1,7 @@
-"""Query sets in the store: brought in once, then looked up by artefact. How queries are made lives in `learning`."""
+"""Query sets in the store: brought in once, then looked up by artefact. How queries are made lives in `learning`.
+
+A study protocol names a set by a shipped name, the path of a file, or the id of one that a job made here.
+"""
 # torch comes with `learning` and takes seconds to import, so it is imported where a set is read, not with the server.
 
 from __future__ import annotations
@@ -7,9 +10,17 @@ import hashlib
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectories
+from backend.store.artefacts import (
+    SHA256,
+    ArtefactError,
+    ArtefactStore,
+    load_artefact,
+    save_artefact,
+    save_trajectories,
+)
 from backend.store.models import Artefact
 from backend.store.shipped import register_parents
 
@@ -30,16 +41,28 @@ class StoredQuery:
     duration_b_s: float
 
 
-def import_query_set(s: Session, files: ArtefactStore, name_or_path: str) -> Artefact:
-    """Bring a shipped query set (`study_room/queries_200`) or a `.npz` file into the store; idempotent and then fast.
+def query_sets_here(s: Session) -> dict[str, str]:
+    """id -> "name (setup, how many queries)" of every query set of the store that may be used, newest first."""
+    rows = select(Artefact).where(Artefact.kind == "query_set", Artefact.quarantined_at.is_(None))
+    return {
+        found.id: f"{found.name} ({found.setup}, {len(found.card['stored_queries'])} queries)"
+        for found in s.scalars(rows.order_by(Artefact.created_at.desc(), Artefact.id))
+    }
 
-    Raises LearningError if there is none or it is damaged, ArtefactError if it is empty.
+
+def import_query_set(s: Session, files: ArtefactStore, reference: str) -> Artefact:
+    """The query set that a protocol names: by an artefact's id, a shipped name (`study_room/queries_200`) or the path of
+    a `.npz` file, which is brought into the store; idempotent and then fast.
+
+    Raises LearningError if there is none or it is damaged, ArtefactError if it is empty, quarantined or no query set.
     """
+    if SHA256.fullmatch(reference):
+        return load_artefact(s, files, reference, kind="query_set")[0]
     from backend.learning.artefacts import Card, card_path
     from backend.learning.queries import QuerySet
     from backend.learning.shipped import resolve
 
-    path = resolve(name_or_path)
+    path = resolve(reference)
     content = path.read_bytes()
     stored = s.get(Artefact, hashlib.sha256(content).hexdigest())
     if stored is not None:

@@ -11,7 +11,7 @@ import hashlib
 import re
 import types
 import typing
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -90,18 +90,27 @@ def variant(name: str, language: str) -> str:
     return f"{stem}.{language}{dot}{ending}" if dot else f"{name}.{language}"
 
 
-def freeze(file: Path | str) -> FrozenProtocol:
-    """Read a protocol and everything it names. Raises ProtocolError with every problem."""
+def freeze(file: Path | str, query_sets: Mapping[str, str] | None = None) -> FrozenProtocol:
+    """Read a protocol and everything it names. Raises ProtocolError with every problem.
+
+    query_sets: id -> description of the sets that a protocol may name by id (`store.query_sets.query_sets_here`).
+    """
     path = Path(file)
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as wrong:
         reason = wrong.strerror if isinstance(wrong, OSError) else "is not UTF-8 text"
         raise ProtocolError([Problem(str(file), 1, "(file)", None, f"cannot be read: {reason}")]) from None
-    return freeze_text(text, file=path.name, folder=path.parent)
+    return freeze_text(text, file=path.name, folder=path.parent, query_sets=query_sets)
 
 
-def freeze_text(text: str, *, file: str = "protocol.yaml", folder: Path = PROTOCOLS) -> FrozenProtocol:
+def freeze_text(
+    text: str,
+    *,
+    file: str = "protocol.yaml",
+    folder: Path = PROTOCOLS,
+    query_sets: Mapping[str, str] | None = None,
+) -> FrozenProtocol:
     """The same for YAML that was uploaded or pasted; its texts and questionnaires come from `folder`."""
 
     def read(name: str) -> str | None:
@@ -112,7 +121,7 @@ def freeze_text(text: str, *, file: str = "protocol.yaml", folder: Path = PROTOC
             return None
 
     frozen = _frozen(text, file, read)
-    problem = _query_set(frozen.protocol.query_set, Source(file, text))
+    problem = _query_set(frozen.protocol.query_set, query_sets or {}, Source(file, text))
     if problem:
         raise ProtocolError([problem])
     return frozen
@@ -131,10 +140,10 @@ def thaw(study: Study) -> FrozenProtocol:
 _thawed: dict[Content, FrozenProtocol] = {}  # by content, so never stale; one small entry per protocol version
 
 
-def validate_protocol_file(file: Path | str) -> dict[str, Any]:
+def validate_protocol_file(file: Path | str, query_sets: Mapping[str, str] | None = None) -> dict[str, Any]:
     """{"valid": bool, "errors": [{file, line, field, value, message}]}; never raises for what the file says."""
     try:
-        freeze(file)
+        freeze(file, query_sets)
     except ProtocolError as wrong:
         return {"valid": False, "errors": wrong.errors}
     return {"valid": True, "errors": []}
@@ -229,14 +238,18 @@ def _texts(
     return [source.problem(path, f"needs the file {', '.join(missing)} beside the protocol")] if missing else []
 
 
-def _query_set(name: str, source: Source) -> Problem | None:
+def _query_set(name: str, here: Mapping[str, str], source: Source) -> Problem | None:
     """Whether there is such a query set, without opening it (`learning` and torch take seconds to import)."""
     shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/queries*.npz"))
-    if name in shipped or (name.endswith(".npz") and Path(name).is_file()):
+    if name in shipped or name in here or (name.endswith(".npz") and Path(name).is_file()):
         return None
     allowed = ", ".join(shipped) or "none"
+    # shipped sets that a study has used are here, too, under their names
+    made = ", ".join(f"{id_}: {told}" for id_, told in here.items() if told.partition(" (")[0] not in shipped) or "none"
     return source.problem(
-        ("query_set",), f"is no query set; shipped are: {allowed}; or the path of a .npz file{_meant(name, shipped)}"
+        ("query_set",),
+        f"is no query set; shipped are: {allowed}; made here, by id: {made}; or the path of a .npz file"
+        f"{_meant(name, [*shipped, *here])}",
     )
 
 

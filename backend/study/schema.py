@@ -61,9 +61,9 @@ class Stopping(Part):
     information for `in_a_row` queries, and at least `at_least` were answered.
     """
 
-    below_bits: float = Field(0.05, gt=0, le=1)
-    in_a_row: int = Field(2, ge=1, le=20)
-    at_least: int = Field(6, ge=2, le=200)
+    below_bits: float = Field(0.1, gt=0, le=1)  # as in backend/learning/choosing.py
+    in_a_row: int = Field(3, ge=1, le=20)
+    at_least: int = Field(8, ge=2, le=200)
 
 
 class Queries(Part):
@@ -167,7 +167,7 @@ class StageEntry(Part):
 
 
 class Protocol(Part):
-    """A study protocol. `query_set` is the name of a shipped set or the path of a `.npz` file."""
+    """A study protocol. `query_set`: name of a shipped set, id of one made here, or path of a `.npz` file."""
 
     protocol: Slug
     version: int = Field(ge=1)

@@ -17,10 +17,14 @@ from backend.api import drafts
 from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.api.preview import preview_steps
+from backend.learning.queries import QuerySet
+from backend.learning.shipped import load_queries
 from backend.store.models import Base, Event, Participant, Response, Study
+from backend.store.query_sets import save_query_set
 from backend.study.protocol import freeze
 from tests.api.lab_house import NAME, QUICK, Walked, csrf, sign_in
 
+STAGE_SHOWN = 'id="stage-cover" hidden'
 LINKED_NUMBER = re.compile(r'<a class="number" href="([^"]+)">(\d+)</a>')
 
 
@@ -101,6 +105,25 @@ def test_unreadable_query_set_refuses_to_open_and_says_what_is_there(lab, lab_ho
     assert refused.status_code == 422
     assert "study_room/queries_200" in refused.text
     assert row_counts(lab_house)["study"] == 0
+
+
+def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_house):
+    shipped = load_queries("study_room/queries_200")
+    with lab_house.database.transaction() as s:
+        few = QuerySet(shipped.setup, shipped.queries[:20], {})
+        made = save_query_set(s, lab_house.files, few, name="20 queries, seed 3", card={}).id
+    yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_200", made)
+    draft = draft_of(lab, source="paste", yaml=yaml)
+    assert "The protocol is valid" in lab.get(draft).text
+    step = 1 + next(n for n, one in enumerate(preview_steps(freeze(QUICK))) if one["kind"] == "trial")
+    assert STAGE_SHOWN in lab.get(f"{draft}/preview/{step}").text
+    assert lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "Own queries"}).status_code == 303
+    with lab_house.database.session() as s:
+        study = s.scalars(select(Study)).one()
+    assert study.protocol["materials"]["query_set"] == made
+    assert STAGE_SHOWN in lab.get(f"/lab/studies/{study.id}/preview/{step}").text
+    wrong = draft_of(lab, source="paste", yaml=yaml.replace(made, "c" * 64))
+    assert f"{made}: 20 queries, seed 3" in lab.get(wrong).text
 
 
 def test_uploaded_texts_replace_the_shipped_ones_in_this_study_only(lab, lab_house):

@@ -66,7 +66,7 @@ def test_a_study_without_answers_on_the_command_line(served: Served) -> None:
     for learn in ("reward-model", "align"):
         refused = run_command("train", learn, "--study", empty, "--json", data=installation.settings.data)
         assert refused.returncode == 1
-        assert "only 0 usable answers, at least 2 are needed" in json.loads(refused.stdout)["error"]
+        assert "only 0 usable answers of people, at least 2 are needed" in json.loads(refused.stdout)["error"]
         assert "Traceback" not in refused.stderr
 
 

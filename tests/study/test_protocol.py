@@ -37,6 +37,20 @@ def broken(tmp_path: Path, old: str, new: str) -> dict:
     return result["errors"][0]
 
 
+def test_a_query_set_made_here_is_named_by_its_id_and_an_unknown_one_is_told_what_there_is():
+    made, unknown = "a" * 64, "b" * 64
+    here = {made: "60 queries, seed 3 (study_room, 60 queries)"}
+    text = QUICK.read_text()
+    assert freeze_text(text.replace("study_room/queries_200", made), query_sets=here).protocol.query_set == made
+    for name, known in ((unknown, here), (made, None)):
+        with pytest.raises(ProtocolError) as refused:
+            freeze_text(text.replace("study_room/queries_200", name), query_sets=known)
+        (error,) = refused.value.errors
+        assert (error["field"], error["value"], error["line"]) == ("query_set", name, line_of("query_set:"))
+        assert "shipped are: study_room/queries_200" in error["message"]
+        assert ("60 queries, seed 3" in error["message"]) == (known is here)
+
+
 def line_of(text: str) -> int:
     return next(n for n, line in enumerate(QUICK.read_text().splitlines(), 1) if text in line)
 

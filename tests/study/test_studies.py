@@ -8,7 +8,9 @@ from dataclasses import asdict
 import pytest
 from sqlalchemy import select
 
+from backend.learning.queries import QuerySet
 from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
+from backend.store.query_sets import query_sets_here, save_query_set
 from backend.study.protocol import freeze, freeze_text, thaw
 from backend.study.refusals import Refused
 from backend.study.studies import StudyError, create_study, join_study, queries_of_study, study_by_link
@@ -110,6 +112,28 @@ def test_an_empty_or_small_query_set_is_refused_before_anybody_joins(database, f
             s.flush()
             with pytest.raises(StudyError, match=f"query_set = .* has {number} queries, one session needs 16"):
                 create_study(s, files, frozen, name="x", created_by=None, query_set=artefact)
+
+
+def test_a_query_set_made_here_is_asked_by_its_id(database, files, twenty_queries):
+    twenty = QuerySet.load(twenty_queries)
+    with database.transaction() as s:
+        eighteen = QuerySet(twenty.setup, twenty.queries[2:], {})
+        made = save_query_set(s, files, eighteen, name="18 queries, seed 3", card={}).id
+        here = query_sets_here(s)
+    assert here[made] == "18 queries, seed 3 (study_room, 18 queries)"
+    frozen = freeze_text(QUICK.read_text().replace("study_room/queries_200", made), query_sets=here)
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name="Own queries", created_by=None)
+        assert study.protocol["materials"] == {"query_set": made, "setup": "study_room"}
+        asked = {query.id for query in queries_of_study(s, files, study)}
+    session, _ = join(database, files, study)
+    assert {step["query"] for step in session.plan if step["kind"] == "trial"} <= asked
+    with database.transaction() as s:
+        s.get_one(Artefact, made).quarantined_at = utc_now()
+    with database.transaction() as s:
+        assert made not in query_sets_here(s)
+        with pytest.raises(StudyError, match="quarantined"):
+            create_study(s, files, frozen, name="Again", created_by=None)
 
 
 def test_a_damaged_query_set_is_refused_by_its_name(database, files, tmp_path):
