@@ -80,23 +80,21 @@ def _asked_again(s: DatabaseSession, session: Session, step: Step) -> Asked:
 
 def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> bool:
     """Does the protocol's stopping rule end the chosen queries here?"""
-    rule = step.get("stop")
-    if rule is None:
+    if step.get("stop") is None:
         return False
-    from backend.learning.choosing import best_information
+    from backend.learning.choosing import StoppingRule, best_information
 
+    rule = StoppingRule(**step["stop"])
     answers = answers_of(s, session)
-    if len(answers) < rule["at_least"]:
-        return False
-    study = s.get_one(Study, session.study_id)
-    measured = measured_queries(s, files, study)
-    for fewer in range(rule["in_a_row"]):
-        known = answers[: len(answers) - fewer]
-        used = {query for query, _ in known}
+    measured = measured_queries(s, files, s.get_one(Study, session.study_id))
+    promised = [np.inf] * len(answers)  # only the last ones count
+    for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
+        used = {query for query, _ in answers[:after]}
         left = [i for i, query in enumerate(measured.queries) if query.id not in used]
-        if best_information(posterior_after(measured, known), measured.differences[left]) >= rule["below_bits"]:
+        promised[after - 1] = best_information(posterior_after(measured, answers[:after]), measured.differences[left])
+        if promised[after - 1] >= rule.below_bits:
             return False
-    return True
+    return rule.met(promised)
 
 
 def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> Posterior:

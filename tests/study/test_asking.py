@@ -1,0 +1,159 @@
+"""Queries that follow the answers: what is asked, what is repeated, and when it ends."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import select
+
+from backend.store.models import Event, Response, Session, Study, TrajectoryRow, Trial
+from backend.study import asking
+from backend.study.protocol import ProtocolError, freeze_text
+from backend.study.studies import create_study
+from tests.study.walking import QUICK, VALUES, Walker
+
+PLAIN = "queries: {count: 15, choose: random}"
+NEVER = "stop: {below_bits: 0.000001}"
+AT_ONCE = "stop: {below_bits: 1.0, in_a_row: 1, at_least: 3}"
+
+
+@pytest.fixture
+def make_walker(database, files, twenty_queries):
+    def make(queries: str) -> Walker:
+        text = QUICK.read_text().replace("study_room/queries_200", str(twenty_queries)).replace(PLAIN, queries)
+        with database.transaction() as s:
+            study = create_study(s, files, freeze_text(text), name=queries[:40], created_by=None)
+        return Walker(database, files, study)
+
+    return make
+
+
+def answer_all(walker, taste):
+    """Answer every query with the side that `taste` likes more; stops at the questionnaire."""
+    while (view := walker.view).key != "train.interface_items":
+        if view.kind == "trial":
+            walker.watch(view.key)
+            with walker.database.session() as s:
+                trial = s.scalars(
+                    select(Trial).where(Trial.session_id == walker.session.id, Trial.step_key == view.key)
+                ).one()
+                worth = [taste(s.get_one(TrajectoryRow, t)) for t in (trial.trajectory_a, trial.trajectory_b)]
+            walker.submit(view.key, {"choice": "a" if worth[0] > worth[1] else "b"})
+        else:
+            walker.submit(view.key, VALUES[view.key])
+
+
+def shortest_time(row):
+    return -row.duration_s
+
+
+def trials_of(walker):
+    with walker.database.session() as s:
+        return list(s.scalars(select(Trial).where(Trial.session_id == walker.session.id).order_by(Trial.index)))
+
+
+def events_of(walker, kind):
+    with walker.database.session() as s:
+        return list(s.scalars(select(Event).where(Event.session_id == walker.session.id, Event.kind == kind)))
+
+
+def test_chosen_queries_are_all_different_and_the_log_says_why(make_walker):
+    walker = make_walker("queries: {count: 6, choose: information}")
+    answer_all(walker, shortest_time)
+    trials = trials_of(walker)
+    assert [trial.role for trial in trials] == ["learning"] + ["regular"] * 6
+    assert len({trial.query_id for trial in trials}) == 7
+    chosen = events_of(walker, "query_chosen")
+    assert [event.data["answers"] for event in chosen] == [0, 1, 2, 3, 4, 5]
+    assert [event.data["of"] for event in chosen] == [19, 18, 17, 16, 15, 14]
+    assert all(event.data["by"] == "information" and event.data["bits"] > 0 for event in chosen)
+    assert {event.trial_id for event in chosen} == {trial.id for trial in trials[1:]}
+
+
+def test_what_is_asked_follows_the_answers(make_walker):
+    walkers = [make_walker("queries: {count: 6, choose: information}") for _ in range(2)]
+    tastes = (shortest_time, lambda row: row.duration_s)
+    for walker, taste in zip(walkers, tastes, strict=True):
+        with walker.database.transaction() as s:  # the same lots for both, so that only the answers differ
+            session = s.get_one(Session, walker.session.id)
+            session.plan = walkers[0].session.plan
+            session.seed = walkers[0].session.seed
+        answer_all(walker, taste)
+    asked = [[trial.query_id for trial in trials_of(walker)] for walker in walkers]
+    assert asked[0][:2] == asked[1][:2], "before any answer counts, both are asked the same"
+    assert asked[0] != asked[1]
+
+
+def test_the_posterior_after_the_answers_is_of_these_answers(database, files, make_walker):
+    walker = make_walker("queries: {count: 10, choose: information}")
+    answer_all(walker, shortest_time)
+    with database.session() as s:
+        session = s.get_one(Session, walker.session.id)
+        posterior = asking.posterior_of(s, files, session)
+        given = asking.answers_of(s, session)
+    assert len(posterior.chosen) == len(given) == 10
+    assert posterior.importance()["faster"] + posterior.importance()["shorter"] > 0.4
+    assert posterior.importance()["faster"] > 1 / 9
+
+
+def test_probes_repeat_what_was_asked(make_walker):
+    walker = make_walker("queries: {count: 5, choose: disagreement, probes: {repeat: 1, swap: 1}}")
+    answer_all(walker, shortest_time)
+    trials = trials_of(walker)
+    probes = {trial.role: trial for trial in trials[-2:]}
+    assert set(probes) == {"repeat", "swap"}
+    first = {trial.query_id: trial for trial in trials if trial.role == "regular"}
+    for role, probe in probes.items():
+        sides = (first[probe.query_id].trajectory_a, first[probe.query_id].trajectory_b)
+        assert (probe.trajectory_a, probe.trajectory_b) == (sides if role == "repeat" else sides[::-1])
+
+
+def test_the_stopping_rule_ends_the_queries_and_the_training_starts(make_walker):
+    walker = make_walker(f"queries: {{count: 15, choose: information, {AT_ONCE}, probes: {{repeat: 15}}}}")
+    answer_all(walker, shortest_time)
+    trials = trials_of(walker)
+    assert [trial.role for trial in trials] == ["learning"] + ["regular"] * 3 + ["repeat"] * 3
+    assert len(events_of(walker, "queries_ended")) == 1
+    assert len(events_of(walker, "training_started")) == 1
+    with walker.database.session() as s:
+        stored = s.scalars(select(Response).where(Response.session_id == walker.session.id)).all()
+    assert sum(response.trial_id is not None for response in stored) == 7
+
+
+def test_a_rule_that_is_not_met_ends_nothing(make_walker):
+    walker = make_walker(f"queries: {{count: 12, choose: information, {NEVER}}}")
+    answer_all(walker, shortest_time)
+    assert len(trials_of(walker)) == 13
+    assert not events_of(walker, "queries_ended")
+
+
+def test_studies_measure_their_queries_once(database, files, make_walker):
+    walker = make_walker("queries: {count: 3, choose: information}")
+    with database.session() as s:
+        study = s.get_one(Study, walker.session.study_id)
+        measured = asking.measured_queries(s, files, study)
+        assert asking.measured_queries(s, files, study) is measured
+    assert measured.differences.shape == (20, 7)
+    assert len(measured.queries) == 20
+
+
+@pytest.mark.parametrize(
+    ("queries", "field", "message"),
+    [
+        ("queries: {count: 15, stop: {in_a_row: 2}}", "stop", "needs queries that are chosen"),
+        ("queries: {count: 15, role: learning, choose: information}", "choose", "must be random for learning"),
+        ("queries: {count: 5, choose: information, stop: {at_least: 9}}", "at_least", "more than the 5 queries"),
+        ("queries: {count: 5, choose: wisely}", "choose", "must be one of random, disagreement, information"),
+    ],
+)
+def test_what_cannot_be_chosen_is_refused(queries, field, message):
+    with pytest.raises(ProtocolError) as wrong:
+        freeze_text(QUICK.read_text().replace(PLAIN, queries))
+    told = next(error for error in wrong.value.errors if error["field"].endswith(field))
+    assert message in told["message"]
+
+
+def test_blocks_that_must_ask_the_same_cannot_choose():
+    block = "  - block:\n      view: immersive\n      trials: [{queries: {count: 15}}]\n"
+    text = QUICK.read_text().replace(PLAIN, "queries: {count: 15, choose: information}")
+    with pytest.raises(ProtocolError, match="blocks show the same queries"):
+        freeze_text(text.replace("  # The alignment starts", block + "  # The alignment starts"))
