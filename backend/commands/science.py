@@ -6,6 +6,7 @@ Training runs as a job like any other, so that its artefact has a card, a lineag
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -119,7 +120,9 @@ def generate(
 
 @plain_errors
 def evaluate(
-    policy: Annotated[str, typer.Argument(help="Id, path, or a shipped name such as study_room/base.")],
+    policy: Annotated[
+        str, typer.Argument(help="Id, path, or a shipped name: study_room/base, study_room/conditioned@farther=1.")
+    ],
     scenes: Annotated[int, typer.Option(min=1)] = 2_000,
     seed: SeedFlag = 0,
     engine: Annotated[str, typer.Option(help="fast or pybullet.")] = "fast",
@@ -134,11 +137,11 @@ def evaluate(
 def find_policy(reference: str) -> Policy:
     """The policy that was named on the command line: by id, path or shipped name. Raises LookupError."""
     from backend.learning.policy import Policy
-    from backend.learning.shipped import load_policy, shipped_names
+    from backend.learning.shipped import load_policy, names_policy, shipped_names
     from backend.store.artefacts import load_artefact
     from backend.store.models import Artefact
 
-    if reference in shipped_names() or Path(reference).is_file():
+    if names_policy(reference):
         return load_policy(reference)
     database, files = open_store()
     with database.session() as s:
@@ -215,7 +218,8 @@ def _wait(database: Database, job: str) -> tuple[str, dict[str, Any], str | None
                 if state in FINAL_STATES:
                     return state, result, error
                 if state == "queued" and own_worker is None and time.monotonic() - began > WORKER_PATIENCE_S:
-                    own_worker = subprocess.Popen([sys.executable, "-m", "backend.cli", "worker"], stdout=sys.stderr)
+                    worker = [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())]
+                    own_worker = subprocess.Popen(worker, stdout=sys.stderr)
                 status.update(f"{state} {progress:.0%} {message}")
                 time.sleep(0.3)
     finally:
