@@ -308,7 +308,7 @@ def ensemble_answers(members: Sequence[Policy], count: int, seed: int) -> list[P
         max_duration_s=float("inf"),
         min_duration_s=0.0,
         min_gap_m=0.0,
-        max_scenes=max(1_000, 10 * count),
+        max_scenes=256 + 4 * count,  # all are drawn before the first drive
     )
     return make_oracle(ORACLE).answer(generate_queries(members, config).queries)
 

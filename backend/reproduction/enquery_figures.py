@@ -57,8 +57,8 @@ class Picture:
         """PNG, SVG and CSV; the paths written."""
         folder.mkdir(parents=True, exist_ok=True)
         paths = [folder / f"{self.name}.{form}" for form in ("png", "svg", "csv")]
-        paths[0].write_bytes(encoded(self.figure, "png"))
-        paths[1].write_bytes(encoded(self.figure, "svg"))
+        paths[0].write_bytes(encoded(self.figure, "png", self.title))
+        paths[1].write_bytes(encoded(self.figure, "svg", self.title))
         write_csv(paths[2], self.rows)
         return paths
 
@@ -149,7 +149,7 @@ def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
         ax.set_yticks(range(len(marks)), [f"{steps:,}" for steps in marks])
         ax.set(title=title, xlabel="kappa", ylabel="training steps per member")
         bar = figure.colorbar(image, ax=ax, pad=0.02, aspect=28)
-        bar.outline.set_linewidth(0.5)  # type: ignore[operator]
+        bar.outline.set_linewidth(0.5)
 
     with mpl.rc_context(STYLE):
         figure, axes = _figure(2, max(6.4, 1.6 + 1.1 * len(kappas)), 0.9 + 0.42 * max(4, len(marks)))

@@ -1,0 +1,137 @@
+"""`desirepath reproduce ...`, without the command line: estimate, work, figures, report. Clocks live here."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from backend.learning.artefacts import source_commit
+from backend.learning.base import BaseConfig, BaseTraining
+from backend.learning.shape import FAST_HEADS
+from backend.reproduction.enquery import FUNCTIONS, SETUP, Budget, Plan, Speed, make_plan
+from backend.reproduction.enquery_results import results_of
+from backend.reproduction.pieces import Piece, Work, finish, in_order
+
+TIMED_UPDATES = 60
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What is left to do. core_seconds: of one core of this machine, about, when nothing else runs on it."""
+
+    pieces: int
+    stored: int
+    core_seconds: float
+
+    def in_words(self, processes: int) -> str:
+        if self.pieces == self.stored:
+            return f"All {self.pieces} pieces are stored already."
+        return (
+            f"{self.pieces - self.stored} of {self.pieces} pieces to compute, about {told_time(self.core_seconds)} of "
+            f"one core; with {processes} processes about {told_time(self.core_seconds / processes)} if each has a core."
+        )
+
+
+def told_time(seconds: float) -> str:
+    """Minutes up to two hours, then hours."""
+    return f"{math.ceil(seconds / 60)} min" if seconds < 7_200 else f"{seconds / 3_600:.1f} h"
+
+
+def measure_speed(heads: tuple[int, int]) -> Speed:
+    """Seconds of one TD3 update of this machine, with its share of environment steps, by a few real ones."""
+    per_update = {}
+    for width in {FAST_HEADS, heads}:
+        config = BaseConfig(SETUP, heads=width, n_envs=64, random_transitions=1_024, buffer_size=10_000)
+        training = BaseTraining(config)
+        while training.agent.updates < config.updates_per_step:  # the first ones are slow: they compile and warm up
+            training.vector_step()
+        before, began = training.agent.updates, time.process_time()
+        while training.agent.updates < before + TIMED_UPDATES:
+            training.vector_step()
+        per_update[width] = (time.process_time() - began) / (training.agent.updates - before)
+    return Speed(per_update)
+
+
+def estimate(plan: Plan, work: Work) -> Estimate:
+    """What the plan still needs."""
+    pieces = in_order(plan.pieces())
+    missing = [piece for piece in pieces if not work.has(piece)]
+    return Estimate(len(pieces), len(pieces) - len(missing), sum(piece.seconds for piece in missing))
+
+
+def reproduce_enquery(
+    out: Path, budget: Budget, *, seed: int = 0, processes: int = 2, command: str = "", tell: Tell = lambda words: None
+) -> dict[str, Any]:
+    """Compute what is missing under `out`/work, then write figures, results.json and report.html.
+
+    Stopped in any way and started again, it goes on with the first piece that is not stored. Raises RuntimeError if
+    another run works in the same folder, ValueError for a seed or number of processes that cannot be.
+    """
+    from backend.reproduction.enquery_figures import pictures  # matplotlib is slow to load
+    from backend.reproduction.enquery_report import Run, write_report
+
+    # numba and BLAS read these when a process begins; pieces are computed one thread each
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    plan = make_plan(budget, seed, measure_speed(budget.heads))
+    work = Work(out / "work")
+    began = time.perf_counter()
+    with work.claimed():
+        tell(estimate(plan, work).in_words(processes))
+
+        def told(piece: Piece, done: int, todo: int, left: float) -> None:
+            tell(f"[{done}/{todo}] {piece.kind.replace('_', ' ')}; about {told_time(left)} left")
+
+        computed = finish(plan.pieces(), FUNCTIONS, work, processes=processes, on_piece=told)
+        results = results_of(plan, work.load)
+        tell("drawing")
+        drawn = pictures(plan, work.load, results)
+        files = [path for picture in drawn for path in picture.save(out / "figures")]
+        made = {piece.key: work.load(piece.key).meta["made"] for piece in in_order(plan.pieces())}
+        run = Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
+        write_report(out / "report.html", plan, results, drawn, run)
+        summary = {
+            "command": command,
+            "commit": run.commit,
+            "setup": SETUP,
+            "budget": asdict(budget),
+            "seed": seed,
+            "processes": processes,
+            "seconds": run.seconds,
+            "computed": computed,
+            "core_seconds": sum(float(about["cpu_seconds"]) for about in made.values()),
+            "simulated": True,
+            "results": asdict(results),
+            "pieces": made,
+        }
+        (out / "results.json").write_text(json.dumps(_plain(summary), indent=1) + "\n", encoding="utf-8")
+    return {
+        "report": str(out / "report.html"),
+        "results": str(out / "results.json"),
+        "figures": [str(path) for path in files],
+        **{key: summary[key] for key in ("budget", "seed", "seconds", "computed", "core_seconds", "commit")},
+        "tables": {recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()},
+        "crossings": results.crossings,
+        "ceiling_m": results.ceiling_m,
+    }
+
+
+def _row_summary(row: Any) -> dict[str, Any]:
+    names = ("min_human_distance_m", "success_rate", "collision_rate", "timeout_rate", "share_of_the_way")
+    p = row.per_alignment_test.p_corrected if row.per_alignment_test else None
+    return {name: getattr(row, name) for name in names} | {"p": p}
+
+
+def _plain(value: Any) -> Any:
+    """JSON has no NaN: null instead."""
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
