@@ -6,6 +6,7 @@ Every piece stays inside the box that the robot collides with; only looks live h
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 from app.shapes import Colour, Shape, ball, box, merged, turned
 from backend.simulation.scene import Obstacle, Room
@@ -146,6 +147,7 @@ def piece(obstacle: Obstacle, index: int) -> Shape:
     return made.moved(obstacle.pose.x, obstacle.pose.y, yaw=obstacle.pose.yaw).lit()
 
 
+@lru_cache(maxsize=8)  # a setup has one room
 def room_walls(room: Room, *, cut: bool) -> Shape:
     """The four walls with skirting; `cut` low for the view from above, else full height with windows and a door."""
     height = min(CUT_WALL_HEIGHT_M, room.wall_height) if cut else room.wall_height

@@ -22,6 +22,10 @@ from backend.simulation.scene import Scene
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
 FIELD_RADIUS_M = 26.0  # and gone here
 
+KEPT_PLACES = 256  # of a quarter of a MB; the shipped query set has 200, and a place takes 20 ms to draw
+
+Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max in metres
+
 _drawing = threading.Lock()  # floors are drawn one at a time: twenty pages at once would need half a gigabyte
 
 
@@ -39,7 +43,7 @@ def build(
     """Add the scene under the node name `root`, robots at the start. Nothing tells start or goal."""
     meshes = [f"{root}/place"]
     with _drawing:
-        place = _place(scene, camera.frame, cut=view == "top_down")
+        place = _place(scene, _floor_bounds(scene, camera), cut=scene.room is not None and view == "top_down")
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
     person = scene.person
@@ -93,24 +97,27 @@ def _about_z(yaw: float) -> tuple[float, float, float, float]:
     return math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
 
 
-@lru_cache(maxsize=64)
-def _place(scene: Scene, frame: tuple[float, float, float, float], *, cut: bool) -> bytes:
+@lru_cache(maxsize=KEPT_PLACES)
+def _place(scene: Scene, bounds: Bounds, *, cut: bool) -> bytes:
     """Floor, furniture and walls; `cut` low for the view from above. Kept, as participants share their queries."""
     shapes = [furniture.piece(obstacle, index) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
     standing = [Surface(merged(shapes))] if shapes else []
-    return to_glb([*_ground(scene, frame), *standing])
+    return to_glb([*_ground(scene, bounds), *standing])
 
 
-def _ground(scene: Scene, frame: tuple[float, float, float, float]) -> list[Surface]:
+def _floor_bounds(scene: Scene, camera: Camera) -> Bounds:
+    """How far the floor reaches: to the walls; in the open, as far as the view from above shows."""
+    if scene.room is None:
+        return camera.frame
+    half_x, half_y = scene.room.length / 2, scene.room.width / 2
+    return -half_x, -half_y, half_x, half_y
+
+
+def _ground(scene: Scene, bounds: Bounds) -> list[Surface]:
     """The floor with its shadows; in the open, ground around it that fades out."""
     indoors = scene.room is not None
-    if scene.room is not None:
-        half_x, half_y = scene.room.length / 2, scene.room.width / 2
-        bounds = (-half_x, -half_y, half_x, half_y)
-    else:
-        bounds = frame
     picture = surfaces.floor("wood" if indoors else "concrete", scene.solids(), bounds)
     ground = [Surface(_rectangle(bounds), uv=_RECTANGLE_UV, image=picture)]
     if not indoors:
@@ -123,7 +130,7 @@ def _ground(scene: Scene, frame: tuple[float, float, float, float]) -> list[Surf
 _RECTANGLE_UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)  # glTF counts rows from the top
 
 
-def _rectangle(bounds: tuple[float, float, float, float]) -> Shape:
+def _rectangle(bounds: Bounds) -> Shape:
     """A white rectangle on the floor, facing up."""
     x_min, y_min, x_max, y_max = bounds
     corners = [[x_min, y_min, 0.0], [x_max, y_min, 0.0], [x_max, y_max, 0.0], [x_min, y_max, 0.0]]
@@ -135,7 +142,7 @@ def _rectangle(bounds: tuple[float, float, float, float]) -> Shape:
     )
 
 
-def _fading_ground(bounds: tuple[float, float, float, float]) -> Shape:
+def _fading_ground(bounds: Bounds) -> Shape:
     """White ground outside `bounds` that turns transparent far away, so that it has no edge."""
     x_min, y_min, x_max, y_max = bounds
     middle = np.array([(x_min + x_max) / 2, (y_min + y_max) / 2])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,14 @@ def _coloured(positions: Floats, normals: Floats, faces: NDArray[np.uint32], col
 
 def box(size: Point, centre: Point, colour: Colour, alpha: float = 1.0) -> Shape:
     """An upright box of full `size` (m) about `centre` (m), flat faces."""
+    positions, normals, faces = _unit_box()
+    corners = (positions * np.asarray(size) / 2 + np.asarray(centre)).astype(np.float32)
+    return _coloured(corners, normals, faces, colour, alpha)
+
+
+@cache
+def _unit_box() -> tuple[Floats, Floats, NDArray[np.uint32]]:
+    """Corners at +-1, four for every face, their normals, and the triangles."""
     positions: list[NDArray[np.float64]] = []
     normals: list[NDArray[np.float64]] = []
     faces: list[list[int]] = []
@@ -89,8 +98,7 @@ def box(size: Point, centre: Point, colour: Colour, alpha: float = 1.0) -> Shape
             positions += [normal + a * u * sign + b * v for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
             normals += [normal] * 4
             faces += [[first, first + 1, first + 2], [first, first + 2, first + 3]]
-    corners = np.asarray(positions) * np.asarray(size) / 2 + np.asarray(centre)
-    return _coloured(corners, np.asarray(normals), np.asarray(faces), colour, alpha)
+    return np.asarray(positions, np.float32), np.asarray(normals, np.float32), np.asarray(faces, np.uint32)
 
 
 def turned(

@@ -21,6 +21,7 @@ TILE_M = 4.0  # side of one floor tile before it repeats; a multiple of the 1 m 
 _PIXELS_PER_M = 96
 _PLANKS_PER_TILE = 25  # 16 cm boards
 _SHADOW_PIXELS_PER_M = 20
+_SHADOW_REACH_M = 1.0  # further from a solid its shadow takes less than a tenth of one of 255 grey levels
 
 Material = Literal["wood", "concrete"]
 Image2D = NDArray[np.float32]
@@ -117,10 +118,13 @@ def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, f
     y = y_max - (np.arange(rows) + 0.5) * (y_max - y_min) / rows
     across = (np.floor(x * _PIXELS_PER_M).astype(int)) % tile.shape[1]
     down = (np.floor(-y * _PIXELS_PER_M).astype(int)) % tile.shape[0]
-    lit = Image.fromarray(_light_left(solids, bounds)).resize((columns, rows), Image.Resampling.BILINEAR)
-    light = np.asarray(lit, np.float32)[..., None]
     # Shadow takes blue first, so that it stays warm.
-    return _jpeg(tile[down[:, None], across[None, :]] * light ** np.array([0.94, 1.0, 1.06], np.float32))
+    light = _light_left(solids, bounds)[..., None] ** np.array([0.94, 1.0, 1.06], np.float32)
+    picture = tile.take(down, axis=0).take(across, axis=1)
+    for channel in range(3):
+        coarse = Image.fromarray(np.ascontiguousarray(light[..., channel]))
+        picture[..., channel] *= np.asarray(coarse.resize((columns, rows), Image.Resampling.BILINEAR))
+    return _jpeg(picture)
 
 
 def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> Image2D:
@@ -136,14 +140,26 @@ def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, f
     )
     light_left = np.ones_like(x)
     for solid in solids:
-        light_left *= 1.0 - 0.40 * np.exp(-_distance_to(solid, x, y) / 0.10)
-        if solid.kind == "wall":
-            continue  # walls stand around everything: their long shadow would only dim one side of the room
-        reach = min(0.55 * solid.height, 0.6)
-        cast = np.zeros_like(x)
-        for step in (0.25, 0.5, 0.75, 1.0):
-            gone = reach * step
-            distance = _distance_to(solid, x - np.float32(0.78 * gone), y - np.float32(0.63 * gone))
-            cast += np.exp(-((distance / (0.05 + 0.10 * step)) ** 2)) * (1.1 - step)
-        light_left *= 1.0 - 0.16 * np.minimum(cast, 1.5)
+        near = _rows_and_columns_near(solid, x, y)
+        here_x, here_y = x[near], y[near]
+        left = 1.0 - 0.40 * np.exp(-_distance_to(solid, here_x, here_y) / 0.10)
+        if solid.kind != "wall":  # walls stand around everything: theirs would only dim one side of the room
+            reach = min(0.55 * solid.height, 0.6)
+            cast = np.zeros_like(here_x)
+            for step in (0.25, 0.5, 0.75, 1.0):
+                gone = reach * step
+                distance = _distance_to(solid, here_x - np.float32(0.78 * gone), here_y - np.float32(0.63 * gone))
+                cast += np.exp(-((distance / (0.05 + 0.10 * step)) ** 2)) * (1.1 - step)
+            left *= 1.0 - 0.16 * np.minimum(cast, 1.5)
+        light_left[near] *= left
     return np.clip(light_left, 0.3, 1.0).astype(np.float32)
+
+
+def _rows_and_columns_near(solid: Obstacle, x: Image2D, y: Image2D) -> tuple[slice, slice]:
+    """The part of a grid (from `np.meshgrid`, y falling) in which the solid's shadow can be seen."""
+    c, s = abs(math.cos(solid.pose.yaw)), abs(math.sin(solid.pose.yaw))
+    half_x = (c * solid.length + s * solid.width) / 2 + _SHADOW_REACH_M
+    half_y = (s * solid.length + c * solid.width) / 2 + _SHADOW_REACH_M
+    columns = np.searchsorted(x[0], [solid.pose.x - half_x, solid.pose.x + half_x])
+    rows = np.searchsorted(-y[:, 0], [-solid.pose.y - half_y, -solid.pose.y + half_y])
+    return slice(*rows), slice(*columns)

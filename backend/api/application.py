@@ -18,9 +18,10 @@ from backend.api.texts import Texts
 from backend.api.throttle import BodyLimit, TooLarge, declared_too_large
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, check_writable
+from backend.store.database import Database, DatabaseBusy, check_writable
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
+RETRY_AFTER_S = 2  # ours: told with a 503; the pages, bots and benchmarks wait as long and ask again
 log = structlog.get_logger("desirepath.web")
 
 
@@ -71,6 +72,13 @@ def create_application(house: House) -> FastAPI:
     @application.exception_handler(TooLarge)
     def too_large(request: Request, _: Exception) -> Response:
         return _trouble(request, 413, "too_large", TooLarge().detail)
+
+    @application.exception_handler(DatabaseBusy)
+    def busy(request: Request, problem: Exception) -> Response:
+        log.warning("the database was busy", route=_route(request), problem=str(problem))
+        response = _trouble(request, 503, "busy", "Too much is going on here right now; nothing was stored. Try again.")
+        response.headers["Retry-After"] = str(RETRY_AFTER_S)
+        return response
 
     application.add_middleware(BodyLimit)
 

@@ -35,13 +35,6 @@ class _Server(uvicorn.Server):
         yield
 
 
-def free_port() -> int:
-    """A loopback port nobody listens on right now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
 def check_ports(settings: Settings) -> None:
     """Raise ServerError if the pages' or the stage's port is taken."""
     for port in (settings.port, settings.port + 1):
@@ -73,7 +66,7 @@ def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
     settings = house.settings
     check_ports(settings)
     bridge = StageBridge(house)
-    house.stage = StageServer(port=free_port(), on_connect=bridge.on_connect)
+    house.stage = StageServer(port=0, on_connect=bridge.on_connect)
     house.extras["bridge"] = bridge
     pages = create_application(house)
     stage = create_stage_application(house, bridge)

@@ -10,7 +10,8 @@ import asyncio
 import hashlib
 import hmac
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 from urllib.parse import urlsplit
@@ -24,6 +25,7 @@ from backend.api.replay_stages import replays
 from backend.api.stage_proxy import Origins, StageDoor, StageGrant
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import load_trajectory
+from backend.store.database import DatabaseBusy
 from backend.store.events import log_event
 from backend.store.models import Session, Setting, utc_now
 from backend.study import machine
@@ -54,11 +56,16 @@ def stage_cookie(session: Session) -> tuple[str, str]:
 
 
 class StageBridge:
-    """The connection between one house's database and its stages. Methods may be called from any thread."""
+    """The connection between one house's database and its stages. Methods may be called from any thread.
+
+    What stages are told goes through one line, in the order in which it was asked for: nobody who answers waits until
+    a scene has been drawn, and no older scene can come after a newer one.
+    """
 
     def __init__(self, house: House) -> None:
         self._house = house
         self._lock = threading.Lock()
+        self._line = ThreadPoolExecutor(1, thread_name_prefix="stages")
         self._listeners: dict[str, list[Listener]] = {}
         self._drive = lru_cache(maxsize=KEPT_DRIVES)(self._load)
 
@@ -71,14 +78,24 @@ class StageBridge:
         """
         if replays(self._house).show(stage, key):
             return
-        with self._house.database.transaction() as s:
-            session = s.get(Session, key, with_for_update=True)
-            if session is None:
-                return
-            changed = machine.interrupted(s, session, reason="stage_connected", now=utc_now())
-        self._present(stage, key)
+        changed = self._interrupted(key)
+        if changed is None:
+            return
+        self._line.submit(self._present, stage, key).result()
         if changed:
             self.changed(key)
+
+    def _interrupted(self, session_id: str) -> bool | None:
+        """Apply the checkpoint rule, however busy the database. Whether it changed anything; None: no such session."""
+        while True:
+            try:
+                with self._house.database.transaction() as s:
+                    session = s.get(Session, session_id, with_for_update=True)
+                    if session is None:
+                        return None
+                    return machine.interrupted(s, session, reason="stage_connected", now=utc_now())
+            except DatabaseBusy:
+                log.warning("a stage waits for the database")
 
     def connected(self, session_id: str) -> bool:
         """Whether the session's stage is there to play on; True where this process has no stages at all (tests)."""
@@ -87,27 +104,47 @@ class StageBridge:
 
     def show(self, session_id: str, *, afresh: bool = False) -> None:
         """Bring the stage to what the session's current step needs. afresh: also stop what is playing."""
-        stage = self._house.stage.stage(session_id) if self._house.stage is not None else None
-        if stage is not None:
+
+        def order(stage: Stage) -> None:
             if afresh:
                 stage.clear()
             self._present(stage, session_id)
 
+        self._tell_stage(session_id, order)
+
     def play(self, session_id: str, playback: machine.Playback) -> None:
         """Play a drive on the session's stage."""
-        stage = self._house.stage.stage(session_id) if self._house.stage is not None else None
-        if stage is None:
+
+        def order(stage: Stage) -> None:
+            with self._house.database.session() as s:
+                trial = machine.trial_of(s, s.get_one(Session, session_id))
+            if trial is None or machine.playing(trial) != playback:
+                return  # the session went on meanwhile
+            stage.play(
+                self._drive(playback.trajectory),
+                label=playback.label,
+                view=cast("View", playback.view),
+                playback_id=playback.playback_id,
+                trajectories=[self._drive(one) for one in (trial.trajectory_a, trial.trajectory_b)],
+            )
+
+        self._tell_stage(session_id, order)
+
+    def _tell_stage(self, session_id: str, order: Callable[[Stage], None]) -> None:
+        """Put an order for the session's stage into the line; nobody waits for it, what goes wrong is logged."""
+        server = self._house.stage
+        if server is None:
             return
-        with self._house.database.session() as s:
-            trial = machine.trial_of(s, s.get_one(Session, session_id))
-            pair = (trial.trajectory_a, trial.trajectory_b) if trial is not None else (playback.trajectory,)
-        stage.play(
-            self._drive(playback.trajectory),
-            label=playback.label,
-            view=cast("View", playback.view),
-            playback_id=playback.playback_id,
-            trajectories=[self._drive(one) for one in pair],
-        )
+
+        def carry_out() -> None:
+            stage = server.stage(session_id)
+            try:
+                if stage is not None:
+                    order(stage)
+            except Exception:
+                log.exception("a stage could not be told what to show")
+
+        self._line.submit(carry_out)
 
     def _present(self, stage: Stage, session_id: str) -> None:
         with self._house.database.session() as s:

@@ -34,7 +34,7 @@ from backend.store.models import Job, Response, Session, Study
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.shipped import register_shipped
 from backend.store.snapshots import take_snapshot
-from backend.study.bots import any_answer
+from backend.study.bots import BUSY_TRIES, any_answer, put_off_s
 from backend.study.protocol import freeze
 from backend.study.sessions import token_hash
 from backend.study.studies import create_study
@@ -204,11 +204,23 @@ class _Participant:
                 yield
 
     async def _get(self, path: str) -> httpx.Response:
-        return _checked(await self._client.get(path))
+        return await self._answered("GET", path)
 
     async def _post(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
-        state: dict[str, Any] = _checked(await self._client.post(path, json=body)).json()
+        state: dict[str, Any] = (await self._answered("POST", path, body)).json()
         return state
+
+    async def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> httpx.Response:
+        """The answer to a request; one that a busy server put off is sent again, as the page does it."""
+        response = await self._client.request(method, path, json=body)
+        for _ in range(BUSY_TRIES):
+            wait_s = put_off_s(response)
+            if wait_s is None:
+                break
+            self._tally.errors.append("put off: the server was busy")
+            await asyncio.sleep(wait_s)
+            response = await self._client.request(method, path, json=body)
+        return _checked(response)
 
 
 @contextlib.asynccontextmanager
@@ -239,7 +251,7 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 15, during_alignment: 
     answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a drive to the stage's
     websocket hearing of it), rss_mb of the server process with everybody connected, rss_per_session_mb,
     server_ms_per_answer (processor time of everything that belongs to one, joining included), what came through the
-    stages, and errors: connections that broke and were tried again.
+    stages, and errors: what had to be tried again, connections that broke and requests that a busy server put off.
     during_alignment: the same again with fresh participants while alignments of one core run, under that key.
     Raises ServeBenchmarkError if an acknowledged answer is not stored exactly once or a participant could not go on,
     ValueError for numbers that the quick protocol has no room for.

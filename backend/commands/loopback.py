@@ -16,6 +16,8 @@ import httpx
 
 from backend.settings import Settings
 
+START_PATIENCE_S = 60.0
+
 
 def free_port_pair() -> int:
     """A loopback port that is free together with the next one (the stage's)."""
@@ -60,17 +62,7 @@ def loopback_server(
         )
         url = f"http://127.0.0.1:{port}"
         try:
-            for _ in range(600):
-                if process.poll() is not None:
-                    break
-                with contextlib.suppress(httpx.HTTPError):
-                    if httpx.get(f"{url}/health", timeout=2).status_code == 200:
-                        break
-                time.sleep(0.1)
-            else:
-                raise RuntimeError(f"the server at {url} did not answer within a minute: {_end_of(log)}")
-            if process.poll() is not None:
-                raise RuntimeError(f"the server did not start: {_end_of(log)}")
+            _await_answer(url, process, log)
             yield url, process
         finally:
             if process.poll() is None:
@@ -79,6 +71,21 @@ def loopback_server(
                     process.wait(15)
                 except subprocess.TimeoutExpired:
                     os.killpg(process.pid, signal.SIGKILL)
+
+
+def _await_answer(url: str, process: subprocess.Popen[bytes], log: Path) -> None:
+    deadline = time.monotonic() + START_PATIENCE_S
+    with httpx.Client(base_url=url, timeout=2.0, verify=False) as client:  # noqa: S501  plain http on loopback
+        while process.poll() is None:
+            with contextlib.suppress(httpx.HTTPError):
+                if client.get("/health").status_code == 200:
+                    return
+            if time.monotonic() > deadline:
+                raise RuntimeError(
+                    f"the server at {url} did not answer within {START_PATIENCE_S:.0f} s: {_end_of(log)}"
+                )
+            time.sleep(0.1)
+    raise RuntimeError(f"the server did not start: {_end_of(log)}")
 
 
 def _end_of(log: Path) -> str:

@@ -19,6 +19,7 @@ from backend.learning.queries import Query
 from backend.simulation.trajectory import Trajectory
 
 POLL_S = 0.5  # how often a waiting bot looks
+BUSY_TRIES = 20  # of a request that a busy server put off (503); nothing of it was stored, so it is simply sent again
 PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
 
 
@@ -34,6 +35,11 @@ class Walk:
     completed: bool
     responses: int
     comparisons: int
+
+
+def put_off_s(response: httpx.Response) -> float | None:
+    """How long a busy server asks to wait before the same request is sent again; None: it has answered."""
+    return float(response.headers.get("Retry-After", 1)) if response.status_code == 503 else None
 
 
 def any_answer(step: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
@@ -140,12 +146,19 @@ class _Bot:
         return state
 
     def _get(self, path: str) -> dict[str, Any]:
-        return self._checked(self._client.get(path))
+        return self._answered("GET", path)
 
     def _post(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
-        return self._checked(self._client.post(path, json=body))
+        return self._answered("POST", path, body)
 
-    def _checked(self, response: httpx.Response) -> dict[str, Any]:
+    def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
+        response = self._client.request(method, path, json=body)
+        for _ in range(BUSY_TRIES):
+            wait_s = put_off_s(response)
+            if wait_s is None:
+                break
+            time.sleep(wait_s)
+            response = self._client.request(method, path, json=body)
         if response.is_success:
             answered: dict[str, Any] = response.json()
             return answered

@@ -20,7 +20,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
 from backend.api.dependencies import House
-from backend.api.server import free_port
+from backend.commands.loopback import free_port_pair
 from backend.settings import Settings
 from backend.store.models import Event, ProblemReport, Response, Session
 from backend.study.protocol import freeze
@@ -51,7 +51,7 @@ def _broken() -> None:
 
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    port = free_port()
+    port = free_port_pair()
     house = build_house(Settings(data=tmp_path_factory.mktemp("data"), port=port, worker=False, _env_file=None))
     with house.database.transaction() as s:
         token = create_study(s, house.files, freeze(PROTOCOL), name="Test", created_by=None).recruiting_token
