@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from backend.jobs.artefacts import find_artefact, keep, keep_trajectory, load_policy
+from backend.jobs.artefacts import Parent, find_artefact, keep, keep_trajectory, load_policy
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import AlignParams, Params, RewardModelParams
-from backend.learning.align import AlignConfig, thesis_config
+from backend.learning.align import AlignConfig, Gate, check_gate, thesis_config
 from backend.learning.align import align as learn_policy
 from backend.learning.artefacts import DEPARTURES
+from backend.learning.conditioned import ConditionedPolicy
 from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
@@ -32,7 +33,9 @@ from backend.learning.reward_model import (
     held_out_accuracy,
     reward_model_to_bytes,
 )
+from backend.learning.reward_weights import WeightsRewardModel, fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.learning.vocabulary import NAMES
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory
@@ -89,54 +92,119 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     base_artefact, base = load_policy(context, params.base or f"{setup}/base")
     require_same(base=base.setup, snapshot=setup)
     preferences = [p for of_one in _preferences(context, snapshot).values() for p in of_one]
-    config = align_config(params)
-    model_name = params.model or ("linear" if params.recipe == "refine" else "mlp")
+    model_name = params.model or _usual_model(params)
     model = _fit(model_name, "sum", params.seed)(preferences)
     fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **_weights(model)}
     reward_model = _keep_reward_model(context, params, snapshot_artefact, snapshot, model, model_name, "sum", fitted)
     context.progress(0.03)
-    aligned = learn_policy(base, model, config, context.progress.part(0.03, 0.9))
+    if params.recipe == "instant":
+        made = _instant(context, params, base, model)
+    else:
+        made = _train(context, params, base, model)
     gate = {
-        "passed": aligned.gate.passed,
-        "success_rate": aligned.gate.success_rate,
-        "base_success_rate": aligned.gate.base_success_rate,
-        "scenes": aligned.gate.scenes,
+        "passed": made.gate.passed,
+        "success_rate": made.gate.success_rate,
+        "base_success_rate": made.gate.base_success_rate,
+        "scenes": made.gate.scenes,
     }
     with context.database.session() as s:
         reward_model_artefact = find_artefact(s, reward_model, "reward_model")
+    parents = [(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")]
     policy = keep(
         context,
         kind="policy",
         name=f"aligned with {snapshot_artefact.name}",
         setup=setup,
-        content=aligned.policy.to_bytes(),
+        content=made.policy.to_bytes(),
         params=params,
-        config={**config.as_dict(), "replay_sha256": aligned.replay_sha256},
-        results={"gate": gate, "chosen_checkpoint": aligned.chosen, "history": aligned.history},
-        parents=[(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")],
-        scenes={
-            "select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed),
-            "gate": describe(Purpose.GATE, config.gate_scenes, params.seed),
-        },
-        departures=[DEPARTURES["refine"]] if params.recipe == "refine" else [],
+        config=made.config,
+        results={"gate": gate, **made.results},
+        parents=[*parents, *made.parents],
+        scenes={"gate": describe(Purpose.GATE, params.gate_scenes, params.seed), **made.scenes},
+        departures=made.departures,
     )
     context.progress(0.93)
     comparisons = []
-    if aligned.gate.passed and params.comparisons:
-        comparisons = _comparisons(context, params, (base, base_artefact.id), (aligned.policy, policy))
+    if made.gate.passed and params.comparisons:
+        comparisons = _comparisons(context, params, (base, base_artefact.id), (made.policy, policy))
     return {
         "policy": policy,
         "reward_model": reward_model,
-        "passed": aligned.gate.passed,
+        "passed": made.gate.passed,
         "gate": gate,
         "comparisons": comparisons,
         "seconds": round(time.monotonic() - began, 2),
     }
 
 
+@dataclass(frozen=True)
+class _Made:
+    """An aligned policy, whether it may be shown, and what its card says."""
+
+    policy: Policy
+    gate: Gate
+    config: dict[str, Any]
+    results: dict[str, Any]
+    parents: list[Parent]
+    scenes: dict[str, Any]
+    departures: list[str]
+
+
+def _instant(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
+    """Recipe A: the conditioned policy at the weights that the answers speak for. No training."""
+    artefact, policy, told = _told_policy(context, params, base, model)
+    policy = policy.without_critic()
+    return _Made(
+        policy=policy,
+        gate=check_gate(policy, base, align_config(params)),
+        config={"recipe": "instant", "preference_weights": told},
+        results={},
+        parents=[(artefact, "conditioned")],
+        scenes={},
+        departures=[DEPARTURES["instant"]],
+    )
+
+
+def _told_policy(
+    context: JobContext, params: AlignParams, base: Policy, model: RewardModel
+) -> tuple[Artefact, Policy, dict[str, float]]:
+    """The conditioned policy's artefact, the policy at the weights that the answers speak for, and these by name."""
+    if not isinstance(model, WeightsRewardModel):
+        raise LearningError(f"model = {params.model!r}: a conditioned policy needs preference weights: model = weights")
+    reference = params.conditioned or f"{base.setup}/conditioned"
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "conditioned_policy")
+    conditioned = ConditionedPolicy.from_bytes(context.files.get(artefact.id))
+    require_same(base=base.setup, conditioned=conditioned.setup)
+    weights = model.preference_weights()
+    told = {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight}
+    return artefact, conditioned.at(weights), told
+
+
+def _train(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
+    """Recipe B, or the thesis's."""
+    config = align_config(params)
+    aligned = learn_policy(base, model, config, context.progress.part(0.03, 0.9))
+    return _Made(
+        policy=aligned.policy,
+        gate=aligned.gate,
+        config={**config.as_dict(), "replay_sha256": aligned.replay_sha256},
+        results={"chosen_checkpoint": aligned.chosen, "history": aligned.history},
+        parents=[],
+        scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
+        departures=[DEPARTURES["refine"]] if params.recipe == "refine" else [],
+    )
+
+
+def _usual_model(params: AlignParams) -> str:
+    if params.recipe == "instant" or params.start == "conditioned":
+        return "weights"
+    return "mlp" if params.recipe == "thesis" else "linear"
+
+
 def align_config(params: AlignParams) -> AlignConfig:
     """The recipe's configuration with what the parameters change."""
-    config = AlignConfig(seed=params.seed) if params.recipe == "refine" else thesis_config(seed=params.seed)
+    config = thesis_config(seed=params.seed) if params.recipe == "thesis" else AlignConfig(seed=params.seed)
     changes: dict[str, Any] = {
         "gate_scenes": params.gate_scenes,
         "gate_min_success": params.gate_least_success,
@@ -177,6 +245,8 @@ def _preferences(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pref
 
 
 def _fit(model: str, reduction: Reduction, seed: int) -> Fit:
+    if model == "weights":
+        return fit_weights
     if model == "linear":
         return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
     return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
@@ -184,7 +254,7 @@ def _fit(model: str, reduction: Reduction, seed: int) -> Fit:
 
 def _weights(model: RewardModel) -> dict[str, Any]:
     """What the answers were about, where the model can say so."""
-    return {"importance": model.importance()} if isinstance(model, LinearRewardModel) else {}
+    return {"importance": model.importance()} if isinstance(model, LinearRewardModel | WeightsRewardModel) else {}
 
 
 def _keep_reward_model(

@@ -25,6 +25,8 @@ DEPARTURES = {
     "its training.",
     "pair_filters": "Besides collisions, self-intersections and timeouts, pairs are dropped that are too long to watch "
     "or that a person could hardly tell apart.",
+    "instant": "Recipe A of the specification instead of an alignment: a policy that was trained for all preference "
+    "weights beforehand is told those that the answers speak for.",
     "refine": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, the "
     "preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",

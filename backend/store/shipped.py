@@ -17,12 +17,14 @@ from backend.store.models import Artefact
 if TYPE_CHECKING:
     from backend.learning.artefacts import Card
 
+REGISTERED = ("policy", "conditioned_policy")
+
 
 def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
     """Store every shipped policy that is not stored yet; returns all. Raises LearningError for a damaged file."""
     from backend.learning.shipped import load_card, shipped_names
 
-    names = [name for name in shipped_names() if load_card(name).kind == "policy"]
+    names = [name for name in shipped_names() if load_card(name).kind in REGISTERED]
     return [_register(s, files, name) for name in names]
 
 
@@ -33,7 +35,7 @@ def policy_artefact(s: Session, name: str) -> Artefact:
     sha = load_card(name).sha256
     artefact = s.get(Artefact, sha)
     if artefact is None:
-        known = s.scalars(select(Artefact.name).where(Artefact.kind == "policy").order_by(Artefact.name)).all()
+        known = s.scalars(select(Artefact.name).where(Artefact.kind.in_(REGISTERED)).order_by(Artefact.name)).all()
         raise ArtefactError(f"policy {name!r} is not registered; registered are: {', '.join(known) or 'none'}")
     return artefact
 
@@ -65,7 +67,7 @@ def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:
     return save_artefact(
         s,
         files,
-        kind="policy",
+        kind=card.kind,
         name=name,
         setup=card.setup,
         content=resolve(name).read_bytes(),
