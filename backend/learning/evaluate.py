@@ -47,24 +47,48 @@ def wilson(hits: int, n: int) -> Estimate:
     return Estimate(share, max(0.0, centre - half), min(1.0, centre + half))
 
 
-def bootstrap(
-    columns: Doubles, statistic: Callable[[Doubles], Doubles], *, seed: int = 0, resamples: int = BOOTSTRAPS
-) -> Estimate:
+def resampled_means(columns: Doubles, *, seed: int = 0, resamples: int = BOOTSTRAPS) -> Doubles:
+    """Column means of bootstrap samples of the rows: columns (n, k) -> (resamples, k).
+
+    All columns see the same samples, which pairs them; ask for many at once, since drawing costs more than averaging.
+    """
+    n = len(columns)
+    random = np.random.default_rng([seed, 95])
+    # Multinomial counts are the same resampling with replacement as drawing indices, in one matrix product.
+    counts = random.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
+    means: Doubles = counts @ columns / n
+    return means
+
+
+def interval(value: float, samples: Doubles) -> Estimate:
+    """A value with the 95 % percentile interval of its bootstrap samples (resamples,)."""
+    low, high = np.quantile(samples, [0.025, 0.975])
+    return Estimate(value, float(low), float(high))
+
+
+def bootstrap(columns: Doubles, statistic: Callable[[Doubles], Doubles], *, seed: int = 0) -> Estimate:
     """Percentile bootstrap over rows. columns: (n, k). statistic: means (m, k) -> (m,) values."""
     if len(columns) == 0:
-        return Estimate(math.nan, math.nan, math.nan)
-    random = np.random.default_rng([seed, 95])
-    n = len(columns)
-    # Multinomial counts are the same resampling with replacement as drawing indices, in one matrix product.
-    counts = random.multinomial(n, np.full(n, 1.0 / n), size=resamples)
-    values = statistic(counts @ columns / n)
-    low, high = np.quantile(values, [0.025, 0.975])
-    return Estimate(float(statistic(columns.mean(0, keepdims=True))[0]), float(low), float(high))
+        return NOTHING
+    value = float(statistic(columns.mean(0, keepdims=True))[0])
+    return interval(value, statistic(resampled_means(columns, seed=seed)))
+
+
+NOTHING = Estimate(math.nan, math.nan, math.nan)
+
+
+def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[str, Estimate]:
+    """Mean of each column (n,) with its 95 % bootstrap interval; NaN for no rows."""
+    together = np.stack(list(columns.values()), axis=1).astype(np.float64)
+    if len(together) == 0:
+        return dict.fromkeys(columns, NOTHING)
+    samples = resampled_means(together, seed=seed)
+    return {name: interval(float(together[:, k].mean()), samples[:, k]) for k, name in enumerate(columns)}
 
 
 def mean_estimate(values: NDArray[Any], *, seed: int = 0) -> Estimate:
-    """Mean with its 95 % bootstrap interval."""
-    return bootstrap(np.asarray(values, dtype=np.float64)[:, None], lambda means: means[:, 0], seed=seed)
+    """`mean_estimates` of a single column (n,)."""
+    return mean_estimates({"values": values}, seed=seed)["values"]
 
 
 def episodes(policy: Policy, scenes: list[Scene], engine: str = "fast") -> EpisodeTable:
@@ -100,7 +124,7 @@ def describe_table(setup: str, table: EpisodeTable) -> dict[str, Any]:
         "collision_rate": wilson(int((table.outcome == Outcome.COLLISION).sum()), n),
         "timeout_rate": wilson(int((table.outcome == Outcome.TIMEOUT).sum()), n),
     }
-    estimates |= {name: mean_estimate(values) for name, values in episode_columns(table).items()}
+    estimates |= mean_estimates(episode_columns(table))
     return {
         "setup": setup,
         "n": n,
@@ -141,18 +165,20 @@ def compare_policies(
 def compare_tables(a: EpisodeTable, b: EpisodeTable) -> dict[str, Any]:
     """What `compare_policies` says about episodes of the same scenes that were driven already."""
     both = a.success & b.success
-    paired: dict[str, Any] = {}
-    columns_b = episode_columns(b)
-    for name, values in episode_columns(a).items():
-        columns = np.stack([values[both], columns_b[name][both]], axis=1).astype(np.float64)
-        entry = {"difference": bootstrap(columns, lambda means: means[:, 1] - means[:, 0]).as_dict()}
-        if both.any() and columns[:, 0].mean() > 0 and name != "self_intersections":
-            entry["ratio"] = bootstrap(columns, lambda means: means[:, 1] / means[:, 0]).as_dict()
-        paired[name] = entry
-    success = np.stack([a.success, b.success], axis=1).astype(np.float64)
+    of_a, of_b = episode_columns(a), episode_columns(b)
+    first = np.stack([values[both] for values in of_a.values()], axis=1).astype(np.float64)
+    second = np.stack([values[both] for values in of_b.values()], axis=1).astype(np.float64)
+    paired: dict[str, Any] = {name: {"difference": NOTHING.as_dict()} for name in of_a}
+    if both.any():
+        means = np.split(resampled_means(np.concatenate([first, second], axis=1)), 2, axis=1)
+        for k, name in enumerate(of_a):
+            was, is_now = float(first[:, k].mean()), float(second[:, k].mean())
+            paired[name] = {"difference": interval(is_now - was, means[1][:, k] - means[0][:, k]).as_dict()}
+            if was > 0 and name != "self_intersections":
+                paired[name]["ratio"] = interval(is_now / was, means[1][:, k] / means[0][:, k]).as_dict()
     return {
         "both_succeed": int(both.sum()),
-        "success_difference": bootstrap(success, lambda means: means[:, 1] - means[:, 0]).as_dict(),
+        "success_difference": mean_estimate(b.success.astype(np.float64) - a.success).as_dict(),
         "ceiling_m": float(a.ceiling.mean()),
         "ceiling_both_succeed_m": float(a.ceiling[both].mean()) if both.any() else None,
         "paired": paired,
