@@ -85,38 +85,39 @@ class Stage:
                 }
             )
 
-    def replay_pair(
+    def replay(
         self,
-        left: Trajectory,
-        right: Trajectory,
+        drives: Sequence[Trajectory],
         *,
-        names: tuple[str, str],
+        names: Sequence[str],
         speed: float = 1.0,
         loop: bool = True,
         view: View = "top_down",
     ) -> None:
-        """For analysts: both trajectories of one scene at once, in two colours with their paths; the camera is free.
+        """For analysts: one or two trajectories of one scene at once, coloured, with their paths; the camera is free.
 
-        Raises ValueError when the scenes differ or the speed is not positive.
+        Raises ValueError when the scenes differ, there are more or fewer, or the speed is not positive.
         """
-        if left.scene != right.scene:
+        colours = (figures.LEFT, figures.RIGHT)[: len(drives)]
+        if not 1 <= len(drives) <= 2:
+            raise ValueError(f"replay field 'drives' has {len(drives)} of them: one or two can be shown")
+        if drives[0].scene != drives[-1].scene:
             raise ValueError(
-                f"replay field 'right.scene' = {right.scene.digest()[:8]}: a pair needs one scene, "
-                f"left has {left.scene.digest()[:8]}"
+                f"replay field 'drives[1].scene' = {drives[1].scene.digest()[:8]}: two drives need one scene, "
+                f"the first has {drives[0].scene.digest()[:8]}"
             )
         if not speed > 0:
             raise ValueError(f"replay field 'speed' = {speed!r}: needs a number above 0, 1 is real time")
         with self._lock:
             if self._gone:
                 return
-            colours = (figures.LEFT, figures.RIGHT)
-            self._show(left.scene, require_view(view), (left, right), colours)
-            for name, trajectory, colour in zip(("left", "right"), (left, right), colours, strict=True):
-                scene_nodes.add_path(self._client.scene, f"{self._root}/{name}", trajectory.poses, colour.top)
+            self._show(drives[0].scene, require_view(view), drives, colours)
+            for number, (trajectory, colour) in enumerate(zip(drives, colours, strict=True)):
+                scene_nodes.add_path(self._client.scene, f"{self._root}/path{number}", trajectory.poses, colour.top)
             self._run(
                 {
                     "type": "replay",
-                    "tracks": [_samples(left), _samples(right)],
+                    "tracks": [_samples(trajectory) for trajectory in drives],
                     "speed": speed,
                     "loop": loop,
                     "legend": [

@@ -24,7 +24,7 @@ from backend.api.dependencies import Db, Files, house
 from backend.api.job_forms import form_fields
 from backend.api.job_pages import csv_response
 from backend.api.lab import LabRefusal, lab_language, lab_page
-from backend.api.replay_stages import ReplayPair, replays
+from backend.api.replay_stages import Replay, replays
 from backend.jobs.kinds import KINDS
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
@@ -107,7 +107,7 @@ def comparison(
         title = _t(request)("analyst.compare.plan", scene=str(shown[scene]["scene_seed"]))
         plan = Markup(figures.drives(pair[0].scene, pair, names=names, title=title))  # noqa: S704
         if stage:
-            replay = replays(house(request)).grant(ReplayPair(pair[0], pair[1], (names[0], names[1])))
+            replay = replays(house(request)).grant(Replay(tuple(pair), tuple(names)))
     return lab_page(
         request,
         "analyst/comparison.html",

@@ -29,15 +29,14 @@ class Shown(Protocol):
 
 
 @dataclass(frozen=True)
-class ReplayPair:
-    """Two drives in one scene with the names of their policies."""
+class Replay:
+    """One drive, or two in one scene, with the names of their policies."""
 
-    left: Trajectory
-    right: Trajectory
-    names: tuple[str, str]
+    drives: tuple[Trajectory, ...]
+    names: tuple[str, ...]
 
     def show(self, stage: Stage) -> None:
-        stage.replay_pair(self.left, self.right, names=self.names)
+        stage.replay(self.drives, names=self.names)
 
 
 class ReplayStages:

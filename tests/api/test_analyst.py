@@ -243,13 +243,18 @@ def test_running_job_refreshes_itself_and_a_finished_one_does_not(analyst, known
 
 
 def test_curves_are_there_as_data_csv_and_svg(analyst, known):
-    job = known.jobs["reward_model"]
-    points = analyst.get(f"/api/lab/jobs/{job}").json()["curves"]["held_out_accuracy"]
-    lines = analyst.get(f"/lab/jobs/{job}/curves/held_out_accuracy.csv").text.splitlines()
-    assert lines[0] == "step,held_out_accuracy"
+    job = known.jobs["train_base"]
+    curves = analyst.get(f"/api/lab/jobs/{job}").json()["curves"]
+    name, points = next(iter(curves.items()))
+    lines = analyst.get(f"/lab/jobs/{job}/curves/{name}.csv").text.splitlines()
+    assert lines[0] == f"step,{name}"
     assert [[float(value) for value in line.split(",")] for line in lines[1:]] == points
-    assert analyst.get(f"/lab/jobs/{job}/curves/held_out_accuracy.svg").text.startswith("<svg")
+    assert analyst.get(f"/lab/jobs/{job}/curves/{name}.svg").text.startswith("<svg")
     assert analyst.get(f"/lab/jobs/{job}/curves/elsewhere.svg").status_code == 404
+
+
+def test_a_reward_models_accuracy_per_person_is_no_curve(analyst, known):
+    assert analyst.get(f"/api/lab/jobs/{known.jobs['reward_model']}").json()["curves"] == {}
 
 
 def test_snapshot_of_one_participant_is_taken_and_too_few_answers_are_told(analyst, worked, known):
@@ -328,9 +333,9 @@ def test_replay_of_two_policies_opens_a_stage_for_this_browser_only(analyst, wor
     assert replays.key_of(token) == f"replay:{token}"
     assert replays.key_of(token[:-1]) is None
     shown = []
-    stage = SimpleNamespace(replay_pair=lambda left, right, names: shown.append((left, right, names)))
+    stage = SimpleNamespace(replay=lambda drives, names: shown.append((drives, names)))
     assert replays.show(stage, f"replay:{token}")
-    left, right, names = shown[0]
+    (left, right), names = shown[0]
     assert left.scene == right.scene
     assert names == ("A: study_room/base", "B: study_room/ensemble/1")
     assert not replays.show(stage, "a participant's key")

@@ -301,10 +301,12 @@ def test_analysts_replay_two_drives_of_one_scene(house: StageHouse, visit: Visit
     stage = stage_of(visitor)
     left, right = drive(open_field(), bend_m=1.0), drive(open_field(), bend_m=-1.0)
     with pytest.raises(ValueError, match=r"one scene"):
-        stage.replay_pair(left, drive(study_room()), names=("base", "aligned"))
+        stage.replay((left, drive(study_room())), names=("base", "aligned"))
+    with pytest.raises(ValueError, match=r"one or two"):
+        stage.replay((), names=())
     with pytest.raises(ValueError, match=r"speed"):
-        stage.replay_pair(left, right, names=("base", "aligned"), speed=0)
-    stage.replay_pair(left, right, names=("base", "aligned"), speed=3.0, loop=False)
+        stage.replay((left, right), names=("base", "aligned"), speed=0)
+    stage.replay((left, right), names=("base", "aligned"), speed=3.0, loop=False)
     visitor.wait_for("ready")
     assert visitor.frame.locator("#desire-path-legend").inner_text().split() == ["base", "aligned"]
 
