@@ -25,15 +25,17 @@ from backend.learning.queries import Query, QueryConfig, generate_queries, segme
 from backend.learning.replay import collect
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import RewardModel, accuracy, fit_linear
+from backend.learning.reward_weights import fit_weights
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.shape import FAST_HEADS, THESIS_HEADS
-from backend.learning.shipped import load_ensemble, load_policy
+from backend.learning.shipped import load_conditioned, load_ensemble, load_policy, shipped_names
 from backend.reproduction import thesis
 from backend.reproduction.pieces import Function, Made, Piece
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Outcome
 
 SETUP = "open_field"
+CONDITIONED = f"{SETUP}/conditioned"
 ORACLE = "min-human-distance"  # 6.4.2
 Source = Literal["EnQ", "BL"]
 SOURCES: tuple[Source, ...] = ("EnQ", "BL")
@@ -43,7 +45,7 @@ CONDITIONS: dict[str, tuple[Source, int]] = {
     "BL-15": ("BL", 15),
     "BL-60": ("BL", 60),
 }
-MODELS = ("mlp", "linear")
+MODELS = {"mlp": "neural", "linear": "linear", "weights": "weights"}  # the thesis's, then ours
 TEST_SETS = ("ensemble pairs", "segments")
 
 FIRST_SEED = 20_000  # of query and reporting scenes: beyond those of cards, benchmarks and studies
@@ -139,6 +141,11 @@ class Plan:
     raw: Piece
     alignments: dict[tuple[str, str], list[Piece]]
 
+    @property
+    def recipes(self) -> dict[str, str]:
+        """The recipes that are compared, with what they are called."""
+        return {recipe: RECIPES[recipe] for recipe in dict.fromkeys(recipe for recipe, _ in self.alignments)}
+
     def pieces(self) -> list[Piece]:
         runs = [piece for pieces in self.alignments.values() for piece in pieces]
         return [self.base, self.ensemble, *self.sweep.values(), self.raw, *self.accuracies, *runs]
@@ -166,7 +173,11 @@ def align_config(recipe: str, budget: Budget, run: int) -> AlignConfig:
     )
 
 
-RECIPES = {"thesis": "the thesis's recipe", "refine": "ours"}
+RECIPES = {
+    "thesis": "the thesis's recipe",
+    "refine": "our refinement",
+    "instant": "our conditioned policy",
+}
 
 
 def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
@@ -216,26 +227,40 @@ def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
     scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
     alignments = {
         (recipe, condition): [
-            Piece(
-                "alignment",
-                {
-                    "source": source,
-                    "queries": queries,
-                    "query_seed": query_seed(seed, run),
-                    "heads": list(budget.heads),
-                    "config": align_config(recipe, budget, run).as_dict(),
-                    "scenes": scenes,
-                },
-                (base, ensemble),
-                seconds=5 + own * align_config(recipe, budget, run).updates,
-            )
+            _alignment(recipe, source, queries, run, budget, seed, own, (base, ensemble))
             for run in range(budget.alignments)
         ]
         for recipe in RECIPES
         for condition, (source, queries) in CONDITIONS.items()
+        if recipe != "instant" or CONDITIONED in shipped_names()
     }
+    scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
     raw = Piece("raw", {"scenes": scenes}, (base,), seconds=1)
     return Plan(budget, seed, base, ensemble, sweep, accuracies, raw, alignments)
+
+
+def _alignment(
+    recipe: str,
+    source: Source,
+    queries: int,
+    run: int,
+    budget: Budget,
+    seed: int,
+    seconds_per_update: float,
+    policies: tuple[Piece, Piece],
+) -> Piece:
+    asked = {"source": source, "queries": queries, "query_seed": query_seed(seed, run)}
+    scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
+    if recipe == "instant":
+        conditioned = {"conditioned": CONDITIONED, "sha256": load_conditioned(CONDITIONED).digest()}
+        return Piece("instant", asked | conditioned | {"scenes": scenes}, policies, seconds=3)
+    config = align_config(recipe, budget, run)
+    return Piece(
+        "alignment",
+        asked | {"heads": list(budget.heads), "config": config.as_dict(), "scenes": scenes},
+        policies,
+        seconds=4 + 0.8 * config.checkpoints + seconds_per_update * config.updates,
+    )
 
 
 def _shipped(kind: str, name: str, policies: Sequence[Policy]) -> Piece:
@@ -329,7 +354,7 @@ def answers_of(source: Source, needs: Sequence[Made], count: int, seed: int) -> 
 def accuracy_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     """One repetition of figure 6.4: share of test pairs predicted, (models, sources, numbers of answers, test sets).
 
-    The linear model cannot be fitted to one answer: NaN there.
+    Only the neural model can be fitted to one answer: NaN for the others.
     """
     tests = [
         answers_of("EnQ", needs, params["test_pairs"], params["test_seed"]),
@@ -344,7 +369,7 @@ def accuracy_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
                 fit_mlp(given[:count], MlpConfig(seed=params["seed"], heads=heads, fewest_answers=1))
             ]
             if count > 1:
-                models.append(fit_linear(given[:count]))
+                models += [fit_linear(given[:count]), fit_weights(given[:count])]
             for m, model in enumerate(models):
                 values[m, s, k] = [accuracy(model, test) for test in tests]
     return Made({}, {"accuracy": values})
@@ -367,6 +392,15 @@ def alignment_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
         "replay_sha256": result.replay_sha256,
     }
     return _driven(result.policy, params["scenes"], meta)
+
+
+def instant_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
+    """The conditioned policy at the weights that the answers say, and its drives in the table's scenes."""
+    given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
+    model = fit_weights(given)
+    weights = model.preference_weights()
+    policy = load_conditioned(params["conditioned"]).at(weights).without_critic()
+    return _driven(policy, params["scenes"], {"weights": weights.tolist(), "importance": model.importance()})
 
 
 def raw_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
@@ -401,4 +435,5 @@ FUNCTIONS: dict[str, Function] = {
     "accuracy": accuracy_piece,
     "raw": raw_piece,
     "alignment": alignment_piece,
+    "instant": instant_piece,
 }

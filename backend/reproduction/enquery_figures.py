@@ -25,6 +25,7 @@ from backend.learning.policy import Policy
 from backend.reproduction import thesis
 from backend.reproduction.enquery import (
     CONDITIONS,
+    MODELS,
     RECIPES,
     SETUP,
     TEST_SETS,
@@ -37,8 +38,8 @@ from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup
 
 Rows = list[dict[str, object]]
-GOOD = LinearSegmentedColormap.from_list("good", ["#f2e3c9", "#cfe0c4", DATA[0]])
-APART = LinearSegmentedColormap.from_list("apart", [PAPER, "#d9c4e0", DATA[3]])
+GOOD = LinearSegmentedColormap.from_list("good", ["#f2e3c9", "#dfeadb", "#8fbf95"])
+APART = LinearSegmentedColormap.from_list("apart", [PAPER, "#e4d5e9", "#b795c4"])
 SOURCE_COLOURS = {"EnQ": DATA[0], "BL": DATA[1]}
 LONG_WAY_M = 6.0  # scenes shown have at least this far from start to goal: little can differ on a short way
 
@@ -80,7 +81,7 @@ def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
     members = stored_policies(load(plan.ensemble.key))
     first_runs = {
         (recipe, name): stored_policies(load(plan.alignments[recipe, name][0].key))[0]
-        for recipe in RECIPES
+        for recipe in plan.recipes
         for name in CONDITIONS
     }
     drives = [
@@ -99,11 +100,11 @@ def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
             {RAW: base, FIRST: first_runs[recipe, FIRST]},
             spread_starts(seen[0], plan.budget.starts),
         )
-        for recipe, told in RECIPES.items()
+        for recipe, told in plan.recipes.items()
     ]
     fields = [
         flow_picture(f"flow_{recipe}_{name.lower()}", told, name, base, first_runs[recipe, name], seen[0])
-        for recipe, told in RECIPES.items()
+        for recipe, told in plan.recipes.items()
         for name in plan.budget.flow_fields
     ]
     return [
@@ -181,20 +182,21 @@ def accuracy_picture(results: Results) -> Picture:
         figure, axes = _figure(len(TEST_SETS), 7.2, 3.3)
         for ax, test_set in zip(axes, TEST_SETS, strict=True):
             for source, colour in SOURCE_COLOURS.items():
-                for model, dashes, label in (("mlp", "-", "neural"), ("linear", (0, (2, 1.5)), "linear, ours")):
+                for (model, label), dashes in zip(MODELS.items(), ("-", (0, (1, 1.5)), (0, (4, 1.5))), strict=True):
                     line = [p for p in points if (p.model, p.source, p.test_set) == (model, source, test_set)]
                     _curve(ax, line, colour, dashes, f"{source}, {label}")
             _quiet(ax)
             ax.axhline(0.5, color=SOFT, linewidth=0.6, linestyle=(0, (1, 2)))
-            ax.set(title=f"tested on {test_set}", xlabel="answers", ylim=(0.4, 1.02))
+            lowest = min(0.4, *(p.accuracy - 0.02 for p in points))
+            ax.set(title=f"tested on {test_set}", xlabel="answers", ylim=(lowest, 1.02))
         axes[0].set_ylabel("share of test pairs predicted")
         handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
     repetitions = max(point.repetitions for point in points)
     caption = (
         f"Accuracy of reward models learned from pairs of ensemble drives (EnQ) and of 20-step segments (BL), mean of "
-        f"{repetitions} repetitions with 95 % intervals (Student's t). Dotted line: guessing. The thesis's figure 6.4 "
-        "shows the neural model."
+        f"{repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the thesis's "
+        "figure 6.4 shows; those of our two are in the CSV. Dotted line: guessing."
     )
     rows: Rows = [
         {
@@ -219,9 +221,9 @@ def _curve(ax: Axes, line: Sequence[CurvePoint], colour: str, dashes: object, la
         x, [point.accuracy for point in line], color=colour, linestyle=dashes, linewidth=1.4, label=label, marker=".",
         markersize=3.5,
     )  # fmt: skip
-    ax.fill_between(
-        x, [point.low for point in line], [point.high for point in line], color=colour, alpha=0.13, linewidth=0
-    )
+    if line and line[0].model == "mlp":  # a band for every line would hide all of them
+        bounds = [point.low for point in line], [point.high for point in line]
+        ax.fill_between(x, *bounds, color=colour, alpha=0.13, linewidth=0)
 
 
 def table_picture(results: Results) -> Picture:

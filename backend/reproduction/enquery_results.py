@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.analysis.statistics import TTest, holm, mean_interval, student_t, student_t_against
 from backend.reproduction import thesis
-from backend.reproduction.enquery import CONDITIONS, MODELS, RECIPES, SOURCES, TEST_SETS, Plan
+from backend.reproduction.enquery import CONDITIONS, MODELS, SOURCES, TEST_SETS, Plan
 from backend.reproduction.pieces import Made
 from backend.simulation.trajectory import Outcome
 
@@ -99,7 +99,7 @@ def results_of(plan: Plan, load: Load) -> Results:
     curves = curves_of([load(piece.key).arrays["accuracy"] for piece in plan.accuracies], plan.budget.answers)
     raw = load(plan.raw.key)
     tables = {}
-    for recipe in RECIPES:
+    for recipe in plan.recipes:
         runs = {name: [load(piece.key) for piece in plan.alignments[recipe, name]] for name in CONDITIONS}
         tables[recipe] = table_of_recipe(recipe, runs, raw)
     ceilings = raw.arrays["ceiling"]
@@ -214,7 +214,7 @@ def _row(
         self_intersections=float(column("self_intersections").mean()),
         share_of_the_way=float(distance.mean() - raw_distance.mean()) / way,
         paired_gain_m=float(gains.mean()) if gains.size else math.nan,
-        gates_passed=None if name == RAW else sum(bool(made.meta["gate_passed"]) for made in mades),
+        gates_passed=sum(made.meta["gate_passed"] for made in mades) if "gate_passed" in mades[0].meta else None,
         per_alignment=[float(value) for value in distance.mean(1)],
         per_alignment_test=by_alignment,
         per_episode_test=by_episode,

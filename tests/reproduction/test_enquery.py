@@ -1,0 +1,159 @@
+"""Chapter 6 end to end with a tiny budget, resumed, and its figures against their CSVs."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from backend.reproduction import thesis
+from backend.reproduction.enquery import SMALL, Budget, Speed, make_plan
+from backend.reproduction.enquery_figures import accuracy_picture, sweep_picture, table_picture
+from backend.reproduction.enquery_results import Results, crossing, nearest_cell, results_of
+from backend.reproduction.pieces import Work
+from backend.reproduction.run import reproduce_enquery
+
+TINY = replace(
+    SMALL,
+    name="tiny",
+    kappas=(0.0, thesis.KAPPA),
+    marks=(25, 50),
+    sweep_scenes=6,
+    answers=(1, 4),
+    repetitions=2,
+    test_pairs=8,
+    alignments=2,
+    rollouts=8,
+    thesis_updates=10,
+    thesis_epochs=2,
+    refine_updates=20,
+    refine_checkpoints=2,
+    states=50,
+    base_transitions=600,
+    selection_scenes=6,
+    gate_scenes=6,
+    replay_transitions=1_000,
+    starts=2,
+    flow_fields=(),
+)
+SPEED = Speed({TINY.heads: 0.002})
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("reproduction")
+
+
+@pytest.fixture(scope="module")
+def summary(out: Path) -> dict[str, Any]:
+    return reproduce_enquery(out, TINY, processes=1, command="desirepath reproduce enquery")
+
+
+@pytest.fixture(scope="module")
+def results(out: Path, summary: dict[str, Any]) -> Results:
+    return results_of(make_plan(TINY, 0, SPEED), Work(out / "work").load)
+
+
+def test_one_command_leaves_a_report_with_figures_and_their_data(out: Path, summary: dict[str, Any]) -> None:
+    report = (out / "report.html").read_text()
+    assert "EnQ-15" in report
+    assert "http" not in report.replace("http://www.w3.org", "")  # it needs nothing from elsewhere
+    assert report.count("data:image/svg+xml;base64,") == len(summary["figures"]) / 3
+    assert {Path(path).suffix for path in summary["figures"]} == {".png", ".svg", ".csv"}
+    assert all(Path(path).stat().st_size > 100 for path in summary["figures"])
+    stored = json.loads((out / "results.json").read_text())
+    assert stored["simulated"] is True
+    assert stored["results"]["tables"]["thesis"][0]["published"] == asdict(thesis.TABLE_6_2["EnQ-15"])
+
+
+def test_a_second_run_computes_only_what_is_missing(out: Path, summary: dict[str, Any]) -> None:
+    work = out / "work"
+    before = {path.name: path.stat().st_mtime_ns for path in work.glob("*.npz")}
+    lost = next(work.glob("raw-*.npz"))
+    lost.unlink()
+    (work / "sweep-half.1.partial").write_bytes(b"what a killed process left")
+    again = reproduce_enquery(out, TINY, processes=1, command="desirepath reproduce enquery")
+    after = {path.name: path.stat().st_mtime_ns for path in work.glob("*")}
+    assert again["computed"] == 1
+    assert [name for name, when in before.items() if after[name] != when] == [lost.name]
+    assert "sweep-half.1.partial" not in after
+    assert again["tables"] == summary["tables"]
+
+
+def rows_of(out: Path, name: str) -> list[dict[str, str]]:
+    with (out / "figures" / f"{name}.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_heat_maps_show_what_their_csv_says(out: Path, results: Results) -> None:
+    rows = rows_of(out, "sweep")
+    assert {float(row["kappa"]) for row in rows} == {0.0, thesis.KAPPA}
+    panels = [ax for ax in sweep_picture(results.sweep).figure.axes if ax.images]
+    for panel, column in zip(panels, ("action_diversity", "success_rate"), strict=True):
+        ordered = sorted(rows, key=lambda row: (int(row["steps"]), float(row["kappa"])))
+        told = np.array([float(row[column]) for row in ordered]).reshape(len(TINY.marks), len(TINY.kappas))
+        np.testing.assert_allclose(panel.images[0].get_array(), told)
+
+
+def test_the_curves_show_what_their_csv_says(out: Path, results: Results) -> None:
+    rows = [row for row in rows_of(out, "accuracy") if row["test_set"] == "segments"]
+    panel = accuracy_picture(results).figure.axes[1]
+    lines = {line.get_label(): line for line in panel.get_lines()}
+    for source in ("EnQ", "BL"):
+        told = [row for row in rows if (row["answers_about"], row["model"]) == (source, "mlp")]
+        np.testing.assert_allclose(lines[f"{source}, neural"].get_xdata(), [int(row["answers"]) for row in told])
+        np.testing.assert_allclose(lines[f"{source}, neural"].get_ydata(), [float(row["accuracy"]) for row in told])
+
+
+def test_the_dots_show_what_their_csv_says(out: Path, results: Results) -> None:
+    rows = [row for row in rows_of(out, "distances") if row["recipe"] == "thesis"]
+    panel = table_picture(results).figure.axes[0]
+    drawn = [float(y) for dots in panel.collections[0::2] for _, y in dots.get_offsets()]
+    np.testing.assert_allclose(drawn, [float(row["min_human_distance_m"]) for row in rows])
+
+
+def test_rows_share_their_scenes_and_say_how_far_they_came(results: Results) -> None:
+    for rows in results.tables.values():
+        assert [row.name for row in rows] == ["EnQ-15", "EnQ-60", "BL-15", "BL-60", "RAW"]
+        raw = rows[-1]
+        assert raw.share_of_the_way == 0
+        for row in rows:
+            way = results.ceiling_m - raw.min_human_distance_m
+            assert row.share_of_the_way == pytest.approx((row.min_human_distance_m - raw.min_human_distance_m) / way)
+            assert row.success_rate + row.collision_rate + row.timeout_rate == pytest.approx(1)
+
+
+def test_the_control_without_the_term_is_less_diverse(results: Results) -> None:
+    control, with_term = (nearest_cell(results.sweep, kappa, 50) for kappa in (0.0, thesis.KAPPA))
+    assert control.diversity < with_term.diversity
+
+
+def test_another_configuration_is_another_piece_of_work() -> None:
+    def keys(budget: Budget, seed: int) -> set[str]:
+        return {piece.key for piece in make_plan(budget, seed, SPEED).pieces()}
+
+    first = keys(TINY, 0)
+    assert keys(TINY, 0) == first
+    assert {key.partition("-")[0] for key in first - keys(replace(TINY, gate_scenes=7), 0)} == {"alignment"}
+    shared = {key.partition("-")[0] for key in first & keys(TINY, 1)}
+    assert shared == {"shipped_base", "shipped_ensemble"}
+
+
+def test_a_seed_without_scenes_of_its_own_is_refused() -> None:
+    with pytest.raises(ValueError, match="seed = 100"):
+        make_plan(TINY, 100, SPEED)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [((0.6, 0.7, 0.8), (0.5, 0.75, 0.9), 15), ((0.6, 0.7, 0.8), (0.7, 0.6, 0.9), 60), ((0.6, 0.7), (0.7, 0.7), None)],
+)
+def test_the_crossing_is_where_the_second_stays_above(
+    first: tuple[float, ...], second: tuple[float, ...], expected: int | None
+) -> None:
+    assert crossing((5, 15, 60)[: len(first)], first, second) == expected
