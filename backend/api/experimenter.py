@@ -44,7 +44,7 @@ def the_study(s: DatabaseSession, study_id: str) -> Study:
     return study
 
 
-def _participant(s: DatabaseSession, study: Study, code: str) -> Participant:
+def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
     found = s.scalars(select(Participant).where(Participant.study_id == study.id, Participant.code == code)).first()
     if found is None:
         raise LabRefusal(404, "no_participant", code=code)
@@ -147,7 +147,7 @@ def person(request: Request, study_id: str, code: str, database: Db) -> Response
 def _person_page(
     request: Request, s: DatabaseSession, study: Study, code: str, *, status: int = 200, problem: str | None = None
 ) -> Response:
-    participant = _participant(s, study, code)
+    participant = the_participant(s, study, code)
     rows = [p for p in study_rows.people(s, study.id, utc_now()) if p.id == participant.id]
     where = study_rows.AnswerFilter(participant=code)
     return lab_page(
@@ -176,7 +176,7 @@ def exclude(
         with database.session() as s:
             return _person_page(request, s, the_study(s, study_id), code, status=422, problem="reason_missing")
     with database.transaction() as s:
-        participant = _participant(s, the_study(s, study_id), code)
+        participant = the_participant(s, the_study(s, study_id), code)
         participant.excluded_at, participant.excluded_reason, participant.excluded_by = utc_now(), reason, user.name
         _log_about(s, "participant_excluded", participant, by=user.name, reason=reason)
     return RedirectResponse(f"/lab/studies/{study_id}/people/{code}?done=excluded", status_code=303)
@@ -185,7 +185,7 @@ def exclude(
 @router.post("/lab/studies/{study_id}/people/{code}/include")
 def include(study_id: str, code: str, database: Db, user: CheckedCsrf) -> Response:
     with database.transaction() as s:
-        participant = _participant(s, the_study(s, study_id), code)
+        participant = the_participant(s, the_study(s, study_id), code)
         participant.excluded_at = participant.excluded_reason = participant.excluded_by = None
         _log_about(s, "participant_included", participant, by=user.name)
     return RedirectResponse(f"/lab/studies/{study_id}/people/{code}?done=included", status_code=303)
@@ -204,7 +204,7 @@ def erase(
     """Erase a participant for good. The study's name has to be typed."""
     with database.session() as s:
         study = the_study(s, study_id)
-        participant = _participant(s, study, code)
+        participant = the_participant(s, study, code)
         if typed.strip() != study.name:
             return _person_page(request, s, study, code, status=422, problem="name_differs")
         participant_id = participant.id

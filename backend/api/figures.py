@@ -7,7 +7,7 @@ colours by the page's scheme. Texts are given by the caller; nothing is read fro
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -71,9 +71,10 @@ class _Drawing:
         self._parts: list[str] = []
         self.rect(0, 0, width, height, fill=PAPER, css="paper")
 
-    def rect(self, x: float, y: float, w: float, h: float, *, fill: str, css: str) -> None:
+    def rect(self, x: float, y: float, w: float, h: float, *, fill: str, css: str, opacity: float = 1.0) -> None:
+        faint = "" if opacity == 1.0 else f' fill-opacity="{opacity:.3f}"'
         self._parts.append(
-            f'<rect class="{css}" x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" fill="{fill}"/>'
+            f'<rect class="{css}" x="{x:.1f}" y="{y:.1f}" width="{w:.1f}" height="{h:.1f}" fill="{fill}"{faint}/>'
         )
 
     def line(self, x1: float, y1: float, x2: float, y2: float, *, stroke: str, css: str, width: float = 1.0) -> None:
@@ -209,6 +210,30 @@ def differences(
     drawing.circle(at(mean[0]), 20, 4.5, fill=INK, css="ink-fill")
     drawing.text((left + width - right) / 2, height - 6, x_label, anchor="middle")
     drawing.text(left, 12, y_label, anchor="start")
+    return drawing.svg()
+
+
+def shares_by_answer(
+    history: Sequence[Mapping[str, float]], *, names: Mapping[str, str], title: str, x_label: str, percent: Number
+) -> str:
+    """Shares (0 to 1) of things after each answer: a row per thing, a column per answer, darker is more."""
+    left, right, row_height, bottom = 290, 60, 24, 40
+    column = min(34.0, 500 / len(history))
+    width, height = left + column * len(history) + right, row_height * len(names) + bottom
+    drawing = _Drawing(width, height, title)
+    for row, (name, told) in enumerate(names.items()):
+        y = row * row_height
+        drawing.text(left - 8, y + 16, told, anchor="end", fill=INK, css="ink")
+        for k, shares in enumerate(history):
+            drawing.rect(left + k * column, y + 2, column - 1, row_height - 4, fill=LINE, css="cell")
+            drawing.rect(
+                left + k * column, y + 2, column - 1, row_height - 4, fill=MAIN, css="fill-0", opacity=shares[name]
+            )
+        drawing.text(width - right + 8, y + 16, percent(history[-1][name]), fill=INK, css="ink")
+    every = max(1, math.ceil(20 / column))
+    for k in range(0, len(history), every):
+        drawing.text(left + (k + 0.5) * column, height - bottom + 16, str(k + 1), anchor="middle")
+    drawing.text(left + column * len(history) / 2, height - 6, x_label, anchor="middle")
     return drawing.svg()
 
 

@@ -1,0 +1,48 @@
+"""The page on which experimenters watch what the robot learns."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+
+from backend.learning.vocabulary import NAMES
+
+
+def page_of(walked, code):
+    return f"/lab/studies/{walked.id}/people/{code}/learnt"
+
+
+def test_shares_after_every_answer_are_shown_and_can_be_taken_away(lab, walked):
+    page = lab.get(page_of(walked, walked.half_way))
+    assert page.status_code == 200
+    assert page.text.count("<rect") > 9 * 7
+    told = csv.DictReader(io.StringIO(lab.get(page_of(walked, walked.half_way) + ".csv").text))
+    rows = list(told)
+    assert tuple(told.fieldnames or ()) == ("answer", *NAMES)
+    assert [row["answer"] for row in rows] == [str(n) for n in range(1, 8)], "seven regular answers, no practice"
+    for row in rows:
+        assert sum(float(row[name]) for name in NAMES) == pytest.approx(1, abs=1e-3)
+    assert rows[0] != rows[-1]
+
+
+def test_the_part_that_changes_comes_alone(lab, walked):
+    part = lab.get(page_of(walked, walked.half_way), headers={"X-Fragment": "1"}).text
+    assert "<html" not in part
+    assert "<svg" in part
+
+
+def test_the_person_page_leads_there(lab, walked):
+    assert page_of(walked, walked.half_way) in lab.get(f"/lab/studies/{walked.id}/people/{walked.half_way}").text
+
+
+def test_before_any_answer_the_page_says_so(lab, walked):
+    page = lab.get(page_of(walked, walked.fresh))
+    assert page.status_code == 200
+    assert "No answer to a question yet" in page.text
+    assert lab.get(page_of(walked, walked.fresh) + ".svg").status_code == 404
+
+
+def test_only_who_is_signed_in_may_watch(visitor, walked):
+    assert visitor.get(page_of(walked, walked.half_way)).status_code == 303
