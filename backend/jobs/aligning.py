@@ -60,8 +60,7 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
     held_out: list[dict[str, Any]] = []
     for number, (code, preferences) in enumerate(of_participant.items()):
         held_out.append({"participant": code, **_held_out(preferences, fit, params)})
-        measured = {"held_out_accuracy": held_out[-1]["accuracy"]} if "accuracy" in held_out[-1] else {}
-        context.progress(0.2 + 0.7 * (number + 1) / len(of_participant), {"step": number + 1, **measured})
+        context.progress(0.2 + 0.7 * (number + 1) / len(of_participant))
     result = {
         "training_accuracy": accuracy(model, everything),
         "answers": len(everything),

@@ -56,6 +56,11 @@ def worked_data(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> Pa
         failed = enqueue_job(s, "train_base", {"setup": "open_field", "seed": 3}, created_by="experimenter")
         failed.error, failed.started_at = "The training process was killed by SIGKILL.", utc_now()
         finish(failed, "failed")
+        killed = failed.id
+    begun = Progress(house.database, killed)
+    for update in (100, 200, 300):
+        begun(update / 1000, {"updates": update, "transitions": 26.0 * update})
+    begun.flush()
     _work(house, study, learn_reward_model, RewardModelParams(snapshot=snapshot), "reward_model")
     _work(house, None, evaluate_one, EvaluateParams(policy="study_room/base", scenes=20), "evaluate")
     pair = CompareParams(policy_a="study_room/base", policy_b="study_room/ensemble/1", scenes=30, replays=2)
@@ -118,7 +123,7 @@ def pages(known: SimpleNamespace) -> dict[str, str]:
         "/lab/jobs/new/queries": 'name="members"',
         f"/lab/jobs/{known.jobs['align']}": "second &lt;b&gt;line",
         f"/lab/jobs/{known.jobs['train_base']}": "SIGKILL",
-        f"/lab/jobs/{known.jobs['reward_model']}": "polyline",
+        f"/lab/jobs/{known.jobs['reward_model']}": "desirepath jobs start reward_model",
         "/lab/snapshots": known.snapshot,
         f"/lab/snapshots/{known.snapshot}": known.answer,
         f"/lab/snapshots/{known.snapshot}/answers/{known.answer}": "polyline",
@@ -246,6 +251,7 @@ def test_curves_are_there_as_data_csv_and_svg(analyst, known):
     job = known.jobs["train_base"]
     curves = analyst.get(f"/api/lab/jobs/{job}").json()["curves"]
     name, points = next(iter(curves.items()))
+    assert "polyline" in analyst.get(f"/lab/jobs/{job}").text
     lines = analyst.get(f"/lab/jobs/{job}/curves/{name}.csv").text.splitlines()
     assert lines[0] == f"step,{name}"
     assert [[float(value) for value in line.split(",")] for line in lines[1:]] == points

@@ -65,7 +65,7 @@ def test_shipped_protocol_becomes_a_study_in_three_steps(lab, lab_house):
     draft = draft_of(lab, source="shipped:quick_preference_study")
     check = lab.get(draft).text
     assert "The protocol is valid" in check
-    assert "15 pairs of drives" in check
+    assert "15 queries" in check
     assert row_counts(lab_house) == before
     opened = lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "  Corridor   pilot "})
     assert opened.status_code == 303
