@@ -333,6 +333,7 @@ def ensemble_answers(members: Sequence[Policy], count: int, seed: int) -> list[P
         max_duration_s=float("inf"),
         min_duration_s=0.0,
         min_gap_m=0.0,
+        scenes_per_round=16 + count,  # changes no query, only how many scenes are driven beyond those needed
         max_scenes=256 + 4 * count,  # all are drawn before the first drive
     )
     return make_oracle(ORACLE).answer(generate_queries(members, config).queries)

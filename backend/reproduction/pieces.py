@@ -190,7 +190,8 @@ class _Progress:
     def __init__(self, pieces: Sequence[Piece], processes: int, on_piece: OnPiece) -> None:
         self._todo, self._processes, self._on_piece = len(pieces), processes, on_piece
         self._left = sum(piece.seconds for piece in pieces)
-        self._done, self._estimated, self._took = 0, 0.0, 0.0
+        # As if a tenth of the work had been done in the time estimated: the first, small pieces say little.
+        self._done, self._estimated, self._took = 0, self._left / 10, self._left / 10
 
     def count(self, piece: Piece, seconds: float) -> None:
         self._done += 1
