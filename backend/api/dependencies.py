@@ -39,15 +39,22 @@ def house(request: Request) -> House:
     return found
 
 
-TheHouse = Annotated[House, Depends(house)]
+# Coroutines, because FastAPI sends every other dependency through a thread of its own.
 
 
-def _database(request: Request) -> Database:
+async def _house(request: Request) -> House:
+    return house(request)
+
+
+async def _database(request: Request) -> Database:
     return house(request).database
 
 
-def _files(request: Request) -> ArtefactStore:
+async def _files(request: Request) -> ArtefactStore:
     return house(request).files
+
+
+TheHouse = Annotated[House, Depends(_house)]
 
 
 Db = Annotated[Database, Depends(_database)]

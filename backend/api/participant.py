@@ -45,10 +45,13 @@ from backend.study.studies import check_open, join_study, study_by_link
 from backend.study.words import TRIAL_KINDS
 
 
-def _not_guessing(request: Request) -> None:
+async def _not_guessing(request: Request) -> None:
     """Refuse links that lead nowhere once an address asked for many; those that lead somewhere stay open to all."""
-    if not exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request)):
-        return
+    if exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request)):
+        await asyncio.to_thread(_check_link, request)
+
+
+def _check_link(request: Request) -> None:
     try:
         with house(request).database.session() as s:
             if "token" in request.path_params:

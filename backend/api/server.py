@@ -71,7 +71,8 @@ def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
     pages = create_application(house)
     stage = create_stage_application(house, bridge)
     try:
-        asyncio.run(_serve(settings, pages, stage, on_ready))
+        with asyncio.Runner(loop_factory=uvicorn.Config(pages).get_loop_factory()) as runner:
+            runner.run(_serve(settings, pages, stage, on_ready))
     finally:
         house.stage.stop()
 

@@ -29,6 +29,8 @@ from backend.store.database import DatabaseBusy
 from backend.store.events import log_event
 from backend.store.models import Session, Setting, utc_now
 from backend.study import machine
+from backend.study.refusals import first_this_hour
+from backend.study.sessions import token_hash
 from backend.study.words import TRIAL_KINDS
 
 if TYPE_CHECKING:
@@ -205,8 +207,9 @@ class StageBridge:
         reason = "unknown_stage" if session is None else self._reason_against(session, proof, cookies)
         if reason is None:
             return StageGrant(session_id)
-        with self._house.database.transaction() as s:
-            log_event(s, "refused", session_id=session.id if session else None, code=reason, request="stage")
+        if first_this_hour(token_hash(token), reason):
+            with self._house.database.transaction() as s:
+                log_event(s, "refused", session_id=session.id if session else None, code=reason, request="stage")
         return None
 
     def _reason_against(self, session: Session, proof: str, cookies: Mapping[str, str]) -> str | None:
@@ -226,8 +229,10 @@ class StageBridge:
 
     def on_refused(self, reason: str, token_prefix: str) -> None:
         """The door refused something by its own rules: into the event log, too."""
-        log.warning("stage door refused", reason=reason)
-        if not reason.endswith("not admitted"):  # `admit` has written down why
+        if reason.endswith("not admitted"):  # `admit` has written down why
+            return
+        if first_this_hour("stage door", token_prefix, reason):
+            log.warning("stage door refused", reason=reason)
             threading.Thread(target=self._log_refusal, args=(reason,), daemon=True).start()
 
     def _log_refusal(self, reason: str) -> None:

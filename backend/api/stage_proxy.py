@@ -15,9 +15,12 @@ from dataclasses import dataclass
 
 import websockets
 from starlette.applications import Starlette
+from starlette.datastructures import Headers
+from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from app import viser_hooks
@@ -68,6 +71,22 @@ class _Allowance:
         return True
 
 
+class _WithoutBodies:
+    """Turns away requests that bring a body and closes their connection: nothing here reads one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            headers = Headers(scope=scope)
+            if headers.get("content-length", "0") != "0" or "transfer-encoding" in headers:
+                refusal = PlainTextResponse("The stage takes no body.", 413, headers={"Connection": "close"})
+                await refusal(scope, receive, send)
+                return
+        await self._app(scope, receive, send)
+
+
 class StageDoor:
     """Serves `/stage/{token}/` and its websocket. Build once, mount with `asgi()`."""
 
@@ -94,7 +113,8 @@ class StageDoor:
             routes=[
                 Route("/stage/{token}/", self._page, methods=["GET"]),
                 WebSocketRoute("/stage/{token}", self._websocket),
-            ]
+            ],
+            middleware=[Middleware(_WithoutBodies)],
         )
 
     def _refused(self, reason: str, token: str) -> None:

@@ -10,14 +10,14 @@ from limits import RateLimitItem, parse
 from limits.storage import MemoryStorage
 from limits.strategies import MovingWindowRateLimiter
 from starlette.exceptions import HTTPException
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.dependencies import house
 
 REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no session or join form is known for
 JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
 EVENTS_PER_SESSION = parse("300 per 1 minute")  # ours; a page notices a few things a minute
-LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours); a protocol with its texts has some ten kB, an answer less
+LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol with its texts has some ten kB
+LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
 
 
 def limiter(request: Request) -> MovingWindowRateLimiter:
@@ -44,34 +44,13 @@ def exhausted(request: Request, limit: RateLimitItem, *key: str) -> bool:
 
 
 class TooLarge(HTTPException):
-    """A body of more than LARGEST_BODY bytes."""
+    """A body of more than `limit` bytes."""
 
-    def __init__(self) -> None:
-        super().__init__(413, f"The body is larger than {LARGEST_BODY} bytes.")
+    def __init__(self, limit: int) -> None:
+        super().__init__(413, f"The body is larger than {limit} bytes.")
 
 
-def declared_too_large(request: Request) -> bool:
+def declared_too_large(request: Request, limit: int) -> bool:
     """Whether the request itself says that its body is too large; it is refused before a byte of it is read."""
     declared = request.headers.get("content-length", "0")
-    return not declared.isdecimal() or int(declared) > LARGEST_BODY
-
-
-class BodyLimit:
-    """ASGI middleware that counts what really comes in: a body sent in chunks declares no length."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Hand the request on; reading a body that is too large raises TooLarge."""
-        read = 0
-
-        async def counted() -> Message:
-            nonlocal read
-            message = await receive()
-            read += len(message.get("body", b""))
-            if read > LARGEST_BODY:
-                raise TooLarge
-            return message
-
-        await self.app(scope, counted if scope["type"] == "http" else receive, send)
+    return not declared.isdecimal() or int(declared) > limit

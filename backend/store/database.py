@@ -28,7 +28,7 @@ from backend.store.models import Setting
 
 MIGRATIONS = Path(__file__).with_name("migrations")
 BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for other processes
-TURN_PATIENCE_S = 15.0  # ours: and before that for the writers of its own process; browsers wait as long (send.js)
+TURN_PATIENCE_S = 4.0  # ours: and before that for those of its own process; together less than a page waits (send.js)
 MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vacuum would fill the disk
 PROBE_BYTES = 64 * 1024
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share

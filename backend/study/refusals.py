@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from typing import Any
 
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import Session
 
+TOLD_AGAIN_AFTER_S = 3600.0  # ours: a robot that goes on with a dead link fills no log
+MOST_TOLD = 1_000  # links refused within that time; what comes on top is not written down at all
+
+_told: dict[tuple[str, ...], float] = {}  # in the order of time
+_told_lock = threading.Lock()
+
+
+def first_this_hour(*what: str) -> bool:
+    """Whether this was not refused in the last hour, so that it belongs into the log. In memory: a restart forgets."""
+    now = time.monotonic()
+    with _told_lock:
+        for old in list(_told):
+            if now - _told[old] < TOLD_AGAIN_AFTER_S:
+                break
+            del _told[old]
+        if what in _told or len(_told) >= MOST_TOLD:
+            return False
+        _told[what] = now
+        return True
+
 
 class Refused(Exception):
-    """A request that is not let through. `status`: HTTP; `code`: one stable word; `message`: for the person."""
+    """A request that is not let through. `status`: HTTP; `code`: one stable word; `message`: for the person.
+
+    `link`: what names a link that opens nothing (any more), a hash of its token; is never written down.
+    """
 
     def __init__(
         self,
@@ -23,9 +48,11 @@ class Refused(Exception):
         session_id: str | None = None,
         study_id: str | None = None,
         trial_id: str | None = None,
+        link: str | None = None,
         **details: Any,
     ) -> None:
         super().__init__(message)
+        self.link = link
         self.status, self.code, self.message, self.field, self.value = status, code, message, field, value
         self.session_id, self.study_id, self.trial_id, self.details = session_id, study_id, trial_id, details
 
@@ -36,7 +63,9 @@ class Refused(Exception):
 
 
 def log_refusal(db: Database, refused: Refused, *, request: str) -> None:
-    """Write the refusal as an event of its own, after the refused transaction was rolled back."""
+    """Write the refusal as an event of its own, after the refused transaction was rolled back; a dead link's once."""
+    if refused.link is not None and not first_this_hour(refused.link, refused.code):
+        return
     with db.transaction() as s:
         known = refused.session_id is not None and s.get(Session, refused.session_id) is not None
         log_event(

@@ -32,7 +32,7 @@ def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = 
         else select(Session).where(Session.token_hash == token_hash(token))
     ).first()
     if session is None:
-        raise Refused(404, "unknown", "This link does not lead to a session.")
+        raise Refused(404, "unknown", "This link does not lead to a session.", link=token_hash(token))
     if session.state == "expired" or (session.state in ("active", "paused") and now > session.expires_at):
         raise Refused(
             410,
@@ -40,6 +40,7 @@ def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = 
             "The time in which this session could be continued is over.",
             session_id=session.id,
             study_id=session.study_id,
+            link=session.token_hash,
         )
     return session
 

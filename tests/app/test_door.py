@@ -52,6 +52,15 @@ def test_strangers_are_refused_and_logged(house: StageHouse, knock: dict[str, st
     assert all(len(prefix) <= 6 for _, prefix in house.refusals), "a log never holds a whole token"
 
 
+@pytest.mark.parametrize(("method", "path"), [("POST", "/stage/token-for-amber/"), ("GET", "/stage/token-for-amber/")])
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_request_that_brings_a_body_is_turned_away(house: StageHouse, method: str, path: str, declared: bool) -> None:
+    body = b"x" * 1000
+    with httpx.Client(base_url=house.stage_origin) as client:
+        answer = client.request(method, path, content=body if declared else iter([body]))
+    assert (answer.status_code, answer.headers["connection"]) == (413, "close")
+
+
 def test_the_pages_own_origin_is_not_the_stages(house: StageHouse) -> None:
     async def refused() -> None:
         with pytest.raises(websockets.exceptions.InvalidStatus):

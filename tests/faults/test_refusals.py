@@ -114,7 +114,7 @@ def test_a_forged_token_opens_nothing_and_is_not_written_down(served: Served) ->
     forged = bot.token[:-4] + "AAAA"
     assert ask_everywhere(bot, forged, step) == {404}
     logged = served.installation.refusals("unknown")[before:]
-    assert len(logged) == len(ROUTES)
+    assert len(logged) == 1, "a robot that goes on trying a dead link does not fill the log"
     assert {event.session_id for event in logged} == {None}
     assert not any(forged in str(event.data) or bot.token in str(event.data) for event in logged)
 
@@ -133,7 +133,7 @@ def test_an_expired_token_opens_nothing_and_the_session_says_so(served: Served) 
     assert ask_everywhere(bot, bot.token, step) == {410}
     assert served.installation.session(bot.token).state == "expired"
     logged = [event for event in served.installation.refusals("expired") if event.session_id == session.id]
-    assert len(logged) == len(ROUTES)
+    assert len(logged) == 1, "a robot that goes on trying a dead link does not fill the log"
     assert stage.startswith(session.id)
 
 

@@ -137,6 +137,21 @@ def visit(running: Running, chromium: Browser) -> Iterator[Visit]:
     context.close()
 
 
+def test_while_the_database_is_busy_the_page_says_so_and_the_answer_counts_once(
+    visit: Visit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    visit.watch_both()
+    key = visit.step["key"]
+    monkeypatch.setattr("backend.store.database.TURN_PATIENCE_S", 0.1)
+    with visit.running.house.database.transaction():  # somebody else keeps writing
+        visit.page.keyboard.press("a")
+        expect(visit.page.locator("#banner")).to_contain_text("We are trying again")
+        assert visit.answers(key) == []
+    expect(visit.page.locator("#banner")).to_be_hidden(timeout=15_000)
+    expect(visit.page.locator(f".step-body[data-key='{key}']")).to_have_count(0)
+    assert visit.answers(key) == [{"choice": "a"}]
+
+
 def test_a_pair_is_watched_and_answered_by_keyboard_alone(visit: Visit) -> None:
     page, key = visit.page, visit.step["key"]
     expect(page.locator("#start")).to_be_focused()

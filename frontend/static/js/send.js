@@ -19,12 +19,14 @@ const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
 const PATIENCE_MS = 15000;
 
-/** Told whenever a request has to wait for the connection, and when it is back. @type {(lost: boolean) => void} */
-let onConnection = () => {};
+/** @typedef {"connection" | "server" | null} Waiting for what a request has to wait; null: it went through */
 
-/** @param {(lost: boolean) => void} listener */
+/** Told whenever a request has to wait, and when it went through. @type {(waiting: Waiting) => void} */
+let onWaiting = () => {};
+
+/** @param {(waiting: Waiting) => void} listener */
 export function watchConnection(listener) {
-  onConnection = listener;
+  onWaiting = listener;
 }
 
 /** A random name for one request; `crypto.randomUUID` is missing on plain http addresses. */
@@ -58,7 +60,8 @@ export async function fetchText(url) {
 /** @param {string} url @param {object} [body] @returns {Promise<Response>} */
 async function persist(url, body) {
   let wait = FIRST_WAIT_MS;
-  let lost = false;
+  /** @type {Waiting} */
+  let waiting = null;
   for (;;) {
     /** @type {Response | null} */
     let response = null;
@@ -75,16 +78,18 @@ async function persist(url, body) {
     }
     // 429 and 5xx pass by themselves: an overloaded or restarting server is waited for like a lost connection
     if (response && response.status !== 429 && response.status < 500) {
-      if (lost) onConnection(false);
+      if (waiting) onWaiting(null);
       if (response.ok) return response;
       const answer = await response.json().catch(() => ({}));
       throw new Refused(response.status, answer.error ?? {});
     }
-    if (!lost) {
-      lost = true;
-      onConnection(true);
+    const why = response?.status === 503 || response?.status === 429 ? "server" : "connection";
+    if (why !== waiting) {
+      waiting = why;
+      onWaiting(why);
     }
-    await Promise.race([pause(wait), new Promise((done) => addEventListener("online", done, { once: true }))]);
+    const asked = Number(response?.headers.get("Retry-After") ?? 0) * 1000 || 0;
+    await Promise.race([pause(Math.max(wait, asked)), new Promise((done) => addEventListener("online", done, { once: true }))]);
     wait = Math.min(wait * 2, LONGEST_WAIT_MS);
   }
 }

@@ -362,9 +362,10 @@ function moveOut() {
 
 // ---- begin ---------------------------------------------------------------------------------------------------------
 
-watchConnection((lost) => {
-  showBanner(lost ? say(keep.held() ? "offline_answer" : "offline") : null);
-  if (!lost) notice("connection", { back: true });
+watchConnection((waiting) => {
+  const offline = keep.held() ? "offline_answer" : "offline";
+  showBanner(waiting ? say(waiting === "server" ? "busy" : offline) : null);
+  if (!waiting) notice("connection", { back: true });
 });
 document.addEventListener("visibilitychange", () => notice("visibility", { hidden: document.hidden }));
 addEventListener("error", (event) => notice("script_error", { message: String(event.message).slice(0, 300) }));
