@@ -6,9 +6,10 @@ the replay buffer, no new interaction). The core reward is the setup's; base tra
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import torch
@@ -107,6 +108,18 @@ class AlignResult:
     replay_sha256: str
 
 
+class AlignReward(Protocol):
+    """The reward that alignment learns from: core and preference part, kept apart so that they can be reweighed."""
+
+    weight: float
+
+    def preference(self, batch: Batch) -> torch.Tensor: ...
+
+    def combined(self, core: torch.Tensor, preference: torch.Tensor) -> torch.Tensor: ...
+
+    def adapt(self, success: float, base_success: float) -> None: ...
+
+
 class PreferenceReward:
     """Turns a reward model's output into the reward of alignment, calibrated once on base drives.
 
@@ -181,7 +194,7 @@ class PreferenceReward:
 class RelabelledBuffer:
     """A replay buffer whose rewards are r*, and can be made anew when the weight changes."""
 
-    def __init__(self, buffer: ReplayBuffer, reward: PreferenceReward) -> None:
+    def __init__(self, buffer: ReplayBuffer, reward: AlignReward) -> None:
         self.buffer, self._reward = buffer, reward
         self._core, self._preference = torch.zeros(buffer.capacity), torch.zeros(buffer.capacity)
         self._relabelled = 0
@@ -216,29 +229,70 @@ def align(
     config = config or AlignConfig()
     _check(config)
     setup = get_setup(require_same(policy=base.setup, reward_model=model.setup))
+    replay = collect(base, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
+    replay_sha256 = replay.digest()
+    reward = PreferenceReward(model, config, replay.filled(), base)
+    scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
+    learned = learn(
+        base,
+        FastEngine(setup, config.online_envs, seed=config.seed + 1),
+        replay,
+        reward,
+        config,
+        judge=lambda policy: _summary(evaluate(policy.act, setup, scenes)),
+        base_success=success_rate(evaluate(base.act, setup, scenes).outcome),
+        on_progress=on_progress,
+        checkpoint_folder=checkpoint_folder,
+    )
+    rates = [entry["success_rate"] for entry in learned.history]
+    chosen = choose_checkpoint(rates, learned.base_success, config)
+    policy = learned.policies[chosen]
+    weight = learned.history[chosen]["preference_weight"]
+    return AlignResult(policy, check_gate(policy, base, config), chosen, learned.history, weight, replay_sha256)
+
+
+class Learned(NamedTuple):
+    """What `learn` went through: a policy without critic and its numbers per checkpoint."""
+
+    policies: list[Policy]
+    history: list[dict[str, float]]
+    base_success: float
+
+
+def learn(
+    start: Policy,
+    engine: FastEngine,
+    replay: ReplayBuffer,
+    reward: AlignReward,
+    config: AlignConfig,
+    *,
+    judge: Callable[[Policy], dict[str, float]],
+    base_success: float,
+    on_progress: OnProgress = no_progress,
+    checkpoint_folder: Path | None = None,
+) -> Learned:
+    """Go on from `start` (with critic) by `reward`, on the replay buffer (relabelled in place) and steps in `engine`.
+
+    judge: the numbers of a checkpoint, `success_rate` among them; what loses too much of `base_success` is gone back
+    from (refine).
+    """
     use_one_thread()
     td3 = Td3Config(
-        gamma=config.gamma or setup.gamma,
+        gamma=config.gamma or engine.setup.gamma,
         batch_size=config.batch_size,
         learning_rate=config.learning_rate,
         tau=config.tau,
     )
-    agent = agent_of(base, td3, seed=config.seed)
-    replay = collect(base, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
-    replay_sha256 = replay.digest()
-    reward = PreferenceReward(model, config, replay.filled(), base)
+    agent = agent_of(start, td3, seed=config.seed)
     buffers = [RelabelledBuffer(replay, reward)]
     n_online = int(config.batch_size * config.online_share)
     if n_online:
         steps = -(-config.updates // config.updates_per_online_step)
-        online = ReplayBuffer(steps * config.online_envs, setup.observation_size)
-        engine = FastEngine(setup, config.online_envs, seed=config.seed + 1)
+        online = ReplayBuffer(steps * config.online_envs, engine.setup.observation_size)
         explorer = Explorer(engine, noise=config.online_exploration, seed=config.seed + 1)
         buffers.append(RelabelledBuffer(online, reward))
     buffers[0].take_up()
 
-    scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
-    base_success = success_rate(evaluate(base.act, setup, scenes).outcome)
     marks = {round(config.updates * (k + 1) / config.checkpoints) for k in range(config.checkpoints)}
     sampler = torch.Generator().manual_seed(config.seed)
     policies: list[Policy] = []
@@ -254,9 +308,9 @@ def align(
         agent.set_learning_rate(_learning_rate(config, update))
         agent.update(batch)
         if update in marks:
-            policy = policy_of(agent, setup.name).without_critic()
+            policy = policy_of(agent, engine.setup.name).without_critic()
             policies.append(policy)
-            summary = _summary(evaluate(policy.act, setup, scenes))
+            summary = judge(policy)
             history.append({"updates": update, "preference_weight": reward.weight} | summary)
             on_progress(update / config.updates, history[-1])
             reward.adapt(summary["success_rate"], base_success)
@@ -270,15 +324,7 @@ def align(
                 policy.save(checkpoint_folder / f"checkpoint_{len(policies)}.npz")
         elif update % 200 == 0:
             on_progress(update / config.updates, {"updates": update})
-    chosen = choose_checkpoint([entry["success_rate"] for entry in history], base_success, config)
-    return AlignResult(
-        policies[chosen],
-        check_gate(policies[chosen], base, config),
-        chosen,
-        history,
-        history[chosen]["preference_weight"],
-        replay_sha256,
-    )
+    return Learned(policies, history, base_success)
 
 
 def _learning_rate(config: AlignConfig, update: int) -> float:

@@ -30,14 +30,40 @@ Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
+class Stakes:
+    """What an episode is about during this training, in reward. Evaluation and cards use the setup's core reward.
+
+    scales: per step of each objective's step term at full weight, in the order of OBJECTIVES. goal, collision,
+    self_intersection: instead of the setup's core reward: whoever pays per step must neither stay away from the goal
+    nor crash to end it, nor drive in circles. progress: per metre, as in base training, whose critic this training
+    starts from. time: cost of a step, since waiting must not be free. turning: cost of a step of turning at full rate.
+    """
+
+    scales: tuple[float, ...]
+    goal: float
+    collision: float
+    self_intersection: float = -6.0
+    progress: float = 1.0
+    time: float = 0.15
+    turning: float = 0.05
+
+
+STAKES = {
+    "open_field": Stakes(scales=(1.5, 1.2, 2.0, 2.0, 2.5, 1.5, 1.0, 3.5, 0.3), goal=20.0, collision=-20.0),
+    # A drive has a third of the open field's steps, so that the same wants need more per step to matter.
+    "study_room": Stakes(scales=(5.0, 3.0, 4.0, 4.0, 6.0, 3.0, 1.2, 3.5, 0.8), goal=40.0, collision=-40.0, time=0.2),
+}
+
+
+@dataclass(frozen=True)
 class ConditionedConfig:
     """How a conditioned policy is trained. All ours; measured in the open field and the study room (card)."""
 
     setup: str
     seed: int = 0
-    scales: tuple[float, ...] = (1.5, 1.5, 1.0, 1.0, 2.0, 1.5, 1.0, 3.5, 0.3)
+    stakes: Stakes | None = None  # None: the setup's own, from STAKES
     updates: int = 60_000
-    batch_size: int = 256
+    batch_size: int = 128
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
     learning_rate: float = 7e-4
     final_learning_rate: float = 5e-5  # reached linearly over the second half
@@ -48,11 +74,6 @@ class ConditionedConfig:
     buffer_size: int = 500_000
     base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
     exploration: tuple[float, float] = (0.03, 0.4)
-    progress_weight: float = 1.0  # per metre, as in base training: the critic that it starts from was trained so
-    collision: float = -20.0  # core rewards during this training: whoever pays per step must not crash to end it ...
-    self_intersection: float = -6.0  # ... nor drive in circles; evaluation and cards use the setup's own
-    time_cost: float = 0.15  # per step: waiting must not be free
-    turning: float = 0.05  # penalty per step of turning at full rate, whatever is wanted: circling has no other price
     neutral_share: float = 0.12  # of the episodes: nothing is wanted
     one_share: float = 0.4  # one objective; of the rest, half have two and half three
     full_share: float = 0.7  # of the episodes with wants: the largest weight is 1, as the posterior gives it
@@ -62,8 +83,13 @@ class ConditionedConfig:
     checkpoints: int = 5  # over the last third; the best on the selection scenes is kept
     selection_scenes: int = 200
 
+    @property
+    def at_stake(self) -> Stakes:
+        """The stakes given, or the setup's own."""
+        return self.stakes or STAKES[self.setup]
+
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return asdict(replace(self, stakes=self.at_stake))
 
 
 @dataclass(frozen=True)
@@ -92,6 +118,14 @@ def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generato
             strengths[0] = 1.0
         weights[row, chosen] = strengths
     return weights
+
+
+def training_engine(setup: Setup, stakes: Stakes, n_envs: int, *, seed: int) -> FastEngine:
+    """Environments of the setup with the stakes' rewards for how an episode goes, without wants, time and turning."""
+    core = replace(
+        setup.reward, goal=stakes.goal, collision=stakes.collision, self_intersection=stakes.self_intersection
+    )
+    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=stakes.progress)
 
 
 class Drawn(NamedTuple):
@@ -140,8 +174,6 @@ class ConditionedTraining:
         _check(base, config)
         self.config = config
         self.setup = get_setup(config.setup)
-        core = replace(self.setup.reward, collision=config.collision, self_intersection=config.self_intersection)
-        self._stricter = replace(self.setup, reward=core)
         polar = self.setup.polar_size
         self.shape = replace(base.shape, task_inputs=polar + SIZE)
         td3 = Td3Config(config.gamma, config.batch_size, config.learning_rate, config.tau)
@@ -155,7 +187,7 @@ class ConditionedTraining:
         self._mirror = mirror_of(self.setup)
         self.buffer = WantsBuffer(config.buffer_size, self.setup)
         self._explore_with(base)
-        engine = FastEngine(self._stricter, config.n_envs, seed=config.seed + 1, progress_weight=config.progress_weight)
+        engine = training_engine(self.setup, config.at_stake, config.n_envs, seed=config.seed + 1)
         self._explorer = Explorer(engine, noise=config.exploration, seed=config.seed + 1)
         self._wants = sample_weights(config.n_envs, config, self._random)
         self.transitions = 0
@@ -163,7 +195,7 @@ class ConditionedTraining:
     def _explore_with(self, base: Policy) -> None:
         """Fill the buffer with drives of the base policy, judged by wants that had no part in them."""
         config, n_envs = self.config, 256
-        engine = FastEngine(self._stricter, n_envs, seed=config.seed, progress_weight=config.progress_weight)
+        engine = training_engine(self.setup, config.at_stake, n_envs, seed=config.seed)
         explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
         for _ in range(-(-config.base_transitions // n_envs)):
             self.buffer.driven_by = sample_weights(n_envs, config, self._random)
@@ -191,14 +223,14 @@ class ConditionedTraining:
 
         Part of it is judged by the wants of other rows, part of it is mirrored; both are as true as what was driven.
         """
-        config = self.config
+        config, stakes = self.config, self.config.at_stake
         n = config.batch_size
         (observations, actions, rewards, following, continues), terms, weights = self.buffer.draw(n, self._sampler)
         wants = weights.numpy()
         shuffled = int(n * config.relabelled_share)
         wants[:shuffled] = wants[self._random.permutation(n)[:shuffled]]
-        judged = (wants * terms.numpy()) @ np.array(config.scales, dtype=np.float32)
-        judged -= np.float32(config.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(config.time_cost)
+        judged = (wants * terms.numpy()) @ np.array(stakes.scales, dtype=np.float32)
+        judged -= np.float32(stakes.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(stakes.time)
         turned = self._random.random(n) < config.mirrored_share
         seen, then, done = observations.numpy(), following.numpy(), actions.numpy()
         order, signs = self._mirror
@@ -226,7 +258,7 @@ class ConditionedTraining:
             self.agent.actor.flat.copy_(self._average)
         actor, critic = tuple(self.agent.actor.to_arrays()), tuple(self.agent.critic.to_arrays())
         self.agent.actor.flat.copy_(kept)
-        return ConditionedPolicy(self.setup.name, self.shape, actor, critic, self.config.scales)
+        return ConditionedPolicy(self.setup.name, self.shape, actor, critic, self.config.at_stake.scales)
 
 
 def _with_weight_inputs(arrays: tuple[Floats, ...], task_inputs: int) -> list[Floats]:
@@ -241,10 +273,11 @@ def _check(base: Policy, config: ConditionedConfig) -> None:
         raise SetupError(f"base policy is of {base.setup}, setup = {config.setup}")
     if not base.critic:
         raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
-    if len(config.scales) != SIZE or min(config.scales) < 0:
-        raise LearningError(f"scales = {config.scales}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}")
-    if config.mirrored_share and any(config.scales[k] != config.scales[m] for k, m in enumerate(MIRRORED)):
-        raise LearningError(f"scales = {config.scales}: mirroring needs the same scale for the person on either side")
+    scales = config.at_stake.scales
+    if len(scales) != SIZE or min(scales) < 0:
+        raise LearningError(f"stakes.scales = {scales}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}")
+    if config.mirrored_share and any(scales[k] != scales[m] for k, m in enumerate(MIRRORED)):
+        raise LearningError(f"stakes.scales = {scales}: mirroring needs the same scale for the person on either side")
     if config.buffer_size < config.base_transitions + config.n_envs:
         raise LearningError(
             f"buffer_size = {config.buffer_size}: must hold base_transitions ({config.base_transitions}) and more"

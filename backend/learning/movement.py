@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.evaluate import Estimate, bootstrap, mean_estimate, wilson
+from backend.learning.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
 from backend.learning.policy import Policy
 from backend.learning.vocabulary import CLEARANCE_CAP_M, MEASURES, NAMES, OBJECTIVES, gains, measures
 from backend.simulation.fast import rollout
@@ -54,8 +54,9 @@ def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
 def best_possible(scenes: Sequence[Scene]) -> Doubles:
     """(n, 9) the measure of each objective that no policy can better in that scene, whatever it gives up for it.
 
-    farther: the ceiling; closer: contact; sides: straight beside; clearance: what the start has, at most 0.8 m; shorter
-    and faster: the straight way at full speed; smoother: the turn towards the goal's edge; slower: standing.
+    farther: spec 06's ceiling, to the goal's centre, which who stops at its edge may pass by its radius; closer: contact;
+    sides: straight beside; clearance: what the start has, at most 0.8 m; shorter and faster: the straight way at full
+    speed; smoother: the turn towards the goal's edge; slower: standing.
     """
     rows = []
     for scene in scenes:
@@ -91,16 +92,13 @@ class Movement:
     possible: Doubles
 
     @cached_property
-    def shares(self) -> dict[str, Estimate]:
+    def shares(self) -> dict[str, float]:
         """For each objective that was told alone: share of the way from the base policy to what is possible.
 
-        Ratio of means over the scenes in which both policies succeed.
+        Ratio of means over the scenes in which both policies succeed; NaN where there are none.
         """
-        return {
-            name: bootstrap(self._columns(name), lambda m: (m[:, 1] - m[:, 0]) / (m[:, 2] - m[:, 0]))
-            for name in NAMES
-            if name in self.told
-        }
+        columns = {name: self._columns(name) for name in NAMES if name in self.told}
+        return {name: float(_share(c.mean(0))) if len(c) else math.nan for name, c in columns.items()}
 
     def _columns(self, name: str) -> Doubles:
         """(both succeed, 3): base's, the told policy's and the best possible value of the objective's measure."""
@@ -120,7 +118,7 @@ class Movement:
         """
         success = np.array([drives.success.mean() for drives in self.told.values()])
         crossings = np.array([drives.self_intersections.mean() for drives in self.told.values()])
-        shares = np.array([estimate.value for estimate in self.shares.values()])
+        shares = np.array(list(self.shares.values()))
         return float(
             np.clip(np.nan_to_num(shares, nan=-1.0), -1, 1).mean()
             - 4 * (1 - success.mean())
@@ -136,7 +134,7 @@ class Movement:
             "mean_success_rate": float(np.mean(success)),
             "worst_success_rate": min(success),
             "self_intersections": float(np.mean([d.self_intersections.mean() for d in self.told.values()])),
-            **{f"share_{name}": estimate.value for name, estimate in self.shares.items()},
+            **{f"share_{name}": share for name, share in self.shares.items()},
         }
 
     def report(self) -> dict[str, Any]:
@@ -151,6 +149,7 @@ class Movement:
     def _moved(self, name: str) -> dict[str, Any]:
         k = NAMES.index(name)
         columns = self._columns(name)
+        estimated = interval(self.shares[name], _share(resampled_means(columns))) if len(columns) else NOTHING
         against = {"base": self.base} | ({"neutral": self.told["neutral"]} if "neutral" in self.told else {})
         better = {}
         for who, drives in against.items():
@@ -163,8 +162,14 @@ class Movement:
             "told": float(columns[:, 1].mean()),
             "best_possible": float(columns[:, 2].mean()),
             **better,
-            "share_of_the_way": self.shares[name].as_dict(),
+            "share_of_the_way": estimated.as_dict(),
         }
+
+
+def _share(means: Doubles) -> Doubles:
+    """Share of the way, of means (..., 3) of the base's, the told policy's and the best possible value."""
+    share: Doubles = (means[..., 1] - means[..., 0]) / (means[..., 2] - means[..., 0])
+    return share
 
 
 def _described(drives: Drives) -> dict[str, Any]:

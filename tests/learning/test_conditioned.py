@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from backend.learning.base import BaseResult
 from backend.learning.conditioned import ConditionedPolicy, settings
 from backend.learning.conditioned_training import (
+    STAKES,
     ConditionedConfig,
     ConditionedResult,
     ConditionedTraining,
@@ -82,7 +83,7 @@ def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) ->
     trained.policy.save(path)
     again = ConditionedPolicy.load(path)
     assert again.digest() == trained.policy.digest()
-    assert again.scales == TINY.scales
+    assert again.scales == STAKES["study_room"].scales
     assert load_policy(f"{path}@farther=1").digest() == trained.policy.at(parsed_weights("farther=1")).digest()
     assert load_policy(str(path)).digest() == trained.policy.at(np.zeros(SIZE, dtype=np.float32)).digest()
     with pytest.raises(PolicyError, match="desirepath-conditioned-1"):
@@ -163,16 +164,17 @@ def test_the_mirrored_world_is_the_same_world(name: str) -> None:
 
 
 def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
-    training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, turning=0.0, time_cost=0.0))
-    kept = replace(TINY, mirrored_share=0.0, turning=0.0, time_cost=0.0, relabelled_share=0.0, scales=(0.0,) * SIZE)
-    plain = ConditionedTraining(base, kept)
+    stakes = replace(STAKES["study_room"], turning=0.0, time=0.0)
+    training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, stakes=stakes))
+    nothing = replace(TINY, mirrored_share=0.0, relabelled_share=0.0, stakes=replace(stakes, scales=(0.0,) * SIZE))
+    plain = ConditionedTraining(base, nothing)
     judged, core = training.batch(), plain.batch()
     setup = training.setup
     polar = setup.polar_size
     wants = judged.observations[:, polar : polar + SIZE].numpy()
     following = np.delete(judged.next_observations.numpy(), range(polar, polar + SIZE), axis=1)
     terms = step_terms(judged.actions.numpy(), following, setup)
-    expected = core.rewards.numpy() + (wants * terms) @ np.array(TINY.scales, dtype=np.float32)
+    expected = core.rewards.numpy() + (wants * terms) @ np.array(stakes.scales, dtype=np.float32)
     np.testing.assert_allclose(judged.rewards.numpy(), expected, atol=1e-4)
     assert (wants > 0).any()
 
@@ -187,14 +189,12 @@ def test_training_tells_what_moved_and_comes_out_the_same_again(base: Policy, tr
 
 
 def test_settings_that_cannot_work_are_refused(base: Policy, tiny_base: BaseResult) -> None:
-    for change in (
-        {"scales": (1.0,)},
-        {"scales": (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)},
-        {"buffer_size": 100},
-        {"checkpoints": 0},
-    ):
+    for scales in ((1.0,), (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)):
+        with pytest.raises(LearningError, match="scales"):
+            train_conditioned(base, replace(TINY, stakes=replace(STAKES["study_room"], scales=scales)))
+    for change in ({"buffer_size": 100}, {"checkpoints": 0}):
         with pytest.raises(LearningError, match=next(iter(change))):
-            train_conditioned(base, replace(TINY, **change))
+            train_conditioned(base, replace(TINY, **change))  # type: ignore[arg-type]
     with pytest.raises(LearningError, match="critic"):
         train_conditioned(base.without_critic(), TINY)
     with pytest.raises(SetupError, match="open_field"):
