@@ -1,11 +1,13 @@
-"""The analysts' pages under /lab: jobs, snapshots, policies, compare. The routes live in the modules named here."""
+"""The analysts' pages under /lab: jobs, snapshots, policies, compare, flow field. The routes live in the modules named
+here.
+"""
 
 from __future__ import annotations
 
 from fastapi import APIRouter
 
-from backend.api import artefact_pages, compare_pages, job_pages
+from backend.api import artefact_pages, compare_pages, flow_pages, job_pages
 
 router = APIRouter()
-for part in (job_pages, artefact_pages, compare_pages):
+for part in (job_pages, artefact_pages, compare_pages, flow_pages):
     router.include_router(part.router)

@@ -149,8 +149,8 @@ def figure_process(parts: House) -> FigureProcess:
 
 def _draw(told: dict[str, Any]) -> dict[str, Any]:
     """One order carried out, in the process."""
-    from backend.explain.drawing import Words
     from backend.explain.flow_files import flow_files
+    from backend.explain.flow_words import Words
     from backend.learning.policy import Policy
     from backend.simulation.scenes import draw_scene
     from backend.simulation.setups import get_setup, require_same

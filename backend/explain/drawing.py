@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import matplotlib as mpl
@@ -26,6 +25,7 @@ from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
 from backend.explain.flow_field import FlowDifference, FlowField, corners_of, grid_of
+from backend.explain.flow_words import ENGLISH, Words
 from backend.simulation.scene import Scene
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -58,25 +58,6 @@ STYLE: Any = {  # matplotlib's own type is a literal of all its settings
     "svg.fonttype": "path",  # looks alike wherever it is opened
     "svg.hashsalt": "desirepath",  # the same figure, the same bytes
 }
-
-
-@dataclass(frozen=True)
-class Words:
-    """The texts in a figure."""
-
-    x: str = "x (m)"
-    y: str = "y (m)"
-    start: str = "start"
-    goal: str = "goal"
-    person: str = "person, facing"
-    traversals: str = "drives through a cell"
-    heading_difference: str = "angle between headings (rad)"
-    traversals_difference: str = "drives through a cell, B minus A"
-    arrows: str = "headings of A (blue) and B (orange)"
-    streams: str = "heading; thick: {fastest} m/s"
-
-
-ENGLISH = Words()
 
 
 def flow_figure(field: FlowField, *, title: str, words: Words = ENGLISH) -> Figure:

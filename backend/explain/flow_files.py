@@ -11,18 +11,16 @@ import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from backend.explain import flow_field as flow
+from backend.explain.flow_words import ENGLISH, Words
 from backend.simulation.fast import ActFunction
 from backend.simulation.scene import Scene
 from backend.simulation.setups import Setup
 from backend.simulation.trajectory import Outcome, Trajectory
-
-if TYPE_CHECKING:
-    from backend.explain.drawing import Words
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ def flow_files(
     scene: Scene,
     *,
     cell_m: float = flow.CELL_M,
-    words: Words | None = None,
+    words: Words = ENGLISH,
 ) -> FigureFiles:
     """The flow field of one named policy, or of two with their difference.
 
@@ -48,7 +46,6 @@ def flow_files(
     """
     from backend.explain import drawing  # matplotlib is slow to import
 
-    words = words or drawing.ENGLISH
     fields = [flow.flow_field(act, setup, scene, cell_m=cell_m) for _, act in policies]
     numbers: dict[str, Any] = {
         "setup": setup.name,
@@ -77,13 +74,13 @@ def flow_files(
 
 
 def starts_files(
-    policies: Mapping[str, ActFunction], setup: Setup, scene: Scene, *, starts: int, words: Words | None = None
+    policies: Mapping[str, ActFunction], setup: Setup, scene: Scene, *, starts: int, words: Words = ENGLISH
 ) -> FigureFiles:
     """All named policies from the same starts in one scene: drives.png, .svg and .csv."""
     from backend.explain import drawing  # matplotlib is slow to import
 
     drives = flow.drives_from(policies, setup, flow.spread_starts(scene, starts))
-    figure = drawing.starts_figure(drives, title=f"{setup.name}, {scene.seed}", words=words or drawing.ENGLISH)
+    figure = drawing.starts_figure(drives, title=f"{setup.name} {scene.seed}", words=words)
     about = f"drives, {setup.name} scene {scene.seed}: " + ", ".join(policies)
     shown = len(next(iter(drives.values())))
     numbers = {

@@ -260,7 +260,8 @@ class TrajectoryRow(Base):
 class Artefact(Base):
     """A learned or collected thing with its card; id is the sha256 of its content in the artefact store.
 
-    `kind`: policy, reward_model, query_set, snapshot, evaluation. `card` as datasets/README.md describes.
+    `kind`: policy, conditioned_policy, reward_model, query_set, snapshot, evaluation. `card` as datasets/README.md
+    describes.
     """
 
     __tablename__ = "artefact"
