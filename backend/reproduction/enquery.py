@@ -22,6 +22,7 @@ from backend.learning.oracles import make_oracle
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
 from backend.learning.queries import Query, QueryConfig, generate_queries, segment_queries
+from backend.learning.refine import refine, refine_config
 from backend.learning.replay import collect
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import RewardModel, accuracy, fit_linear
@@ -72,6 +73,7 @@ class Budget:
     thesis_epochs: int
     refine_updates: int
     refine_checkpoints: int
+    refined_updates: int | None = None  # None: as refinement usually has
     states: int = 1_000  # 6.5.1.1: in which action diversity is measured
     base_updates: int = BaseConfig(SETUP).updates
     ensemble_steps: int = thesis.ENSEMBLE_STEPS
@@ -99,6 +101,7 @@ SMALL = Budget(
     thesis_epochs=2,
     refine_updates=2_000,
     refine_checkpoints=4,
+    refined_updates=1_000,
 )
 FULL = Budget(
     name="full",
@@ -173,11 +176,25 @@ def align_config(recipe: str, budget: Budget, run: int) -> AlignConfig:
     )
 
 
+def refined_config(budget: Budget, run: int) -> AlignConfig:
+    """The configuration of one refinement of the conditioned policy, with the budget's number of updates."""
+    usual = refine_config(SETUP, seed=run)
+    return replace(
+        usual,
+        updates=budget.refined_updates or usual.updates,
+        selection_scenes=min(budget.selection_scenes, usual.selection_scenes),
+        gate_scenes=budget.gate_scenes,
+        replay_transitions=min(budget.replay_transitions, usual.replay_transitions),
+    )
+
+
 RECIPES = {
     "thesis": "the thesis's recipe",
-    "refine": "our refinement",
-    "instant": "our conditioned policy",
+    "refine": "our recipe from RAW",
+    "instant": "our conditioned policy at once",
+    "refined": "our conditioned policy, refined",
 }
+FROM_CONDITIONED = ("instant", "refined")
 
 
 def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
@@ -232,7 +249,7 @@ def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
         ]
         for recipe in RECIPES
         for condition, (source, queries) in CONDITIONS.items()
-        if recipe != "instant" or CONDITIONED in shipped_names()
+        if recipe not in FROM_CONDITIONED or CONDITIONED in shipped_names()
     }
     scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
     raw = Piece("raw", {"scenes": scenes}, (base,), seconds=1)
@@ -251,9 +268,17 @@ def _alignment(
 ) -> Piece:
     asked = {"source": source, "queries": queries, "query_seed": query_seed(seed, run)}
     scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
-    if recipe == "instant":
-        conditioned = {"conditioned": CONDITIONED, "sha256": load_conditioned(CONDITIONED).digest()}
-        return Piece("instant", asked | conditioned | {"scenes": scenes}, policies, seconds=3)
+    if recipe in FROM_CONDITIONED:
+        params = asked | {
+            "conditioned": CONDITIONED,
+            "sha256": load_conditioned(CONDITIONED).digest(),
+            "scenes": scenes,
+        }
+        if recipe == "instant":
+            return Piece("instant", params, policies, seconds=3)
+        refining = refined_config(budget, run)
+        seconds = 6 + seconds_per_update * refining.updates  # told with the base's heads: the conditioned are no larger
+        return Piece("refined", params | {"config": refining.as_dict()}, policies, seconds=seconds)
     config = align_config(recipe, budget, run)
     return Piece(
         "alignment",
@@ -397,11 +422,33 @@ def alignment_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
 
 def instant_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     """The conditioned policy at the weights that the answers say, and its drives in the table's scenes."""
-    given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
-    model = fit_weights(given)
-    weights = model.preference_weights()
+    weights = weights_said(params, needs)
     policy = load_conditioned(params["conditioned"]).at(weights).without_critic()
-    return _driven(policy, params["scenes"], {"weights": weights.tolist(), "importance": model.importance()})
+    return _driven(policy, params["scenes"], {"weights": weights.tolist()})
+
+
+def refined_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
+    """The same refined; its drives are the conditioned policy's where the refinement was no improvement."""
+    weights = weights_said(params, needs)
+    conditioned = load_conditioned(params["conditioned"])
+    base = stored_policies(needs[0])[0]
+    result = refine(conditioned, weights, base, AlignConfig(**_tuples(params["config"])))
+    shown = result.policy if result.takes_over else conditioned.at(weights).without_critic()
+    meta = {
+        "weights": weights.tolist(),
+        "takes_over": result.takes_over,
+        "score": result.score.as_dict(),
+        "gate_passed": result.gate.passed,
+        "chosen": result.chosen,
+        "history": result.history,
+    }
+    return _driven(shown, params["scenes"], meta)
+
+
+def weights_said(params: dict[str, Any], needs: Sequence[Made]) -> NDArray[np.float32]:
+    """What the answers of one run ask of the conditioned policy."""
+    given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
+    return fit_weights(given).preference_weights()
 
 
 def raw_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
@@ -437,4 +484,5 @@ FUNCTIONS: dict[str, Function] = {
     "raw": raw_piece,
     "alignment": alignment_piece,
     "instant": instant_piece,
+    "refined": refined_piece,
 }

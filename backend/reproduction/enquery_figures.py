@@ -124,10 +124,10 @@ def drawn_scenes(plan: Plan) -> list[Scene]:
     return (far or scenes)[:2]
 
 
-def _figure(columns: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+def _figure(columns: int, width: float, height: float, *, rows: int = 1) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
-    return figure, list(np.ravel(figure.subplots(1, columns, squeeze=False)))
+    return figure, list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
 
 
 def _quiet(ax: Axes) -> None:
@@ -229,13 +229,15 @@ def _curve(ax: Axes, line: Sequence[CurvePoint], colour: str, dashes: object, la
 def table_picture(results: Results) -> Picture:
     """Table 6.2 as dots: one per alignment, with what was published beside."""
     with mpl.rc_context(STYLE):
-        figure, axes = _figure(len(results.tables), 3.5 * len(results.tables), 3.4)
-        for ax, (recipe, rows_of_recipe) in zip(axes, results.tables.items(), strict=True):
+        lines = math.ceil(len(results.tables) / 2)
+        figure, axes = _figure(2, 7.0, 0.5 + 2.7 * lines, rows=lines)
+        for ax, (recipe, rows_of_recipe) in zip(axes, results.tables.items(), strict=False):
             _dots(ax, rows_of_recipe)
             ax.axhline(results.ceiling_m, color=SOFT, linewidth=1, linestyle=(0, (4, 2)), label="ceiling of the scenes")
             ax.set(title=f"by {RECIPES[recipe]}", ylim=(0, None))
             _quiet(ax)
-        axes[0].set_ylabel("minimum human distance (m)")
+        for ax in axes[::2]:
+            ax.set_ylabel("minimum human distance (m)")
         top = max(ax.get_ylim()[1] for ax in axes)
         for ax in axes:
             ax.set_ylim(0, top)

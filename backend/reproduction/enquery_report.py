@@ -222,7 +222,7 @@ def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
             "thesis's recipe",
             f"{budget.thesis_epochs} epochs of {budget.thesis_updates:,} updates, lambda 0.06, best epoch kept",
         ),
-        ("our recipe", f"refine, {budget.refine_updates:,} updates, {budget.refine_checkpoints} checkpoints"),
+        (RECIPES["refine"], f"{budget.refine_updates:,} updates, {budget.refine_checkpoints} checkpoints"),
     ]
 
 
@@ -335,6 +335,12 @@ def _alignment_table(recipe: str, rows: Sequence[TableRow]) -> Table:
         "self-intersections",
         "gate passed",
     ]
+    note = ""
+    if rows[0].took_over is not None:
+        took = ", ".join(f"{row.name} {row.took_over} of {row.alignments}" for row in rows if row.name != RAW)
+        note = (
+            f" Where the refinement was no improvement on other scenes the conditioned policy drives; it was in {took}."
+        )
     body = [
         [
             row.name,
@@ -352,7 +358,7 @@ def _alignment_table(recipe: str, rows: Sequence[TableRow]) -> Table:
         ]
         for row in rows
     ]
-    return Table(f"By {RECIPES[recipe]}.", heads, body)
+    return Table(f"By {RECIPES[recipe]}.{note}", heads, body)
 
 
 def _test_table(recipe: str, rows: Sequence[TableRow]) -> Table:

@@ -58,7 +58,8 @@ class TableRow:
 
     share_of_the_way: from RAW to the ceiling of the same scenes. paired_gain_m: against RAW, over the scenes in which
     both succeed. per_alignment: the mean minimum human distance of each alignment. per_alignment_test compares
-    those; per_episode_test takes every drive for independent, which drives of one policy are not.
+    those; per_episode_test takes every drive for independent, which drives of one policy are not. took_over: in
+    how many alignments the refinement was shown instead of what it began with, where that is asked.
     """
 
     recipe: str
@@ -76,6 +77,7 @@ class TableRow:
     share_of_the_way: float
     paired_gain_m: float
     gates_passed: int | None
+    took_over: int | None
     per_alignment: list[float]
     per_alignment_test: TTest | None
     per_episode_test: TTest | None
@@ -215,6 +217,7 @@ def _row(
         share_of_the_way=float(distance.mean() - raw_distance.mean()) / way,
         paired_gain_m=float(gains.mean()) if gains.size else math.nan,
         gates_passed=sum(made.meta["gate_passed"] for made in mades) if "gate_passed" in mades[0].meta else None,
+        took_over=sum(made.meta["takes_over"] for made in mades) if "takes_over" in mades[0].meta else None,
         per_alignment=[float(value) for value in distance.mean(1)],
         per_alignment_test=by_alignment,
         per_episode_test=by_episode,
