@@ -12,9 +12,11 @@ from typing import Annotated, Any, ParamSpec
 import structlog
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+PIPE_WIDTH = 200  # characters; a pipe has no width of its own
 P = ParamSpec("P")
 
 
@@ -36,15 +38,35 @@ def log_to_stderr() -> None:
 
 
 def say(result: dict[str, Any], as_json: bool) -> None:
-    """Print a command's result: one JSON object, or a readable table of its keys."""
+    """Print a command's result: one JSON object, or a readable table of its keys; a list of objects as a table."""
     if as_json:
         sys.stdout.write(json.dumps(result, default=str) + "\n")
         return
-    table = Table(show_header=False, box=None, pad_edge=False)
+    facts = Table(show_header=False, box=None, pad_edge=False)
+    lists: list[Table] = []
     for key, value in result.items():
-        shown = f"{value:.4g}" if isinstance(value, float) else value
-        table.add_row(key.replace("_", " "), shown if isinstance(shown, str) else json.dumps(shown, default=str))
-    Console().print(table)
+        if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
+            columns = list(dict.fromkeys(column for one in value for column in one))
+            rows = Table(box=None, pad_edge=False)
+            for number, column in enumerate(columns):  # the first names the row, for the next command: it stays whole
+                width = max(len(_shown(one.get(column))) for one in value) if number == 0 else None
+                rows.add_column(column.replace("_", " "), overflow="fold", min_width=width)
+            for one in value:
+                rows.add_row(*[_shown(one.get(column)) for column in columns])
+            lists.append(rows)
+        else:
+            facts.add_row(key.replace("_", " "), _shown(value) if value != [] else "none")
+    console = Console(width=None if sys.stdout.isatty() else PIPE_WIDTH)
+    for table in ([facts] if facts.row_count else []) + lists:
+        console.print(table)
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return escape(value if isinstance(value, str) else json.dumps(value, default=str))
 
 
 def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
@@ -57,6 +79,10 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
             command(*args, **kwargs)
         except typer.Exit:
             raise  # the command has said what there is to say; typer's Exit is a RuntimeError
+        except typer.Abort:
+            if kwargs.get("as_json"):
+                sys.stdout.write(json.dumps({"error": "not confirmed, nothing was done; --yes does not ask"}) + "\n")
+            raise
         except (ValueError, LookupError, OSError, RuntimeError) as problem:
             if kwargs.get("as_json"):
                 sys.stdout.write(json.dumps({"error": str(problem)}) + "\n")

@@ -155,5 +155,5 @@ def erase(
     if identity is None:
         raise LookupError(f"no participant {participant!r} in study {study!r}")
     if not yes:
-        typer.confirm(f"Erase everything of participant {participant}? This cannot be undone.", abort=True)
+        typer.confirm(f"Erase everything of participant {participant}? This cannot be undone.", abort=True, err=True)
     say(erase_participant(database, files, identity, by="command line", data=get_settings().data), as_json)

@@ -1,0 +1,37 @@
+"""How commands speak to people and to programs."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import typer
+
+from backend.commands.output import plain_errors, say
+
+JOBS = {"jobs": [{"job": "a" * 32, "state": "[failed]", "progress": 0.123456}, {"job": "b" * 32, "state": "queued"}]}
+
+
+def test_a_list_is_a_table_whose_ids_stay_whole(capsys):
+    say(JOBS, as_json=False)
+    head, first, second = capsys.readouterr().out.splitlines()
+    assert head.split() == ["job", "state", "progress"]
+    assert first.split() == ["a" * 32, "[failed]", "0.1235"]
+    assert second.split() == ["b" * 32, "queued", "–"]
+    say({"jobs": []}, as_json=False)
+    assert capsys.readouterr().out.split() == ["jobs", "none"]
+
+
+def test_json_is_one_object_with_everything(capsys):
+    say(JOBS, as_json=True)
+    assert json.loads(capsys.readouterr().out) == JOBS
+
+
+def test_a_question_that_was_not_confirmed_says_that_nothing_was_done(capsys):
+    @plain_errors
+    def erase(as_json: bool = False) -> None:
+        raise typer.Abort
+
+    with pytest.raises(typer.Abort):
+        erase(as_json=True)
+    assert "nothing was done" in json.loads(capsys.readouterr().out)["error"]
