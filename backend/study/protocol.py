@@ -35,6 +35,7 @@ from backend.study.source import Problem, ProtocolError, Source
 PROTOCOLS = Path(__file__).resolve().parents[2] / "study_protocols"
 DATASETS = PROTOCOLS.parent / "datasets"
 POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
+_BRACES = re.compile(r"\{(\w+)\}")
 M = TypeVar("M", bound=BaseModel)
 Read = Callable[[str], str | None]
 """Content of a file named relative to the protocol, None if there is none."""
@@ -67,7 +68,7 @@ class FrozenProtocol:
         content = self.files.get(variant(name, language))
         if content is None:
             content = self.files.get(name) or self.files[variant(name, self.protocol.languages[0])]
-        first, _, rest = content.strip().partition("\n")
+        first, _, rest = filled(content, self.protocol).strip().partition("\n")
         if first.startswith("# "):
             return first[2:].strip(), rest.strip()
         return self.title(language), content.strip()
@@ -75,8 +76,34 @@ class FrozenProtocol:
     def consent_hash(self, language: str) -> str:
         """sha256 of the consent text exactly as it is shown in that language."""
         name = next(entry.consent.text for entry in self.protocol.stages if entry.consent)
-        content = self.files.get(variant(name, language), self.files.get(name, ""))
+        content = filled(self.files.get(variant(name, language), self.files.get(name, "")), self.protocol)
         return hashlib.sha256(content.encode()).hexdigest()
+
+
+def text_numbers(protocol: Protocol) -> dict[str, int]:
+    """What a text may name in braces, so that it stays true when the protocol is changed: name -> number."""
+    pairs = {"learning": 0, "regular": 0}
+    compared = 0
+    for entry in protocol.stages:
+        if isinstance(entry.stage, BlockStage):
+            for one in entry.stage.trials:
+                probes = one.queries.probes
+                pairs[one.queries.role] += one.queries.count + probes.repeat + probes.swap
+        elif isinstance(entry.stage, ComparisonStage):
+            compared += entry.stage.scenes
+    return {
+        "minutes": protocol.minutes,
+        "pairs": pairs["regular"],
+        "practice_pairs": pairs["learning"],
+        "comparison_pairs": compared,
+    }
+
+
+def filled(text: str, protocol: Protocol) -> str:
+    """The text with `{minutes}`, `{pairs}` and so on as numbers."""
+    for name, number in text_numbers(protocol).items():
+        text = text.replace(f"{{{name}}}", str(number))
+    return text
 
 
 def local(text: dict[str, str], language: str) -> str:
@@ -233,6 +260,10 @@ def _texts(
             missing.append(chosen)
         elif not content.strip():
             return [source.problem(path, f"the text {chosen} is empty")]
+        elif unknown := [word for word in _BRACES.findall(content) if word not in text_numbers(protocol)]:
+            allowed = ", ".join(f"{{{word}}}" for word in text_numbers(protocol))
+            told = f"the text {chosen} has {{{unknown[0]}}}; what is filled in: {allowed}"
+            return [source.problem(path, told + _meant(unknown[0], list(text_numbers(protocol))))]
         else:
             files[chosen] = content
     return [source.problem(path, f"needs the file {', '.join(missing)} beside the protocol")] if missing else []
@@ -445,7 +476,7 @@ def describe_stages(protocol: dict[str, Any], files: dict[str, str]) -> list[Sta
         texts = []
         for language in parsed.languages if text else ():
             content = files.get(variant(text, language), files.get(text, ""))
-            texts.append((language, content))
+            texts.append((language, filled(content, parsed)))
         used = entry.stage.use if isinstance(entry.stage, QuestionnaireStage) else None
         if isinstance(entry.stage, TrainStage) and entry.stage.meanwhile:
             used = entry.stage.meanwhile.questionnaire

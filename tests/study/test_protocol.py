@@ -22,6 +22,7 @@ from backend.study.schema import StageEntry, json_schema
 from backend.study.words import STAGE_KINDS
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
+INFORMATION = {"key": "information", "kind": "information", "stage": "information"}
 
 
 def broken(tmp_path: Path, old: str, new: str) -> dict:
@@ -177,6 +178,28 @@ def test_the_hash_changes_with_any_text(tmp_path):
     text = folder / "texts" / "consent.de.md"
     text.write_text(text.read_text() + "\nNoch ein Satz.\n")
     assert freeze(folder / QUICK.name).hash != before
+
+
+def test_the_numbers_in_a_text_are_the_protocols():
+    """Whoever asks fewer pairs in less time does not promise their participants the old numbers."""
+    changed = freeze_text(QUICK.read_text().replace("count: 15", "count: 4").replace("minutes: 12", "minutes: 7"))
+    for language, told in (("en", "There are 4 such pairs"), ("de", "Es gibt 4 solche Paare")):
+        information = " ".join(payload_of(changed, INFORMATION, language)["text"].split())
+        assert told in information
+        assert "7 Minut" in information or "7 minutes" in information
+        assert "{" not in information
+    assert "There are 4 such pairs" in describe_stages(changed.data, changed.files)[0].texts[0][1].replace("\n", " ")
+
+
+def test_a_number_that_nothing_fills_in_is_told_with_what_there_is(tmp_path):
+    folder = tmp_path / "protocols"
+    shutil.copytree(PROTOCOLS, folder)
+    text = folder / "texts" / "information.en.md"
+    text.write_text(text.read_text().replace("{minutes}", "{minute}"))
+    (error,) = validate_protocol_file(folder / QUICK.name)["errors"]
+    assert (error["field"], error["line"]) == ("stages[0].information.text", line_of("texts/information.md"))
+    for said in ("information.en.md has {minute}", "{minutes}, {pairs}", "did you mean minutes"):
+        assert said in error["message"]
 
 
 def test_every_stage_is_readable_in_both_languages():
