@@ -11,6 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from backend.jobs.artefacts import Parent, find_artefact, keep, keep_trajectory, load_policy
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import AlignParams, Params, RewardModelParams
@@ -22,6 +25,7 @@ from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, flaw, look_alike
+from backend.learning.refine import refine, refine_config
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import (
     LinearConfig,
@@ -98,10 +102,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     context.progress(0.03)
     if params.recipe == "instant":
         made = _instant(context, params, base, model)
+    elif params.recipe == "refine" and params.start == "conditioned":
+        made = _refine(context, params, base, model)
     else:
         made = _train(context, params, base, model)
     gate = {
-        "passed": made.gate.passed,
+        "passed": made.gate.passed,  # of the success gate; a refinement must be better, too (`passed` of the result)
         "success_rate": made.gate.success_rate,
         "base_success_rate": made.gate.base_success_rate,
         "scenes": made.gate.scenes,
@@ -124,12 +130,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     )
     context.progress(0.93)
     comparisons = []
-    if made.gate.passed and params.comparisons:
+    if made.may_be_shown and params.comparisons:
         comparisons = _comparisons(context, params, (base, base_artefact.id), (made.policy, policy))
     return {
         "policy": policy,
         "reward_model": reward_model,
-        "passed": made.gate.passed,
+        "passed": made.may_be_shown,
         "gate": gate,
         "comparisons": comparisons,
         "seconds": round(time.monotonic() - began, 2),
@@ -142,6 +148,7 @@ class _Made:
 
     policy: Policy
     gate: Gate
+    may_be_shown: bool
     config: dict[str, Any]
     results: dict[str, Any]
     parents: list[Parent]
@@ -151,12 +158,14 @@ class _Made:
 
 def _instant(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
     """Recipe A: the conditioned policy at the weights that the answers speak for. No training."""
-    artefact, policy, told = _told_policy(context, params, base, model)
-    policy = policy.without_critic()
+    artefact, conditioned, weights = _told(context, params, base, model)
+    policy = conditioned.at(weights).without_critic()
+    gate = check_gate(policy, base, align_config(params, base.setup))
     return _Made(
         policy=policy,
-        gate=check_gate(policy, base, align_config(params)),
-        config={"recipe": "instant", "preference_weights": told},
+        gate=gate,
+        may_be_shown=gate.passed,
+        config={"recipe": "instant", "preference_weights": _by_name(weights)},
         results={},
         parents=[(artefact, "conditioned")],
         scenes={},
@@ -164,10 +173,36 @@ def _instant(context: JobContext, params: AlignParams, base: Policy, model: Rewa
     )
 
 
-def _told_policy(
+def _refine(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
+    """Recipe B behind recipe A: train the conditioned policy on, by what this person wants. Shown if it is better."""
+    artefact, conditioned, weights = _told(context, params, base, model)
+    config = align_config(params, base.setup)
+    refined = refine(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
+    return _Made(
+        policy=refined.policy,
+        gate=refined.gate,
+        may_be_shown=refined.takes_over,
+        config={
+            **config.as_dict(),
+            "preference_weights": _by_name(weights),
+            "replay_sha256": refined.replay_sha256,
+        },
+        results={
+            "better_than_instant": refined.score.as_dict(),
+            "takes_over": refined.takes_over,
+            "chosen_checkpoint": refined.chosen,
+            "history": refined.history,
+        },
+        parents=[(artefact, "conditioned")],
+        scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
+        departures=[DEPARTURES["instant"], DEPARTURES["refine_instant"]],
+    )
+
+
+def _told(
     context: JobContext, params: AlignParams, base: Policy, model: RewardModel
-) -> tuple[Artefact, Policy, dict[str, float]]:
-    """The conditioned policy's artefact, the policy at the weights that the answers speak for, and these by name."""
+) -> tuple[Artefact, ConditionedPolicy, NDArray[np.float32]]:
+    """The conditioned policy with its artefact, and the weights that the answers speak for."""
     if not isinstance(model, WeightsRewardModel):
         raise LearningError(f"model = {params.model!r}: a conditioned policy needs preference weights: model = weights")
     reference = params.conditioned or f"{base.setup}/conditioned"
@@ -175,18 +210,21 @@ def _told_policy(
         artefact = find_artefact(s, reference, "conditioned_policy")
     conditioned = ConditionedPolicy.from_bytes(context.files.get(artefact.id))
     require_same(base=base.setup, conditioned=conditioned.setup)
-    weights = model.preference_weights()
-    told = {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight}
-    return artefact, conditioned.at(weights), told
+    return artefact, conditioned, model.preference_weights()
+
+
+def _by_name(weights: NDArray[np.float32]) -> dict[str, float]:
+    return {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight}
 
 
 def _train(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
     """Recipe B, or the thesis's."""
-    config = align_config(params)
+    config = align_config(params, base.setup)
     aligned = learn_policy(base, model, config, context.progress.part(0.03, 0.9))
     return _Made(
         policy=aligned.policy,
         gate=aligned.gate,
+        may_be_shown=aligned.gate.passed,
         config={**config.as_dict(), "replay_sha256": aligned.replay_sha256},
         results={"chosen_checkpoint": aligned.chosen, "history": aligned.history},
         parents=[],
@@ -201,9 +239,14 @@ def _usual_model(params: AlignParams) -> str:
     return "mlp" if params.recipe == "thesis" else "linear"
 
 
-def align_config(params: AlignParams) -> AlignConfig:
+def align_config(params: AlignParams, setup: str) -> AlignConfig:
     """The recipe's configuration with what the parameters change."""
-    config = thesis_config(seed=params.seed) if params.recipe == "thesis" else AlignConfig(seed=params.seed)
+    if params.recipe == "thesis":
+        config = thesis_config(seed=params.seed)
+    elif params.start == "conditioned":
+        config = refine_config(setup, seed=params.seed)
+    else:
+        config = AlignConfig(seed=params.seed)
     changes: dict[str, Any] = {
         "gate_scenes": params.gate_scenes,
         "gate_min_success": params.gate_least_success,
