@@ -16,6 +16,9 @@ ROOT = Path(__file__).resolve().parents[2]
 DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
     "alignment reward, no ensemble training and no evaluation.",
+    "calm": "Through the second half of base training the actor's loss also holds a weight times the mean squared turn "
+    "rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
+    "ensemble training and no alignment.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "
     "here.",
     "environments": "Many environments in a fast kinematic engine instead of one in iGibson; updates per step differ.",
@@ -23,10 +26,19 @@ DEPARTURES = {
     "chosen on scenes that no reported number uses.",
     "ensemble_start": "Members start from a buffer regenerated from the base policy and the seed, not from the one of "
     "its training.",
+    "ensemble_choice": "A member is the running average of its actor's weights at one of several checkpoints. Of those "
+    "with enough success on the selection scenes the ones were kept that together differ most; the thesis keeps the "
+    "last weights.",
     "pair_filters": "Besides collisions, self-intersections and timeouts, pairs are dropped that are too long to watch "
     "or that a person could hardly tell apart.",
     "instant": "Recipe A of the specification instead of an alignment: a policy that was trained for all preference "
     "weights beforehand is told those that the answers speak for.",
+    "conditioned": "Not in the thesis: nine preference weights are further inputs of the policy; aligning it takes no "
+    "training (recipe A of the specification).",
+    "progress_conditioned": "Its training adds +1 per metre of progress and a cost per step, and other rewards for "
+    "goal, collision and self-intersection than the setup's (config: stakes); evaluation uses none of these.",
+    "refine_instant": "Refinement goes on from the conditioned policy at those weights, by the rewards of its "
+    "training; it is shown only where it is better on scenes that served nothing else.",
     "refine": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, the "
     "preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",
