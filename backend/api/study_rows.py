@@ -96,6 +96,7 @@ class Answer:
     code: str
     simulated: bool
     excluded: bool
+    withdrawn: bool
     trial: Trial | None
 
 
@@ -308,6 +309,7 @@ def answers(s: DatabaseSession, study_id: str, where: AnswerFilter) -> list[Answ
             participant.code,
             participant.simulated,
             participant.excluded_at is not None,
+            participant.withdrawn_at is not None,
             trial,
         )
         for response, participant, trial in s.execute(query)
