@@ -161,7 +161,7 @@ def input_gradient(gradient: Floats, seen: Head, layers: Weights, columns: slice
     unused = np.empty(layers[1][1].size, dtype=np.float32)
     at_second: Floats = gradient @ layers[2][0].T
     relu_backward(at_second, seen.second, unused)
-    at_first = at_second @ layers[1][0].T
+    at_first: Floats = at_second @ layers[1][0].T
     relu_backward(at_first, seen.first, np.empty(layers[0][1].size, dtype=np.float32))
     inputs: Floats = at_first @ layers[0][0][columns].T
     return inputs

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from backend.analysis.metrics import action_diversity, success_rate
+from backend.learning.backprop import move_towards
 from backend.learning.base import OnProgress, no_progress, policy_of
 from backend.learning.errors import LearningError
-from backend.learning.networks import actor_forward, use_one_thread
+from backend.learning.networks import use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer, collect
 from backend.learning.scene_sets import Purpose, scene_set
@@ -50,7 +51,10 @@ class EnsembleConfig:
     batch_size: int = 128  # ours
     exploration: tuple[float, float] = (0.05, 0.3)  # ours
     base_transitions: int = 200_000  # ours: of the regenerated base buffer that each member starts with
-    selection_scenes: int = 500  # ours: for the success rate on the card
+    average_decay: float = 0.999  # ours: running average of each actor's weights, per update; candidates are averages
+    checkpoints: int = 8  # ours: candidates per member, spread over the last half
+    selection_scenes: int = 500  # ours: in which the candidates' success is measured
+    min_success: float = 0.93  # ours: of a candidate in the selection scenes, while a member has one that reaches it
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -58,9 +62,13 @@ class EnsembleConfig:
 
 @dataclass(frozen=True)
 class EnsembleResult:
-    """The members with their measured success rates (selection scenes) and the ensemble's mean action diversity."""
+    """The chosen members, the steps each was taken at, their success rates (selection scenes: optimistic), and the
+
+    ensemble's mean action diversity.
+    """
 
     members: list[Policy]
+    steps: list[int]
     success_rates: list[float]
     diversity: float
     base_buffer_sha256: str
@@ -99,9 +107,12 @@ def train_ensemble(
     marks: Sequence[int] = (),
     on_members: OnMembers = keep_no_members,
 ) -> EnsembleResult:
-    """Train all members side by side on the core reward, each on its own environments and buffer.
+    """Train all members side by side on the core reward, each on its own environments and buffer, then choose.
 
-    marks: numbers of steps (multiples of `n_envs`) at which `on_members` is given the members as they are then.
+    Members oscillate: of each, the averaged weights at several checkpoints are candidates, and the candidates with
+    enough success that together differ most are kept (`choose_candidates`).
+    marks: numbers of steps (multiples of `n_envs`) at which `on_members` is given the members as they are then, neither
+    averaged nor chosen.
     """
     config = config or EnsembleConfig()
     if config.members < 2:
@@ -115,6 +126,7 @@ def train_ensemble(
         tau=config.tau,
     )
     agents = [agent_of(base, td3, seed=config.seed * 1000 + k) for k in range(config.members)]
+    averages = [agent.actor.flat.clone() for agent in agents]
     start = collect(base, config.base_transitions, noise=config.exploration, seed=config.seed)
     buffers: list[ReplayBuffer] = []
     explorers: list[Explorer] = []
@@ -125,25 +137,65 @@ def train_ensemble(
         seed = config.seed * 1000 + 100 + k
         explorers.append(Explorer(FastEngine(setup, config.n_envs, seed=seed), noise=config.exploration, seed=seed))
     sampler = torch.Generator().manual_seed(config.seed)
+    candidates: list[list[Policy]] = []
+    taken_at: list[int] = []
     done = 0
     while done < config.steps:
         for agent, explorer, buffer in zip(agents, explorers, buffers, strict=True):
             explorer.step(agent.act, buffer)
         for _ in range(config.n_envs):
-            for agent, buffer in zip(agents, buffers, strict=True):
+            for agent, buffer, average in zip(agents, buffers, averages, strict=True):
                 _update_member(agent, agents, buffer, sampler, setup.distance_scale_m, config)
+                move_towards(average.numpy(), agent.actor.flat.numpy(), np.float32(1 - config.average_decay))
         done += config.n_envs
         if done % (40 * config.n_envs) == 0:
-            on_progress(done / config.steps, {"steps": done})
+            on_progress(min(1.0, done / config.steps), {"steps": done})
         if done in marks:
             on_members(done, [policy_of(agent, setup.name).without_critic() for agent in agents])
-    members = [policy_of(agent, setup.name).without_critic() for agent in agents]
+        if done >= config.steps * (0.5 + 0.5 * (len(candidates) + 1) / config.checkpoints):
+            taken_at.append(done)
+            candidates.append(
+                [policy_of(a, setup.name, mean).without_critic() for a, mean in zip(agents, averages, strict=True)]
+            )
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
-    success = [success_rate(evaluate(member.act, setup, scenes).outcome) for member in members]
+    success = np.array([[success_rate(evaluate(c.act, setup, scenes).outcome) for c in row] for row in candidates])
     states = start.sample(1_000, sampler).observations.numpy()  # thesis 6.5.1.1: 1,000 states from the replay buffer
+    actions = np.stack([np.stack([c.act(states) for c in row]) for row in candidates])
+    chosen = choose_candidates(success, actions, config.min_success)
     return EnsembleResult(
-        members, success, action_diversity([member.act(states) for member in members]), start.digest()
+        [candidates[row][k] for k, row in enumerate(chosen)],
+        [taken_at[row] for row in chosen],
+        [float(success[row, k]) for k, row in enumerate(chosen)],
+        action_diversity([actions[row, k] for k, row in enumerate(chosen)]),
+        start.digest(),
     )
+
+
+def choose_candidates(success: NDArray[np.float64], actions: Floats, min_success: float) -> list[int]:
+    """For each member the checkpoint to keep: with enough success, and together as diverse as can be found.
+
+    success: (checkpoints, members). actions: (checkpoints, members, states, 2), what each candidate would do in the
+    same states. A member none of whose candidates succeeds often enough keeps its most successful one. Members are
+    improved in turn until none can be: a good choice, not provably the best of all checkpoints ** members.
+    """
+    n_checkpoints, n_members = success.shape
+    flat = actions.reshape(n_checkpoints * n_members, -1).astype(np.float64)
+    squares = (flat**2).sum(1)
+    apart = (squares[:, None] + squares[None] - 2 * flat @ flat.T).reshape(*success.shape, *success.shape)
+    allowed = [np.flatnonzero(success[:, k] >= min_success) for k in range(n_members)]
+    allowed = [rows if len(rows) else np.array([success[:, k].argmax()]) for k, rows in enumerate(allowed)]
+    chosen = [int(rows[-1]) for rows in allowed]
+    changed = True
+    while changed:
+        changed = False
+        for k in range(n_members):
+            others = [j for j in range(n_members) if j != k]
+            gain = sum(apart[allowed[k], k, chosen[j], j] for j in others)
+            best = int(allowed[k][np.argmax(gain)])
+            current = sum(apart[chosen[k], k, chosen[j], j] for j in others)
+            if np.max(gain) > current + 1e-9:
+                chosen[k], changed = best, True
+    return chosen
 
 
 def _update_member(
@@ -155,8 +207,7 @@ def _update_member(
     config: EnsembleConfig,
 ) -> None:
     def term(observations: Tensor, actions: Tensor) -> Tensor:
-        with torch.no_grad():
-            others = [actor_forward(observations, other.actor.layers) for other in agents if other is not agent]
+        others = [torch.from_numpy(other.act(observations.numpy())) for other in agents if other is not agent]
         return diversity_loss(actions, others, observations[:, 0] * distance_scale_m, config.kappa)
 
     agent.update(buffer.sample(config.batch_size, sampler), term)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.shape import NetworkShape
-from backend.simulation.setups import Setup, SetupError, get_setup, require_same
+from backend.simulation.setups import SetupError, get_setup
 
 Floats = NDArray[np.float32]
 FORMAT = "desirepath-policy-1"
@@ -128,10 +128,6 @@ class Policy:
             x += self.actor[2 * k + 1]
             np.maximum(x, 0, out=x)
         return x
-
-    def require_setup(self, setup: Setup | str) -> None:
-        """Raise SetupError unless the policy belongs to that setup."""
-        require_same(policy=self.setup, needed=setup if isinstance(setup, str) else setup.name)
 
     def commands(self, actions: Floats) -> Floats:
         """actions (n, 2) in [-1, 1] -> (n, 2) linear velocity (m/s) and angular velocity (rad/s)."""

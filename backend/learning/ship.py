@@ -1,6 +1,7 @@
-"""Making the shipped artefacts and their cards: `python -m backend.learning.ship base|ensemble|queries SETUP`.
+"""Making the shipped artefacts and their cards.
 
-The science lives in the algorithms' files; finding what was shipped lives in `shipped.py`.
+`python -m backend.learning.ship base|ensemble|conditioned|queries SETUP --seed N`. The science lives in the algorithms'
+files; finding what was shipped lives in `shipped.py`.
 """
 
 from __future__ import annotations
@@ -14,17 +15,21 @@ import numpy as np
 
 from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.base import BaseConfig, OnProgress, no_progress, train_base
+from backend.learning.conditioned import settings
+from backend.learning.conditioned_training import ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.ensemble import EnsembleConfig, train_ensemble
 from backend.learning.evaluate import evaluate_policy
+from backend.learning.movement import movement_of
 from backend.learning.policy import Policy
 from backend.learning.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
-from backend.learning.scene_sets import Purpose, describe
+from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.shipped import DATASETS
 from backend.simulation.setups import SETUPS
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
 SHIPPED_QUERIES = 200
+FIRST_CONDITIONED_REPORT_SEED = 300  # reporting scenes that nothing else uses
 
 
 def report(policy: Policy) -> dict[str, Any]:
@@ -39,34 +44,45 @@ def report_scenes() -> dict[str, Any]:
     return {"report": [describe(Purpose.REPORT, REPORT_SCENES, seed) for seed in REPORT_SEEDS]}
 
 
-def ship_base(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
-    """Train, measure and store one base policy, critic included: alignment starts from it."""
-    config = BaseConfig(setup=setup, seed=seed)
-    result = train_base(config, on_progress)
-    return store_base(result.policy, config, result.selection_success, folder)
+def store_policy(policy: Policy, name: str, config: BaseConfig | EnsembleConfig, folder: Path, **told: Any) -> Card:
+    """Write a trained policy, measured on the reporting scenes, with its card.
 
-
-def store_base(policy: Policy, config: BaseConfig, selection_success: float, folder: Path) -> Card:
-    """Write a trained base policy with its card."""
-    path = folder / config.setup / "base.npz"
+    name: `SETUP/base` or `SETUP/ensemble/K`. told: further fields of the card; its `results` join the measured ones.
+    """
+    setup, what = name.split("/")[:2]
+    path = folder / f"{name}.npz"
     policy.save(path)
     card = Card(
         kind="policy",
-        name=f"{config.setup}/base",
-        setup=config.setup,
+        name=name,
+        setup=setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m backend.learning.ship base {config.setup} --seed {config.seed}",
+        command=f"python -m backend.learning.ship {what} {setup} --seed {config.seed}",
         seed=config.seed,
         commit=source_commit(),
         config=config.as_dict(),
         scenes={"select": describe(Purpose.SELECT, config.selection_scenes, config.seed)} | report_scenes(),
-        results=report(policy) | {"selection_success_rate": selection_success},
-        departures=[DEPARTURES[key] for key in ("progress", "heads", "environments", "average")],
-        notes=["The file also holds the critic, from which ensembles and alignment go on."],
+        results=report(policy) | told.pop("results"),
+        **told,
     )
     card.save(card_path(path))
     return card
+
+
+def ship_base(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Train, measure and store one base policy, critic included: alignment starts from it."""
+    config = BaseConfig(setup=setup, seed=seed)
+    result = train_base(config, on_progress)
+    return store_policy(
+        result.policy,
+        f"{setup}/base",
+        config,
+        folder,
+        results={"selection_success_rate": result.selection_success},
+        departures=[DEPARTURES[key] for key in ("progress", "calm", "heads", "environments", "average")],
+        notes=["The file also holds the critic, from which ensembles and alignment go on."],
+    )
 
 
 def ship_ensemble(
@@ -76,38 +92,59 @@ def ship_ensemble(
     base_path = folder / setup / "base.npz"
     config = EnsembleConfig(seed=seed)
     result = train_ensemble(Policy.load(base_path), config, on_progress)
-    return store_ensemble(result.members, config, result.diversity, result.base_buffer_sha256, folder)
-
-
-def store_ensemble(
-    members: list[Policy], config: EnsembleConfig, diversity: float, base_buffer_sha256: str, folder: Path
-) -> list[Card]:
-    """Write trained members, each with its card."""
-    setup = members[0].setup
-    base_path = folder / setup / "base.npz"
-    cards = []
-    for k, member in enumerate(members):
-        path = folder / setup / "ensemble" / f"{k}.npz"
-        member.save(path)
-        card = Card(
-            kind="policy",
-            name=f"{setup}/ensemble/{k}",
-            setup=setup,
-            file=path.name,
-            sha256=file_sha256(path),
-            command=f"python -m backend.learning.ship ensemble {setup} --seed {config.seed}",
-            seed=config.seed,
-            commit=source_commit(),
-            config=config.as_dict(),
-            scenes={"select": describe(Purpose.SELECT, config.selection_scenes, config.seed)} | report_scenes(),
-            results=report(member) | {"ensemble_action_diversity": diversity},
-            parents={f"{setup}/base": file_sha256(base_path), "regenerated base buffer": base_buffer_sha256},
-            departures=[DEPARTURES[key] for key in ("heads", "environments", "ensemble_start")],
-            notes=[f"Member {k} of {len(members)}; the last weights of training, none chosen by success."],
+    parents = {f"{setup}/base": file_sha256(base_path), "regenerated base buffer": result.base_buffer_sha256}
+    return [
+        store_policy(
+            member,
+            f"{setup}/ensemble/{k}",
+            config,
+            folder,
+            results={"ensemble_action_diversity": result.diversity, "selection_success_rate": result.success_rates[k]},
+            parents=parents,
+            departures=[DEPARTURES[key] for key in ("heads", "environments", "ensemble_start", "ensemble_choice")],
+            notes=[f"Member {k} of {len(result.members)}; averaged weights around step {result.steps[k]}."],
         )
-        card.save(card_path(path))
-        cards.append(card)
-    return cards
+        for k, member in enumerate(result.members)
+    ]
+
+
+def ship_conditioned(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Train, measure and store the conditioned policy that starts from the base policy in the same folder."""
+    base_path = folder / setup / "base.npz"
+    base = Policy.load(base_path)
+    config = ConditionedConfig(setup=setup, seed=seed)
+    result = train_conditioned(base, config, on_progress)
+    return store_conditioned(result, config, base_path, folder)
+
+
+def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base_path: Path, folder: Path) -> Card:
+    """Write a trained conditioned policy with its card: what each objective at full strength moves, and how surely."""
+    path = folder / config.setup / "conditioned.npz"
+    result.policy.save(path)
+    reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed
+    scenes = scene_set(config.setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
+    told = {name: result.policy.at(weights) for name, weights in settings().items()}
+    card = Card(
+        kind="conditioned_policy",
+        name=f"{config.setup}/conditioned",
+        setup=config.setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.learning.ship conditioned {config.setup} --seed {config.seed}",
+        seed=config.seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={
+            "select": describe(Purpose.SELECT, config.selection_scenes, config.seed),
+            "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
+        },
+        results=movement_of(told, Policy.load(base_path), scenes).report() | {"selection": result.selection.summary()},
+        parents={f"{config.setup}/base": file_sha256(base_path)},
+        departures=[DEPARTURES[key] for key in ("conditioned", "progress_conditioned", "environments", "average")],
+        notes=["`told` and `moved`: each objective alone at full strength; `neutral`: nothing wanted."],
+    )
+    card.save(card_path(path))
+    return card
 
 
 def ship_queries(
@@ -163,7 +200,7 @@ def describe_queries(queries: QuerySet) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
-    parser.add_argument("what", choices=("base", "ensemble", "queries"))
+    parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries"))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
@@ -173,7 +210,12 @@ def main() -> None:
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in metrics.items())
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
-    ship = {"base": ship_base, "ensemble": ship_ensemble, "queries": ship_queries}[arguments.what]
+    ship = {
+        "base": ship_base,
+        "ensemble": ship_ensemble,
+        "conditioned": ship_conditioned,
+        "queries": ship_queries,
+    }[arguments.what]
     ship(arguments.setup, arguments.seed, arguments.out, show)
 
 

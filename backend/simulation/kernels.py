@@ -79,9 +79,10 @@ def finish_row(row: Row) -> None:
 
 @compiled
 def wrap(angle: float) -> float:
-    """The same angle in [-pi, pi)."""
+    """The same angle in (-pi, pi]."""
     turns = math.floor((angle + math.pi) / (2 * math.pi))
-    return angle - 2 * math.pi * turns
+    wrapped = angle - 2 * math.pi * turns
+    return wrapped if wrapped > -math.pi else wrapped + 2 * math.pi
 
 
 @compiled

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
+import torch
 
-from backend.learning.base import BaseConfig, BaseResult, BaseTraining, train_base
+from backend.learning.base import BaseConfig, BaseResult, BaseTraining, calm_loss, train_base
 from backend.learning.replay import collect
 
 
@@ -37,6 +39,18 @@ def test_the_progress_term_enters_base_training_only(tiny_base: BaseResult, tiny
 def test_a_regenerated_buffer_is_the_same_for_the_same_seed(tiny_base: BaseResult) -> None:
     digests = [collect(tiny_base.policy, 1_000, noise=(0.05, 0.5), seed=seed).digest() for seed in (1, 1, 2)]
     assert digests[0] == digests[1] != digests[2]
+
+
+def test_turning_costs_only_from_the_second_half_on() -> None:
+    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100))
+    weights = []
+    for updates in (0, 50, 60, 75, 100):
+        training.agent.updates = updates
+        weights.append(training._calm_weight())
+    assert weights[:2] == [0, 0]
+    assert 0 < weights[2] < weights[3] == weights[4] == training.config.calm_weight
+    actions = torch.tensor([[0.3, -1.0], [-1.0, 0.5]])
+    assert float(calm_loss(actions, 0.2)) == pytest.approx(0.2 * (1 + 0.25) / 2)
 
 
 def test_the_learning_rate_falls_only_in_the_second_half() -> None:

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from backend.learning.base import BaseResult
-from backend.learning.ensemble import EnsembleConfig, diversity_loss, goal_modulation, train_ensemble
+from backend.learning.ensemble import EnsembleConfig, choose_candidates, diversity_loss, goal_modulation, train_ensemble
 from backend.learning.errors import LearningError
 
 TINY = EnsembleConfig(
@@ -41,7 +41,7 @@ def test_its_gradient_agrees_with_finite_differences() -> None:
     others = [torch.rand(6, 2, generator=generator, dtype=torch.float64) * 2 - 1 for _ in range(3)]
     goal_distance = torch.rand(6, generator=generator, dtype=torch.float64) * 10
     assert torch.autograd.gradcheck(lambda a: diversity_loss(a, others, goal_distance, 0.0625), (own,))
-    diversity_loss(own, others, goal_distance, 0.0625).backward()
+    torch.autograd.backward(diversity_loss(own, others, goal_distance, 0.0625))
     step = 1e-6
     for row, column in ((0, 0), (3, 1), (5, 0)):
         shifted = []
@@ -59,6 +59,15 @@ def test_members_differ_more_with_the_term_than_without(tiny_base: BaseResult) -
     assert len(with_term.members) == len(with_term.success_rates) == 3
     assert with_term.diversity > 1.5 * without.diversity
     assert with_term.base_buffer_sha256 == without.base_buffer_sha256
+
+
+def test_candidates_are_chosen_by_success_first_and_difference_second() -> None:
+    success = np.array([[0.95, 0.5, 0.99], [0.97, 0.8, 0.50], [0.99, 0.7, 0.96]])
+    actions = np.zeros((3, 3, 1, 2), dtype=np.float32)
+    actions[:, 0, 0, 0] = [-1.0, 0.0, 0.5]  # the first member differs most at its first checkpoint
+    actions[:, 2, 0, 0] = [0.2, 9.0, 1.0]  # the third at its second, but that one fails half the time
+    assert choose_candidates(success, actions, 0.9) == [0, 1, 2]  # the second never reaches 0.9: its best
+    assert choose_candidates(success, actions, 0.0)[2] == 1
 
 
 def test_an_actor_alone_cannot_start_an_ensemble(tiny_base: BaseResult) -> None:

@@ -94,7 +94,7 @@ def test_layer_views_and_flat_vector_are_the_same_memory() -> None:
     parameters.initialise(torch.Generator().manual_seed(0))
     observations = torch.rand(5, OPEN_FIELD.observation_size)
     before = actor_forward(observations, parameters.layers)
-    before.sum().backward()
+    torch.autograd.backward(before.sum())
     assert parameters.grad is not None
     assert parameters.grad.abs().sum() > 0
     with torch.no_grad():

@@ -42,6 +42,14 @@ def drive(scene: Scene, actions: list[tuple[float, float]], setup: Setup = OPEN_
     return engine
 
 
+def test_angles_are_wrapped_to_above_minus_pi_and_up_to_pi() -> None:
+    """Spec 00: (-pi, pi]."""
+    for angle, wrapped in ((math.pi, math.pi), (-math.pi, math.pi), (0.0, 0.0), (3.2, 3.2 - 2 * math.pi)):
+        assert kernels.wrap(angle) == pytest.approx(wrapped, abs=1e-12)
+    assert kernels.wrap(-3.2) == pytest.approx(2 * math.pi - 3.2)
+    assert kernels.wrap(-7.0) == pytest.approx(2 * math.pi - 7.0)
+
+
 # --- motion -----------------------------------------------------------------------------------------------------------
 
 
