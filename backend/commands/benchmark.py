@@ -40,7 +40,7 @@ def train(
 @plain_errors
 def align(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
-    mode: Annotated[str, typer.Option(help="refine.")] = "refine",
+    mode: Annotated[str, typer.Option(help="instant, refine, from_base or thesis.")] = "refine",
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
     queries: Annotated[int, typer.Option(min=2)] = 15,
     seed: Annotated[int, typer.Option()] = 0,
@@ -48,7 +48,7 @@ def align(
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes."""
-    from backend.learning.benchmark import benchmark_align
+    from backend.learning.benchmark_align import benchmark_align
 
     result = benchmark_align(setup=setup, mode=mode, oracle=oracle, queries=queries, seed=seed, noise=noise)
     say(result, as_json)

@@ -1,15 +1,13 @@
-"""How long training and alignment take on this machine, and what they reach. Ratios come from one run.
+"""How long base training takes on this machine, and what it reaches. Ratios come from one run.
 
-Clocks live here and nowhere else in this room.
+Clocks live here and in `benchmark_align.py`, nowhere else in this room.
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,20 +15,12 @@ import numpy as np
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 
 from backend.analysis.metrics import success_rate
-from backend.learning.align import AlignConfig, AlignResult, align, thesis_config
 from backend.learning.base import BaseConfig, BaseTraining
 from backend.learning.errors import LearningError
-from backend.learning.evaluate import compare_policies, evaluate_policy
 from backend.learning.networks import use_one_thread
-from backend.learning.oracles import make_oracle
 from backend.learning.policy import Policy
-from backend.learning.preferences import Preference
-from backend.learning.queries import QueryConfig, generate_queries
-from backend.learning.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.reward_model import RewardModel, fit_linear
 from backend.learning.sb3 import policy_of_sb3, sb3_td3
 from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.shipped import load_ensemble, load_policy
 from backend.learning.td3 import Td3Config
 from backend.simulation.environments import FastVecEnv, NavigationEnv
 from backend.simulation.fast import evaluate
@@ -40,8 +30,6 @@ TARGET = 0.94
 ARMS = ("fast", "sb3_fast", "sb3_pybullet")
 CHECK_SCENES, CONFIRM_SCENES = 500, 2_000
 FIRST_CONFIRM_SEED = 100  # reporting scenes that no card uses
-FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
-LONGEST_DRIVE_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
 
 
 @dataclass(frozen=True)
@@ -221,68 +209,3 @@ def _median(values: Sequence[float | None]) -> float | None:
 
 def _ratio(slow: float | None, fast: float | None) -> float | None:
     return None if slow is None or fast is None else slow / fast
-
-
-def _fit_and_align(base: Policy, preferences: list[Preference], config: AlignConfig) -> AlignResult:
-    """What happens after the last answer, whole; runs in a process of its own."""
-    use_one_thread()
-    thesis = config.recipe == "thesis"
-    model: RewardModel = fit_mlp(preferences, MlpConfig(seed=config.seed)) if thesis else fit_linear(preferences)
-    return align(base, model, config)
-
-
-def benchmark_align(
-    *,
-    setup: str = "open_field",
-    mode: str = "refine",
-    oracle: str = "min-human-distance",
-    queries: int = 15,
-    seed: int = 0,
-    noise: float = 0.0,
-    n: int = 2_000,
-    config: AlignConfig | None = None,
-) -> dict[str, Any]:
-    """From the last answer to a policy ready to show, and what it gained.
-
-    `seconds` counts the start of the training process with its imports, the reward model, the alignment with its
-    regenerated buffer, and the gate. Queries are fresh ones of the shipped ensemble. `base` and `aligned` are as from
-    `evaluate`; `paired_gain` is the ratio of mean minimum human distances (aligned / base) over the scenes in which
-    both succeed, with its 95 % interval.
-    """
-    configs = {"refine": AlignConfig(seed=seed), "thesis": thesis_config(seed=seed)}
-    if mode not in configs:
-        raise LearningError(f"mode = {mode!r}: known are {', '.join(configs)}")
-    config = config or configs[mode]
-    base = load_policy(f"{setup}/base")
-    query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
-    asked = generate_queries(load_ensemble(setup), query_config)
-    preferences = make_oracle(oracle, noise=noise, seed=seed).answer(asked.queries)
-    began = time.perf_counter()
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        result = pool.submit(_fit_and_align, base, preferences, config).result()
-    seconds = time.perf_counter() - began
-    report_seed = FIRST_CONFIRM_SEED + seed
-    compared = compare_policies(base, result.policy, n=n, seed=report_seed)
-    return {
-        "setup": setup,
-        "mode": mode,
-        "oracle": oracle,
-        "noise": noise,
-        "queries": queries,
-        "seed": seed,
-        "seconds": seconds,
-        "base": evaluate_policy(base, n=n, seed=report_seed),
-        "aligned": evaluate_policy(result.policy, n=n, seed=report_seed),
-        "paired_gain": compared["paired"]["min_human_distance_m"]["ratio"],
-        "paired": compared["paired"],
-        "success_difference": compared["success_difference"],
-        "both_succeed": compared["both_succeed"],
-        "ceiling_m": compared["ceiling_m"],
-        "gate": {
-            "passed": result.gate.passed,
-            "success_rate": result.gate.success_rate,
-            "base_success_rate": result.gate.base_success_rate,
-        },
-        "preference_weight": result.preference_weight,
-        "chosen_checkpoint": result.chosen,
-    }

@@ -54,7 +54,7 @@ def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
 def best_possible(scenes: Sequence[Scene]) -> Doubles:
     """(n, 9) the measure of each objective that no policy can better in that scene, whatever it gives up for it.
 
-    farther: spec 06's ceiling, to the goal's centre, which who stops at its edge may pass by its radius; closer: contact;
+    farther: spec 06's ceiling, to the goal's centre, which its edge may pass by its radius; closer: contact;
     sides: straight beside; clearance: what the start has, at most 0.8 m; shorter and faster: the straight way at full
     speed; smoother: the turn towards the goal's edge; slower: standing.
     """
@@ -143,10 +143,11 @@ class Movement:
             "scenes": len(self.possible),
             "base": _described(self.base),
             "told": {name: _described(drives) for name, drives in self.told.items()},
-            "moved": {name: self._moved(name) for name in self.shares},
+            "moved": {name: self.moved(name) for name in self.shares},
         }
 
-    def _moved(self, name: str) -> dict[str, Any]:
+    def moved(self, name: str) -> dict[str, Any]:
+        """What telling this objective changed: its measure, paired gains and the share of the way, with intervals."""
         k = NAMES.index(name)
         columns = self._columns(name)
         estimated = interval(self.shares[name], _share(resampled_means(columns))) if len(columns) else NOTHING
