@@ -57,7 +57,7 @@ def test_angles_are_wrapped_to_above_minus_pi_and_up_to_pi() -> None:
 @settings(max_examples=60, deadline=None)
 def test_twenty_equal_steps_end_where_the_circle_says(v: float, w: float, yaw: float) -> None:
     engine = drive(replace(EMPTY, start=Pose(1.0, -2.0, yaw)), [(v, w)] * 20)
-    speed, turn = (np.float32(v) + 1) / 2 * 0.5, np.float32(w) * math.pi
+    speed, turn = (float(np.float32(v)) + 1) / 2 * 0.5, float(np.float32(w)) * math.pi
     t = 20 * 0.2
     if abs(turn) < 1e-6:
         x, y = speed * t * math.cos(yaw), speed * t * math.sin(yaw)
