@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 MOST_KEPT = 24  # figures; about one MB each
 IDLE_S = 300.0  # after that the process gives its memory back (about 300 MB)
-LONGEST_S = 60.0  # a figure takes about three; longer than this and something is wrong
+LONGEST_S = 120.0  # a figure takes about three; longer than this and something is wrong
 MOST_WAITING = 4
-NICENESS = 10
+NICENESS = 5  # an analyst waits for it, so before analysts' trainings, but after everything of participants
 
 
 class FigureError(RuntimeError):

@@ -134,7 +134,15 @@ def encoded(figure: Figure, form: Literal["png", "svg"], about: str) -> bytes:
         # No date and no program, so that a figure made again is the same file.
         unsaid = {"Date": None, "Creator": None} if form == "svg" else {"Software": None}
         metadata = {"Description": about, **unsaid}
-        figure.savefig(out, format=form, dpi=DOTS_PER_INCH, facecolor=PAPER, metadata=metadata)
+        figure.savefig(
+            out,
+            format=form,
+            dpi=DOTS_PER_INCH,
+            facecolor=PAPER,
+            metadata=metadata,
+            bbox_inches="tight",
+            pad_inches=0.06,
+        )
     return out.getvalue()
 
 
