@@ -207,7 +207,7 @@ class StageBridge:
         reason = "unknown_stage" if session is None else self._reason_against(session, proof, cookies)
         if reason is None:
             return StageGrant(session_id)
-        if first_this_hour(token_hash(token), reason):
+        if first_this_hour(self._house.database, token_hash(token), reason):
             with self._house.database.transaction() as s:
                 log_event(s, "refused", session_id=session.id if session else None, code=reason, request="stage")
         return None
@@ -231,7 +231,7 @@ class StageBridge:
         """The door refused something by its own rules: into the event log, too."""
         if reason.endswith("not admitted"):  # `admit` has written down why
             return
-        if first_this_hour("stage door", token_prefix, reason):
+        if first_this_hour(self._house.database, "stage door", token_prefix, reason):
             log.warning("stage door refused", reason=reason)
             threading.Thread(target=self._log_refusal, args=(reason,), daemon=True).start()
 

@@ -16,6 +16,7 @@ from typing import Any, Literal, cast
 
 from sqlalchemy import CursorResult, select, update
 from sqlalchemy.orm import Session as DatabaseSession
+from sqlalchemy.orm.attributes import set_committed_value
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
@@ -24,7 +25,7 @@ from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
 from backend.study import asking, personalisation
 from backend.study.answers import checked_value
-from backend.study.pages import payload_of
+from backend.study.pages import payload_of, trial_payload
 from backend.study.planning import Step
 from backend.study.protocol import thaw
 from backend.study.refusals import Refused
@@ -98,9 +99,15 @@ def step_of(session: Session) -> Step:
 
 
 def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) -> Trial | None:
-    """The trial of a step, of the current one unless told."""
-    key = step_key or step_of(session)["key"]
-    return s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == key)).first()
+    """The trial of a step, of the current one unless told. Asked for once in a transaction: its session is locked."""
+    known: dict[tuple[str, str], Trial] = s.info.setdefault("trials", {})
+    key = (session.id, step_key or step_of(session)["key"])
+    if key not in known:
+        found = s.scalars(select(Trial).where(Trial.session_id == key[0], Trial.step_key == key[1])).first()
+        if found is None:
+            return None
+        known[key] = found
+    return known[key]
 
 
 def playback_id(trial: Trial, drive: Drive) -> str:
@@ -123,14 +130,17 @@ def current(s: DatabaseSession, session: Session) -> StepView:
     if session.state in ("paused", "withdrawn", "expired"):
         return StepView(session.state, session.state, session.position, total)
     step = step_of(session)
-    study = s.get_one(Study, session.study_id)
-    trial = trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
+    if step["kind"] in TRIAL_KINDS:
+        trial, payload = trial_of(s, session), trial_payload(step)
+    else:
+        frozen = thaw(s.get_one(Study, session.study_id))
+        trial, payload = None, payload_of(frozen, step, session.language, completion_code=session.completion_code)
     return StepView(
         kind=step["kind"],
         key=step["key"],
         index=session.position,
         total=total,
-        payload=payload_of(thaw(study), step, session.language, completion_code=session.completion_code),
+        payload=payload,
         trial=_trial_state(s, trial) if trial is not None else None,
     )
 
@@ -149,7 +159,13 @@ def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
 
 
 def _duration_s(s: DatabaseSession, trial: Trial, drive: Drive) -> float:
-    return s.get_one(TrajectoryRow, trial.trajectory_a if drive == "a" else trial.trajectory_b).duration_s
+    trajectory = trial.trajectory_a if drive == "a" else trial.trajectory_b
+    if trajectory not in _durations_s:
+        _durations_s[trajectory] = s.get_one(TrajectoryRow, trajectory).duration_s
+    return _durations_s[trajectory]
+
+
+_durations_s: dict[str, float] = {}  # by the trajectory's sha256, so never stale; one number per trajectory shown
 
 
 # ---- trials ----------------------------------------------------------------------------------------------------------
@@ -356,7 +372,7 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
         session,
         update(Session).where(Session.id == session.id, Session.position == session.position).values(position=to),
     )
-    s.refresh(session, ["position"])
+    set_committed_value(session, "position", to)
     step = step_of(session)
     log_event(s, "step_entered", session_id=session.id, step=step["key"])
     study = s.get_one(Study, session.study_id)
@@ -551,7 +567,8 @@ def _set_phase(s: DatabaseSession, trial: Trial, before: str, after: str, now: d
         trial,
         update(Trial).where(Trial.id == trial.id, Trial.phase == before).values(phase=after, phase_since=now),
     )
-    s.refresh(trial, ["phase", "phase_since"])
+    set_committed_value(trial, "phase", after)
+    set_committed_value(trial, "phase_since", now)
 
 
 def _compare_and_set(s: DatabaseSession, row: Session | Trial, statement: Any) -> None:

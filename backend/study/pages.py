@@ -11,6 +11,7 @@ from typing import Any
 from backend.study.planning import Step
 from backend.study.protocol import POINT, FrozenProtocol, local, stage_keys
 from backend.study.schema import ConsentStage, DebriefingStage, Item, Questionnaire, TextStage
+from backend.study.words import TRIAL_KINDS
 
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
 
@@ -20,13 +21,8 @@ def payload_of(
 ) -> dict[str, Any]:
     """The payload of a step for its template."""
     kind = step["kind"]
-    if kind in ("trial", "comparison"):
-        return {
-            "role": step.get("role", "regular"),
-            "view": step["view"],
-            "number": step["number"],
-            "of": step["of"],
-        }
+    if kind in TRIAL_KINDS:
+        return trial_payload(step)
     if kind in ("wait", "guess"):
         return {}  # their words are the same in every study: the catalogues'
     if kind == "questionnaire":
@@ -50,6 +46,11 @@ def payload_of(
             "return_url": url.replace("{code}", completion_code or "") if url else None,
         }
     return {"title": title, "text": text}
+
+
+def trial_payload(step: Step) -> dict[str, Any]:
+    """The payload of a trial or comparison, whose words are the catalogues' and not the study's."""
+    return {"role": step.get("role", "regular"), "view": step["view"], "number": step["number"], "of": step["of"]}
 
 
 def _stage(frozen: FrozenProtocol, step: Step) -> TextStage | ConsentStage | DebriefingStage:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from typing import Any
+from weakref import WeakKeyDictionary
 
 from backend.store.database import Database
 from backend.store.events import log_event
@@ -13,21 +14,22 @@ from backend.store.models import Session
 TOLD_AGAIN_AFTER_S = 3600.0  # ours: a robot that goes on with a dead link fills no log
 MOST_TOLD = 1_000  # links refused within that time; what comes on top is not written down at all
 
-_told: dict[tuple[str, ...], float] = {}  # in the order of time
+_told: WeakKeyDictionary[Database, dict[tuple[str, ...], float]] = WeakKeyDictionary()  # each in the order of time
 _told_lock = threading.Lock()
 
 
-def first_this_hour(*what: str) -> bool:
+def first_this_hour(db: Database, *what: str) -> bool:
     """Whether this was not refused in the last hour, so that it belongs into the log. In memory: a restart forgets."""
     now = time.monotonic()
     with _told_lock:
-        for old in list(_told):
-            if now - _told[old] < TOLD_AGAIN_AFTER_S:
+        told = _told.setdefault(db, {})
+        for old in list(told):
+            if now - told[old] < TOLD_AGAIN_AFTER_S:
                 break
-            del _told[old]
-        if what in _told or len(_told) >= MOST_TOLD:
+            del told[old]
+        if what in told or len(told) >= MOST_TOLD:
             return False
-        _told[what] = now
+        told[what] = now
         return True
 
 
@@ -64,7 +66,7 @@ class Refused(Exception):
 
 def log_refusal(db: Database, refused: Refused, *, request: str) -> None:
     """Write the refusal as an event of its own, after the refused transaction was rolled back; a dead link's once."""
-    if refused.link is not None and not first_this_hour(refused.link, refused.code):
+    if refused.link is not None and not first_this_hour(db, refused.link, refused.code):
         return
     with db.transaction() as s:
         known = refused.session_id is not None and s.get(Session, refused.session_id) is not None

@@ -52,7 +52,6 @@ def told(house: House, code: str) -> int:
 def test_a_dead_link_is_written_down_once_an_hour(
     client: TestClient, house: House, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refusals, "_told", {})
     for _ in range(5):
         assert client.get("/api/session/dead-link").status_code == 404
         bridge_of(house)._admit_participant("dead.stage", {})
@@ -65,7 +64,6 @@ def test_a_dead_link_is_written_down_once_an_hour(
 def test_more_dead_links_than_the_log_takes_are_refused_all_the_same(
     client: TestClient, house: House, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refusals, "_told", {})
     monkeypatch.setattr(refusals, "MOST_TOLD", 3)
     assert [client.get(f"/api/session/guess-{number}").status_code for number in range(6)] == [404] * 6
     assert told(house, "unknown") == 3
