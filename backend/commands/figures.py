@@ -1,4 +1,4 @@
-"""`desirepath flow-field` and `desirepath drives`: figures of how policies behave, with their numbers beside them."""
+"""`desirepath flow-field` and `desirepath trajectories`: figures of how policies behave, with their numbers beside them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FolderFlag = Annotated[Path, typer.Option(help="Folder for the files; made if mi
 def register(app: typer.Typer) -> None:
     """Add this module's commands to the main one."""
     app.command("flow-field")(flow_field)
-    app.command()(drives)
+    app.command()(trajectories)
 
 
 @plain_errors
@@ -53,12 +53,12 @@ def flow_field(
 
 
 @plain_errors
-def drives(
+def trajectories(
     policies: Annotated[list[str], typer.Argument(help="Ids, paths or shipped names, e.g. all of an ensemble.")],
     setup: SetupFlag = None,
     scene: SceneFlag = None,
     starts: Annotated[int, typer.Option(min=1, help="Starts: the scene's own, then far from each other.")] = 6,
-    out: FolderFlag = Path("drives"),
+    out: FolderFlag = Path("trajectories"),
     as_json: JsonFlag = False,
 ) -> None:
     """Draw how several policies drive from several starts in one scene (PNG, SVG, CSV)."""

@@ -76,12 +76,12 @@ def flow_files(
 def starts_files(
     policies: Mapping[str, ActFunction], setup: Setup, scene: Scene, *, starts: int, words: Words = ENGLISH
 ) -> FigureFiles:
-    """All named policies from the same starts in one scene: drives.png, .svg and .csv."""
+    """All named policies from the same starts in one scene: trajectories.png, .svg and .csv."""
     from backend.explain import drawing  # matplotlib is slow to import
 
     drives = flow.drives_from(policies, setup, flow.spread_starts(scene, starts))
     figure = drawing.starts_figure(drives, title=f"{setup.name} {scene.seed}", words=words)
-    about = f"drives, {setup.name} scene {scene.seed}: " + ", ".join(policies)
+    about = f"trajectories, {setup.name} scene {scene.seed}: " + ", ".join(policies)
     shown = len(next(iter(drives.values())))
     numbers = {
         "setup": setup.name,
@@ -94,9 +94,9 @@ def starts_files(
     }
     columns = ("policy", "start", "time_s", "x_m", "y_m", "yaw_rad", "outcome")
     files = {
-        "drives.png": drawing.encoded(figure, "png", about),
-        "drives.svg": drawing.encoded(figure, "svg", about),
-        "drives.csv": _table(columns, _poses(drives)),
+        "trajectories.png": drawing.encoded(figure, "png", about),
+        "trajectories.svg": drawing.encoded(figure, "svg", about),
+        "trajectories.csv": _table(columns, _poses(drives)),
     }
     return FigureFiles(files, numbers)
 
@@ -116,7 +116,7 @@ def _describe(name: str, field: flow.FlowField) -> dict[str, Any]:
         "free_cells": int(field.free.sum()),
         "cells_without_heading": int((field.free & np.isnan(field.heading)).sum()),
         "mean_oscillation_rad": _finite(float(swinging.mean())) if swinging.size else None,
-        "drives": field.drives,
+        "trajectories": field.drives,
         "success_rate": _finite(field.share(Outcome.SUCCESS)),
         "collision_rate": _finite(field.share(Outcome.COLLISION)),
         "timeout_rate": _finite(field.share(Outcome.TIMEOUT)),

@@ -14,9 +14,9 @@ class Words:
     start: str = "start"
     goal: str = "goal"
     person: str = "person, facing"
-    traversals: str = "drives through a cell"
+    traversals: str = "trajectories through a cell"
     heading_difference: str = "angle between headings (rad)"
-    traversals_difference: str = "drives through a cell, B minus A"
+    traversals_difference: str = "trajectories through a cell, B minus A"
     arrows: str = "headings of A (blue) and B (orange)"
     streams: str = "heading; thick: {fastest} m/s"
 

@@ -223,7 +223,7 @@ def test_figure_of_two_policies_has_its_numbers_beside_it():
         assert int(between["traversals_difference"]) == int(second["traversals"]) - int(first["traversals"])
         assert (between["heading_difference_rad"] == "") == ("" in (first["heading_rad"], second["heading_rad"]))
     told = made.numbers["policies"][0]
-    assert sum(row["outcome"] == "success" for row in a) == pytest.approx(told["success_rate"] * told["drives"])
+    assert sum(row["outcome"] == "success" for row in a) == pytest.approx(told["success_rate"] * told["trajectories"])
     assert sum(int(row["free"]) for row in a) == told["free_cells"]
     json.dumps(made.numbers, allow_nan=False)
 
@@ -239,13 +239,13 @@ def test_ensemble_is_drawn_from_several_starts():
     scene = draw_scene("study_room", 3_500_000_001)
     members = {f"member {k}": one.act for k, one in enumerate(load_ensemble("study_room"))}
     made = starts_files({**members, "stands": turn_round}, STUDY_ROOM, scene, starts=3)
-    rows = rows_of(made.files["drives.csv"])
+    rows = rows_of(made.files["trajectories.csv"])
     assert {(row["policy"], row["start"]) for row in rows} == {
         (name, str(k)) for name in [*members, "stands"] for k in range(3)
     }
     assert {row["outcome"] for row in rows if row["policy"] == "stands"} == {"timeout"}
     assert made.numbers["policies"][-1] == {"name": "stands", "arrived": 0}
-    ElementTree.fromstring(made.files["drives.svg"])
+    ElementTree.fromstring(made.files["trajectories.svg"])
 
 
 def test_command_line_writes_files_and_says_what_it_wrote(tmp_path):
