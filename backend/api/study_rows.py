@@ -37,12 +37,13 @@ UNDER_WAY = ("here", "away", "paused")
 
 @dataclass(frozen=True)
 class StudyLine:
-    """One line of the studies list."""
+    """One line of the studies list. `completed`: people; those that are simulated stand apart."""
 
     study: Study
     people: int
     simulated: int
     completed: int
+    completed_simulated: int
     answers: int
     last_answer_at: datetime | None
 
@@ -128,9 +129,9 @@ def study_lines(s: DatabaseSession) -> list[StudyLine]:
     """Every study, newest first."""
     people = _counted(s, select(Participant.study_id, func.count()).where(~Participant.simulated))
     simulated = _counted(s, select(Participant.study_id, func.count()).where(Participant.simulated))
-    completed = _counted(
-        s, select(Session.study_id, func.count()).where(Session.state == "completed"), Session.study_id
-    )
+    finished = select(Session.study_id, func.count()).where(Session.state == "completed")
+    completed = _counted(s, finished.where(~Session.simulated), Session.study_id)
+    completed_simulated = _counted(s, finished.where(Session.simulated), Session.study_id)
     answers = {
         study: (count, last)
         for study, count, last in s.execute(
@@ -145,6 +146,7 @@ def study_lines(s: DatabaseSession) -> list[StudyLine]:
             people.get(study.id, 0),
             simulated.get(study.id, 0),
             completed.get(study.id, 0),
+            completed_simulated.get(study.id, 0),
             *answers.get(study.id, (0, None)),
         )
         for study in s.scalars(select(Study).order_by(Study.created_at.desc(), Study.id))

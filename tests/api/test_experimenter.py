@@ -11,15 +11,16 @@ from urllib.parse import urljoin
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import func, select
+from sqlalchemy import func, select, update
 
 from backend.api import drafts
 from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.api.preview import preview_steps
+from backend.api.study_rows import study_lines
 from backend.learning.queries import QuerySet
 from backend.learning.shipped import load_queries
-from backend.store.models import Base, Event, Participant, Response, Study
+from backend.store.models import Base, Event, Participant, Response, Session, Study
 from backend.store.query_sets import save_query_set
 from backend.study.protocol import freeze
 from tests.api.lab_house import NAME, QUICK, Walked, csrf, sign_in
@@ -58,6 +59,19 @@ def test_empty_list_teaches_the_three_steps(lab):
     page = lab.get("/lab/studies").text
     assert page.count("<li>") >= 3
     assert 'href="/lab/new"' in page
+
+
+def test_the_studies_list_counts_people_and_shows_simulated_ones_apart(lab_house: House, walked: Walked) -> None:
+    def counted() -> tuple[int, int]:
+        with lab_house.database.session() as s:
+            line = study_lines(s)[0]
+        return line.completed, line.completed_simulated
+
+    assert counted() == (1, 0)
+    with lab_house.database.transaction() as s:
+        bot = s.scalars(select(Participant).where(Participant.code == walked.bot)).one()
+        s.execute(update(Session).where(Session.participant_id == bot.id).values(state="completed"))
+    assert counted() == (1, 1)
 
 
 def test_shipped_protocol_becomes_a_study_in_three_steps(lab, lab_house):
