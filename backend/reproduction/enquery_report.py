@@ -22,6 +22,7 @@ from backend.reproduction import thesis
 from backend.reproduction.enquery import MODELS, RECIPES, SOURCES, TEST_SETS, Plan, query_seed
 from backend.reproduction.enquery_figures import Picture
 from backend.reproduction.enquery_results import FIRST, RAW, CurvePoint, Results, TableRow, nearest_cell
+from backend.reproduction.pieces import Run
 
 LOW_QUERIES = 15
 
@@ -40,18 +41,6 @@ class Section:
     tables: Sequence[Table] = ()
     points: Sequence[str] = ()
     pictures: Sequence[Mapping[str, str]] = field(default_factory=tuple)
-
-
-@dataclass(frozen=True)
-class Run:
-    """The run that made the report. made: what `pieces` stored about each piece, by key."""
-
-    command: str
-    commit: str
-    processes: int
-    seconds: float
-    computed: int
-    made: Mapping[str, Mapping[str, Any]]
 
 
 def write_report(path: Path, plan: Plan, results: Results, pictures: Sequence[Picture], run: Run) -> None:
@@ -202,13 +191,12 @@ def explanations(plan: Plan, results: Results) -> list[str]:
 def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
     """Command, seeds, durations."""
     budget = plan.budget
-    cpu = sum(float(about["cpu_seconds"]) for about in run.made.values())
     scenes = plan.raw.params["scenes"]
     return [
         ("command", run.command),
         ("commit", run.commit),
         ("this run", f"{run.computed} pieces computed in {_duration(run.seconds)} by {run.processes} process(es)"),
-        ("all pieces", f"{len(run.made)} pieces, {_duration(cpu)} of one core"),
+        ("all pieces", f"{len(run.made)} pieces, {_duration(run.core_seconds)} of one core"),
         ("network heads", "-".join(str(width) for width in budget.heads)),
         ("base policy", _policy_words(plan)),
         ("table's scenes", f"{scenes['n']} reporting scenes of seed {scenes['seed']}"),

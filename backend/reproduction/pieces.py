@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.artefacts import source_commit
-from backend.learning.networks import use_one_thread
 
 FORMAT = "desirepath-piece-1"
 PARTIAL = ".partial"
@@ -117,7 +116,6 @@ class Work:
 
 def finish_piece(functions: Mapping[str, Function], folder: Path, piece: Piece) -> float:
     """Compute and store one piece whose needs are stored; returns its seconds. Runs in any process."""
-    use_one_thread()
     work = Work(folder)
     began, cpu = time.perf_counter(), time.process_time()
     made = functions[piece.kind](piece.params, [work.load(need.key) for need in piece.needs])
@@ -130,6 +128,23 @@ def finish_piece(functions: Mapping[str, Function], folder: Path, piece: Piece) 
     }
     work.store(piece.key, Made({**made.meta, "kind": piece.kind, "params": piece.params, "made": about}, made.arrays))
     return seconds
+
+
+@dataclass(frozen=True)
+class Run:
+    """The run that made a report. made: what `pieces` stored about each piece (seconds, commit, date), by key."""
+
+    command: str
+    commit: str
+    processes: int
+    seconds: float
+    computed: int
+    made: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def core_seconds(self) -> float:
+        """Of one core, for all pieces, whenever they were computed."""
+        return sum(float(about["cpu_seconds"]) for about in self.made.values())
 
 
 def in_order(pieces: Sequence[Piece]) -> list[Piece]:

@@ -11,12 +11,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from backend.learning.artefacts import source_commit
+from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.base import BaseConfig, BaseTraining
+from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shape import FAST_HEADS
 from backend.reproduction.enquery import FUNCTIONS, SETUP, Budget, Plan, Speed, make_plan
-from backend.reproduction.enquery_results import results_of
-from backend.reproduction.pieces import Piece, Work, finish, in_order
+from backend.reproduction.enquery_results import Results, TableRow, results_of
+from backend.reproduction.pieces import Piece, Run, Work, finish, in_order
 
 TIMED_UPDATES = 60
 Tell = Callable[[str], None]
@@ -75,7 +76,7 @@ def reproduce_enquery(
     another run works in the same folder, ValueError for a seed or number of processes that cannot be.
     """
     from backend.reproduction.enquery_figures import pictures  # matplotlib is slow to load
-    from backend.reproduction.enquery_report import Run, write_report
+    from backend.reproduction.enquery_report import write_report
 
     # numba and BLAS read these when a process begins; pieces are computed one thread each
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
@@ -105,12 +106,14 @@ def reproduce_enquery(
             "processes": processes,
             "seconds": run.seconds,
             "computed": computed,
-            "core_seconds": sum(float(about["cpu_seconds"]) for about in made.values()),
+            "core_seconds": run.core_seconds,
             "simulated": True,
             "results": asdict(results),
             "pieces": made,
         }
-        (out / "results.json").write_text(json.dumps(_plain(summary), indent=1) + "\n", encoding="utf-8")
+        told_results = out / "results.json"
+        told_results.write_text(json.dumps(_plain(summary), indent=1) + "\n", encoding="utf-8")
+        _card(plan, results, run, told_results).save(card_path(told_results))
     return {
         "report": str(out / "report.html"),
         "results": str(out / "results.json"),
@@ -122,7 +125,47 @@ def reproduce_enquery(
     }
 
 
-def _row_summary(row: Any) -> dict[str, Any]:
+def _card(plan: Plan, results: Results, run: Run, file: Path) -> Card:
+    """What the numbers were made of and how, beside them like every other artefact's card."""
+    scenes = plan.raw.params["scenes"]
+    begun = (plan.base, plan.ensemble, *(piece.needs[0] for piece in plan.sweep.values()))
+    parents = {
+        piece.params["name"]: ", ".join(piece.params["sha256"]) for piece in begun if piece.kind.startswith("shipped")
+    }
+    conditioned = [p.params for pieces in plan.alignments.values() for p in pieces if "conditioned" in p.params]
+    if conditioned:
+        parents[conditioned[0]["conditioned"]] = conditioned[0]["sha256"]
+    heads = ["heads"] if plan.budget.heads == FAST_HEADS else []
+    keys = ["progress", *heads, "environments", "average", "ensemble_start", "refine", "instant", "refine_instant"]
+    return Card(
+        kind="reproduction",
+        name=f"{SETUP}/reproduce_{plan.budget.name}",
+        setup=SETUP,
+        file=file.name,
+        sha256=file_sha256(file),
+        command=run.command,
+        seed=plan.seed,
+        commit=run.commit,
+        config=asdict(plan.budget),
+        scenes={
+            "table": describe(Purpose.REPORT, scenes["n"], scenes["seed"]),
+            "sweep": describe(Purpose.SELECT, plan.budget.sweep_scenes, scenes["seed"]),
+        },
+        results={
+            "tables": {
+                recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()
+            },
+            "ceiling_m": results.ceiling_m,
+            "crossings": results.crossings,
+            "core_seconds": run.core_seconds,
+        },
+        parents=parents,
+        departures=[DEPARTURES[key] for key in keys],
+        notes=["Simulated throughout: the answers are the oracle's, which prefers the larger minimum human distance."],
+    )
+
+
+def _row_summary(row: TableRow) -> dict[str, Any]:
     names = ("min_human_distance_m", "success_rate", "collision_rate", "timeout_rate", "share_of_the_way")
     p = row.per_alignment_test.p_corrected if row.per_alignment_test else None
     return {name: getattr(row, name) for name in names} | {"p": p}
