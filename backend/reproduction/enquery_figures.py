@@ -197,8 +197,8 @@ def accuracy_picture(results: Results) -> Picture:
         f"Accuracy of reward models learned from pairs of ensemble drives (EnQ) and of 20-step segments (BL), mean of "
         f"{repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the thesis's "
         "figure 6.4 shows; those of our two are in the CSV. Dotted line: guessing. Our two models are given "
-        "measures of a drive, the smallest human distance among them, by which this oracle judges; the neural one has to "
-        "find it in the observations."
+        "measures of a drive, the smallest human distance among them, by which this oracle judges; the neural one has "
+        "to find it in the observations."
     )
     rows: Rows = [
         {

@@ -136,7 +136,8 @@ def _card(plan: Plan, results: Results, run: Run, file: Path) -> Card:
     if conditioned:
         parents[conditioned[0]["conditioned"]] = conditioned[0]["sha256"]
     heads = ["heads"] if plan.budget.heads == FAST_HEADS else []
-    keys = ["progress", *heads, "environments", "average", "ensemble_start", "refine", "instant", "refine_instant"]
+    trained = ["progress", "calm", *heads, "environments", "average", "ensemble_start", "ensemble_choice"]
+    keys = [*trained, "refine", *(["instant", "refine_instant"] if conditioned else [])]
     return Card(
         kind="reproduction",
         name=f"{SETUP}/reproduce_{plan.budget.name}",
