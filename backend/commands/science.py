@@ -146,7 +146,7 @@ def find_policy(reference: str) -> Policy:
     database, files = open_store()
     with database.session() as s:
         if s.get(Artefact, reference) is None:
-            shipped = ", ".join(shipped_names())
+            shipped = ", ".join(name for name in shipped_names() if "/queries" not in name)
             raise LookupError(f"no policy {reference!r}: neither an id, a file nor shipped ({shipped})")
         _, content = load_artefact(s, files, reference, kind="policy")
     return Policy.from_bytes(content)

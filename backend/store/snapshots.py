@@ -245,7 +245,8 @@ def _freeze(
         answers=tuple(answers),
         left_out=left_out,
     )
-    told = f", {len(answers)} answers of {WHOSE_WORDS[whose]}"
+    whom = answers[0].participant if session_id else WHOSE_WORDS[whose]  # in lists, different people's models differ
+    told = f", {len(answers)} answers of {whom}"
     return save_artefact(
         s,
         files,

@@ -214,7 +214,7 @@ def test_people_and_simulated_participants_are_mixed_only_on_demand(study: Small
         "2 answers of people",
         "3 answers of simulated participants",
         "5 answers of people and simulated participants",
-        "3 answers of a session",
+        "3 answers of bot",
     ]
     assert contents["simulated"].left_out["people"] == 3
     with pytest.raises(SnapshotError, match="answers = 'robots': must be one of people, simulated, all"):
