@@ -81,7 +81,7 @@ class Budget:
     selection_scenes: int = AlignConfig().selection_scenes
     gate_scenes: int = AlignConfig().gate_scenes
     replay_transitions: int = AlignConfig().replay_transitions
-    starts: int = 6  # per scene with drives drawn in it
+    starts: int = 6  # per scene with trajectories drawn in it
     flow_fields: tuple[str, ...] = ("EnQ-15",)  # of the conditions, against RAW, by each recipe
 
 
@@ -293,7 +293,7 @@ def _shipped(kind: str, name: str, policies: Sequence[Policy]) -> Piece:
 
 
 def table_scenes(chosen: dict[str, int]) -> list[Scene]:
-    """The scenes that a table's drives run in, the same for every policy."""
+    """The scenes that a table's trajectories run in, the same for every policy."""
     return scene_set(SETUP, chosen["n"], purpose=Purpose.REPORT, seed=chosen["seed"])
 
 
@@ -351,7 +351,7 @@ def sweep_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
 
 
 def ensemble_answers(members: Sequence[Policy], count: int, seed: int) -> list[Preference]:
-    """The oracle's answers to pairs of ensemble drives, filtered as in the thesis and no further."""
+    """The oracle's answers to pairs of ensemble trajectories, filtered as in the thesis and no further."""
     config = QueryConfig(
         count=count,
         seed=seed,
@@ -359,7 +359,7 @@ def ensemble_answers(members: Sequence[Policy], count: int, seed: int) -> list[P
         min_duration_s=0.0,
         min_gap_m=0.0,
         scenes_per_round=16 + count,  # changes no query, only how many scenes are driven beyond those needed
-        max_scenes=256 + 4 * count,  # all are drawn before the first drive
+        max_scenes=256 + 4 * count,  # all are drawn before the first trajectory
     )
     return make_oracle(ORACLE).answer(generate_queries(members, config).queries)
 
@@ -402,7 +402,7 @@ def accuracy_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
 
 
 def alignment_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    """One alignment and its drives in the table's scenes."""
+    """One alignment and its trajectories in the table's scenes."""
     config = AlignConfig(**_tuples(params["config"]))
     given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
     heads = (params["heads"][0], params["heads"][1])
@@ -421,14 +421,14 @@ def alignment_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
 
 
 def instant_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    """The conditioned policy at the weights that the answers say, and its drives in the table's scenes."""
+    """The conditioned policy at the weights that the answers say, and its trajectories in the table's scenes."""
     weights = weights_said(params, needs)
     policy = load_conditioned(params["conditioned"]).at(weights).without_critic()
     return _driven(policy, params["scenes"], {"weights": weights.tolist()})
 
 
 def refined_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    """The same refined; its drives are the conditioned policy's where the refinement was no improvement."""
+    """The same refined; trajectories are the conditioned policy's where the refinement was no improvement."""
     weights = weights_said(params, needs)
     conditioned = load_conditioned(params["conditioned"])
     base = stored_policies(needs[0])[0]
@@ -452,7 +452,7 @@ def weights_said(params: dict[str, Any], needs: Sequence[Made]) -> NDArray[np.fl
 
 
 def raw_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    """The base policy's drives in the table's scenes."""
+    """The base policy's trajectories in the table's scenes."""
     return _driven(stored_policies(needs[0])[0].without_critic(), params["scenes"], {})
 
 

@@ -1,7 +1,7 @@
 """Chapter 6 in pictures, each beside a CSV with exactly what is drawn.
 
-Scenes with drives and flow fields are drawn by `backend/explain/drawing.py`, whose colours and type are used here, too.
-Importing this loads matplotlib, which is slow.
+Scenes with trajectories and flow fields are drawn by `backend/explain/drawing.py`, whose colours and type
+are used here, too. Importing this loads matplotlib, which is slow.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
         for recipe in plan.recipes
         for name in CONDITIONS
     }
-    drives = [
+    members_shown = [
         drives_picture(
             f"members_{letter}",
             f"All members of the ensemble, scene {letter}",
@@ -111,7 +111,7 @@ def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
         sweep_picture(results.sweep),
         accuracy_picture(results),
         table_picture(results),
-        *drives,
+        *members_shown,
         *compared,
         *fields,
     ]
@@ -194,11 +194,11 @@ def accuracy_picture(results: Results) -> Picture:
         figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
     repetitions = max(point.repetitions for point in points)
     caption = (
-        f"Accuracy of reward models learned from pairs of ensemble drives (EnQ) and of 20-step segments (BL), mean of "
-        f"{repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the thesis's "
+        f"Accuracy of reward models learned from pairs of ensemble trajectories (EnQ) and of 20-step segments (BL), mean "
+        f"of {repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the thesis's "
         "figure 6.4 shows; those of our two are in the CSV. Dotted line: guessing. Our two models are given "
-        "measures of a drive, the smallest human distance among them, by which this oracle judges; the neural one has "
-        "to find it in the observations."
+        "measures of a trajectory, the smallest human distance among them, by which this oracle judges; the neural one "
+        "has to find it in the observations."
     )
     rows: Rows = [
         {
@@ -261,8 +261,8 @@ def table_picture(results: Results) -> Picture:
     ]
     episodes = results.tables[next(iter(results.tables))][0]
     caption = (
-        "Minimum distance to the person, centre to centre: each dot is the mean of one alignment's drives in the same "
-        f"{episodes.episodes // episodes.alignments} scenes, a bar the mean over the alignments, a diamond what the "
+        "Minimum distance to the person, centre to centre: each dot is the mean of one alignment's trajectories in the "
+        f"same {episodes.episodes // episodes.alignments} scenes, a bar the mean over the alignments, a diamond what the "
         f"thesis published ({thesis.TABLE_6_2_SOURCE}). No policy can exceed the ceiling in these scenes."
     )
     return Picture("distances", "Minimum human distance of every alignment", caption, figure, rows)
@@ -304,7 +304,7 @@ def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts
     ]
     caption = (
         f"Scene {starts[0].seed} of the open field, {len(starts)} starts: the scene's own, then each time the free "
-        "place farthest from all others and the goal. A cross marks where a drive ended without arriving."
+        "place farthest from all others and the goal. A cross marks where a trajectory ended without arriving."
     )
     return Picture(name, title, caption, starts_figure(drives, title=title), rows)
 
@@ -321,8 +321,8 @@ def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: 
     ]
     caption = (
         f"Scene {scene.seed}; A is RAW, B the first alignment of {condition} by {recipe}. Above: settled headings as "
-        "streamlines over the number of drives through each cell, one drive from every free cell. Below: the angle "
-        f"between the headings (mean {apart.mean_angle:.2f} rad) and the difference of the drives."
+        "streamlines over the number of trajectories through each cell, one from every free cell. Below: the angle "
+        f"between the headings (mean {apart.mean_angle:.2f} rad) and the difference of the trajectories."
     )
     title = f"Flow fields of RAW and {condition} by {recipe}"
     figure = pair_figure(apart, titles=(f"A  {RAW}", f"B  {condition}, {recipe}"))

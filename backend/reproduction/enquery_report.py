@@ -92,7 +92,7 @@ def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: 
     tables = results.tables
     return [
         Section("Ensembles over kappa and training steps", [_sweep_sentence(plan, results)], pictures=shown("sweep")),
-        Section("Drives of all members", pictures=shown("members")),
+        Section("Trajectories of all members", pictures=shown("members")),
         Section(
             "Accuracy of the reward models",
             [_accuracy_sentence(results), _crossing_sentence(results)],
@@ -102,8 +102,8 @@ def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: 
         Section(
             "Aligned policies",
             [
-                f"{plan.budget.alignments} alignments per row, each with answers of its own, then drives in the same "
-                f"{plan.budget.rollouts} scenes. All recipes are given the same answers; all start from the same base "
+                f"{plan.budget.alignments} alignments per row, each with answers of its own, then trajectories in the "
+                f"same {plan.budget.rollouts} scenes. All recipes are given the same answers; all start from the same base "
                 "policy, but for the conditioned one, which is shipped. The share of the way is that from RAW to the "
                 "ceiling of these scenes, the mean of min(start to person, goal to person).",
             ],
@@ -115,8 +115,8 @@ def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: 
             [
                 f"Two-sided Student's t-tests of {FIRST} against every other row, as in table 6.2, p corrected by Holm "
                 "over the four tests of a recipe. Alignments are the units; RAW is one policy and enters as a fixed "
-                "value. Beside it the same test with every drive as a unit: drives of one policy are not independent, "
-                "so its p is too small; the thesis does not say which was used.",
+                "value. Beside it the same test with every trajectory as a unit: those of one policy are not "
+                "independent, so its p is too small; the thesis does not say which was used.",
             ],
             tables=[_test_table(recipe, rows) for recipe, rows in tables.items()],
             points=[
@@ -131,7 +131,7 @@ def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: 
             tables=[_difference_table(recipe, rows) for recipe, rows in tables.items()],
             points=explanations(plan, results),
         ),
-        Section("Raw and aligned drives", pictures=shown("aligned")),
+        Section("Raw and aligned trajectories", pictures=shown("aligned")),
         Section("Flow fields", pictures=shown("flow")),
     ]
 
@@ -364,7 +364,7 @@ def _test_table(recipe: str, rows: Sequence[TableRow]) -> Table:
     heads = [
         "against",
         *("difference (m)", "t (df)", "p", "p, Holm", "d"),
-        "drives as units: t (df)",
+        "trajectories as units: t (df)",
         "p, Holm",
         "thesis",
     ]

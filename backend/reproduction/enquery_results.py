@@ -58,7 +58,7 @@ class TableRow:
 
     share_of_the_way: from RAW to the ceiling of the same scenes. paired_gain_m: against RAW, over the scenes in which
     both succeed. per_alignment: the mean minimum human distance of each alignment. per_alignment_test compares
-    those; per_episode_test takes every drive for independent, which drives of one policy are not. took_over: in
+    those; per_episode_test takes every trajectory for independent, which those of one policy are not. took_over: in
     how many alignments the refinement was shown instead of what it began with, where that is asked.
     """
 
