@@ -116,7 +116,7 @@ FULL = Budget(
     alignments=10,
     rollouts=100,
     thesis_updates=10_000,
-    thesis_epochs=2,
+    thesis_epochs=3,
     refine_updates=AlignConfig().updates,
     refine_checkpoints=AlignConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
@@ -237,7 +237,7 @@ def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
                 "seed": run,
             },
             (base, ensemble),
-            seconds=8 + 2 * len(budget.answers) * own / fast,
+            seconds=4 + len(budget.answers) * own / fast,
         )
         for run in range(budget.repetitions)
     ]

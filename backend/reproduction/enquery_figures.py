@@ -194,9 +194,9 @@ def accuracy_picture(results: Results) -> Picture:
         figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
     repetitions = max(point.repetitions for point in points)
     caption = (
-        f"Accuracy of reward models learned from pairs of ensemble trajectories (EnQ) and of 20-step segments (BL), mean "
-        f"of {repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the thesis's "
-        "figure 6.4 shows; those of our two are in the CSV. Dotted line: guessing. Our two models are given "
+        f"Accuracy of reward models learned from pairs of ensemble trajectories (EnQ) and of 20-step segments (BL), "
+        f"mean of {repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the "
+        "thesis's figure 6.4 shows; those of our two are in the CSV. Dotted line: guessing. Our two models are given "
         "measures of a trajectory, the smallest human distance among them, by which this oracle judges; the neural one "
         "has to find it in the observations."
     )
@@ -262,8 +262,8 @@ def table_picture(results: Results) -> Picture:
     episodes = results.tables[next(iter(results.tables))][0]
     caption = (
         "Minimum distance to the person, centre to centre: each dot is the mean of one alignment's trajectories in the "
-        f"same {episodes.episodes // episodes.alignments} scenes, a bar the mean over the alignments, a diamond what the "
-        f"thesis published ({thesis.TABLE_6_2_SOURCE}). No policy can exceed the ceiling in these scenes."
+        f"same {episodes.episodes // episodes.alignments} scenes, a bar the mean over the alignments, a diamond what "
+        f"the thesis published ({thesis.TABLE_6_2_SOURCE}). No policy can exceed the ceiling in these scenes."
     )
     return Picture("distances", "Minimum human distance of every alignment", caption, figure, rows)
 

@@ -103,9 +103,9 @@ def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: 
             "Aligned policies",
             [
                 f"{plan.budget.alignments} alignments per row, each with answers of its own, then trajectories in the "
-                f"same {plan.budget.rollouts} scenes. All recipes are given the same answers; all start from the same base "
-                "policy, but for the conditioned one, which is shipped. The share of the way is that from RAW to the "
-                "ceiling of these scenes, the mean of min(start to person, goal to person).",
+                f"same {plan.budget.rollouts} scenes. All recipes are given the same answers; all start from the same "
+                "base policy, but for the conditioned one, which is shipped. The share of the way is that from RAW to "
+                "the ceiling of these scenes, the mean of min(start to person, goal to person).",
             ],
             tables=[_alignment_table(recipe, rows) for recipe, rows in tables.items()],
             pictures=shown("distances"),
