@@ -14,7 +14,7 @@ from html import escape
 import numpy as np
 from numpy.typing import ArrayLike
 
-from backend.simulation.scene import Obstacle, Scene
+from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
 INK, SOFT, LINE, PAPER = "#211f1a", "#575247", "#d9d1c0", "#fffdf8"
@@ -244,7 +244,7 @@ def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[
         [
             *(np.asarray(t.poses, float)[:, :2] for t in trajectories),
             [[p.x, p.y] for p in (scene.start, scene.goal, scene.person.pose, *(o.pose for o in scene.obstacles))],
-            *([_corners(wall) for wall in scene.room.walls()] if scene.room else []),
+            *([wall.corners() for wall in scene.room.walls()] if scene.room else []),
         ]
     )
     if scene.room is not None:
@@ -259,7 +259,7 @@ def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[
         return (x - x_low) * scale, (y_high - y) * scale
 
     for solid in scene.solids():
-        drawing.polygon([at(*corner) for corner in _corners(solid)], fill="#b9ae97", css=f"solid {solid.kind}")
+        drawing.polygon([at(*corner) for corner in solid.corners()], fill="#b9ae97", css=f"solid {solid.kind}")
     drawing.circle(*at(scene.goal.x, scene.goal.y), scene.goal_radius * scale, fill="none", css="goal", stroke=INK)
     drawing.circle(*at(scene.start.x, scene.start.y), 4, fill=INK, css="ink-fill")
     person = scene.person.pose
@@ -281,15 +281,3 @@ def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[
         fits = int((width - 44) / 6.5)
         drawing.text(36, y + 4, name if len(name) <= fits else f"{name[: fits - 1]}…", fill=INK, css="ink")
     return drawing.svg()
-
-
-def _corners(solid: Obstacle) -> list[tuple[float, float]]:
-    c, s = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
-    halves = ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    return [
-        (
-            solid.pose.x + c * a * solid.length / 2 - s * b * solid.width / 2,
-            solid.pose.y + s * a * solid.length / 2 + c * b * solid.width / 2,
-        )
-        for a, b in halves
-    ]

@@ -1,4 +1,4 @@
-"""`desirepath flow-field` and `desirepath trajectories`: figures of how policies behave, with their numbers beside them."""
+"""`desirepath flow-field` and `desirepath trajectories`: how policies behave, as figures with their numbers."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.ticker import NullFormatter, StrMethodFormatter
 from numpy.typing import NDArray
 
-from backend.explain.flow_field import FlowDifference, FlowField, corners_of, grid_of
+from backend.explain.flow_field import FlowDifference, FlowField, grid_of
 from backend.explain.flow_words import ENGLISH, Words
 from backend.simulation.scene import Scene
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
@@ -236,7 +236,7 @@ def _frame(
 ) -> None:
     """The scene's outlines, equal scales, and labels at the outer axes."""
     for number, ax in enumerate(axes):
-        bodies = [Polygon(corners_of(solid)) for solid in scene.obstacles]
+        bodies = [Polygon(solid.corners()) for solid in scene.obstacles]
         ax.add_collection(PatchCollection(bodies, facecolor=SOLID, edgecolor=INK, linewidth=0.7, zorder=3))
         if scene.room is not None:
             x, y = scene.room.length / 2, scene.room.width / 2

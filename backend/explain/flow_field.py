@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
 from backend.simulation.fast import ActFunction, FastEngine, Floats, act_on, rollout
-from backend.simulation.scene import Obstacle, Pose, Scene, SceneError
+from backend.simulation.scene import Pose, Scene, SceneError
 from backend.simulation.scenes import check_scene, scene_to_row
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -161,7 +161,7 @@ def grid_of(scene: Scene, cell_m: float = CELL_M) -> Grid:
         points = np.concatenate([-reach, reach])
     else:
         poses = (scene.start, scene.goal, scene.person.pose)
-        corners = [corner for solid in scene.obstacles for corner in corners_of(solid)]
+        corners = [corner for solid in scene.obstacles for corner in solid.corners()]
         points = np.array([*((pose.x, pose.y) for pose in poses), *corners])
         points = np.concatenate([points - MARGIN_M, points + MARGIN_M])
     # Rounded, so that a wall on a multiple of the cell does not add a row of cells behind it.
@@ -172,18 +172,6 @@ def grid_of(scene: Scene, cell_m: float = CELL_M) -> Grid:
         raise ValueError(f"cell_m = {cell_m}: gives {cells} cells in this scene, at most {MOST_CELLS}; make it larger")
     xs, ys = ((np.arange(low[axis], high[axis]) + 0.5) * cell_m for axis in (0, 1))
     return Grid(cell_m, xs, ys)
-
-
-def corners_of(solid: Obstacle) -> list[tuple[float, float]]:
-    """The four corners of a box on the floor, in order around it, metres."""
-    c, s = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
-    return [
-        (
-            solid.pose.x + c * a * solid.length / 2 - s * b * solid.width / 2,
-            solid.pose.y + s * a * solid.length / 2 + c * b * solid.width / 2,
-        )
-        for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
-    ]
 
 
 def free_cells(scene: Scene, grid: Grid) -> Flags:

@@ -51,6 +51,17 @@ class Obstacle:
     width: float
     height: float
 
+    def corners(self) -> list[tuple[float, float]]:
+        """Its four corners on the floor, in order around it, metres."""
+        c, s = math.cos(self.pose.yaw), math.sin(self.pose.yaw)
+        return [
+            (
+                self.pose.x + c * a * self.length / 2 - s * b * self.width / 2,
+                self.pose.y + s * a * self.length / 2 + c * b * self.width / 2,
+            )
+            for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+        ]
+
 
 @dataclass(frozen=True)
 class Room:
