@@ -21,6 +21,7 @@ from pydantic import BaseModel, ValidationError
 from backend.store.models import Study, protocol_digest
 from backend.study import source as yaml_source
 from backend.study.schema import (
+    PATTERNS,
     BlockStage,
     ComparisonStage,
     Protocol,
@@ -402,7 +403,7 @@ def _in_words(error: Any, model: type[BaseModel]) -> str:
         case "int_parsing" | "int_type" | "int_from_float":
             return "must be a whole number"
         case "string_pattern_mismatch":
-            return f"must look like {context['pattern']}"
+            return PATTERNS[context["pattern"]]
         case "value_error":
             return str(context["error"])
         case "model_type" | "dict_type" | "model_attributes_type":

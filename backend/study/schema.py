@@ -14,7 +14,15 @@ Localized = Annotated[dict[str, str], Field(min_length=1)]
 """A text in each of the protocol's languages: {en: ..., de: ...}."""
 FileName = Annotated[str, Field(min_length=1, max_length=200)]
 Version = Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=40)]
-Slug = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=60)]
+PATTERNS = {
+    r"^[a-z][a-z0-9_]*$": "must be lower-case letters, digits and _, beginning with a letter",
+    r"^[A-Za-z0-9-]{4,40}$": "must be random, or 4 to 40 letters, digits and -",
+    r"^https://\S+$": "must be an address that begins with https://",
+    r"^[a-z]{2}$": "must be a language code of two lower-case letters, such as en",
+}
+"""Every pattern below, in words for the person who wrote the protocol."""
+_SLUG, _CODE, _ADDRESS, _LANGUAGE = PATTERNS
+Slug = Annotated[str, Field(pattern=_SLUG, max_length=60)]
 
 
 class Part(BaseModel):
@@ -129,8 +137,8 @@ class DebriefingStage(Part):
     """The last page. completion_code: `random`, or one code for everybody. return_url: may hold `{code}`."""
 
     text: FileName
-    completion_code: Annotated[str, BeforeValidator(str), Field(pattern=r"^[A-Za-z0-9-]{4,40}$")] = "random"
-    return_url: Annotated[str, Field(pattern=r"^https://\S+$", max_length=400)] | None = None
+    completion_code: Annotated[str, BeforeValidator(str), Field(pattern=_CODE)] = "random"
+    return_url: Annotated[str, Field(pattern=_ADDRESS, max_length=400)] | None = None
 
 
 Stage = TextStage | ConsentStage | QuestionnaireStage | BlockStage | TrainStage | ComparisonStage | DebriefingStage
@@ -172,7 +180,7 @@ class Protocol(Part):
     protocol: Slug
     version: int = Field(ge=1)
     title: Localized
-    languages: list[Annotated[str, Field(pattern=r"^[a-z]{2}$")]] = Field(min_length=1)
+    languages: list[Annotated[str, Field(pattern=_LANGUAGE)]] = Field(min_length=1)
     minutes: int = Field(15, ge=1, le=240, description="how long a session takes, as participants are told")
     participants: int | None = Field(None, ge=1, description="how many people are taken in; default as many as come")
     link_valid_days: int = Field(14, ge=1, le=365, description="how long a session can be continued")

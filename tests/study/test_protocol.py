@@ -90,6 +90,15 @@ def test_every_shipped_protocol_is_valid(file: Path):
         ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
         ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
         ("arms: [base, own]", "arms: [own, base]", "comparison:", "stages[6].comparison.arms[0]", "own", "base"),
+        (
+            "completion_code: random",
+            "completion_code: no",
+            "completion_code",
+            "stages[7].debriefing.completion_code",
+            "no",
+            "4 to 40 letters",
+        ),
+        ("languages: [en, de]", "languages: [eng]", "languages:", "languages[0]", "eng", "two lower-case letters"),
         ("scheme: random", "scheme: balanced", "assignment:", "assignment.scheme", "balanced", "the only value"),
     ],
 )
