@@ -97,10 +97,11 @@ class TrainBaseParams(Params):
 
     setup: SetupName = _from("ours", "study_room")
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    updates: int = _from("ours_two_minutes", 60_000, ge=100, le=2_000_000)
+    updates: int = _from("ours_two_minutes", 48_000, ge=100, le=2_000_000)
     n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)
     updates_per_step: int = _from("design_speed", 12, ge=1, le=256, advanced=True)
     progress_weight: float = _from("spec_06_progress", 1.0, ge=0, le=10)
+    calm_weight: float = _from("ours_calm", 0.2, ge=0, le=10)
     learning_rate: float = _from("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
     batch_size: int = _from("design_speed", 128, ge=8, le=4_096, advanced=True)
     selection_scenes: int = _from("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)

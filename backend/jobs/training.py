@@ -17,7 +17,8 @@ from backend.learning.queries import generate_queries as make_queries
 from backend.learning.scene_sets import Purpose, describe
 from backend.store.query_sets import save_query_set
 
-BASE_DEPARTURES = [DEPARTURES[name] for name in ("progress", "heads", "environments", "average")]
+BASE_DEPARTURES = ("heads", "environments", "average")
+ENSEMBLE_DEPARTURES = ("ensemble_start", "ensemble_choice")
 
 
 def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
@@ -25,6 +26,7 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
     config = BaseConfig(**params.model_dump())
     trained = learn_base(config, context.progress)
     result = {"selection_success": trained.selection_success, "transitions": trained.transitions}
+    own_terms = [name for name in ("progress", "calm") if getattr(params, f"{name}_weight")]
     kept = keep(
         context,
         kind="policy",
@@ -35,7 +37,7 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
         config=config.as_dict(),
         results=result,
         scenes={"select": describe(Purpose.SELECT, params.selection_scenes, params.seed)},
-        departures=BASE_DEPARTURES if params.progress_weight else BASE_DEPARTURES[1:],
+        departures=[DEPARTURES[name] for name in (*own_terms, *BASE_DEPARTURES)],
     )
     return {"policy": kept, **result}
 
@@ -57,7 +59,7 @@ def train_ensemble(context: JobContext, params: EnsembleParams) -> dict[str, Any
             results={"selection_success": success, "diversity": trained.diversity},
             parents=[(base_artefact, "base")],
             scenes={"select": describe(Purpose.SELECT, config.selection_scenes, params.seed)},
-            departures=[DEPARTURES["ensemble_start"]],
+            departures=[DEPARTURES[name] for name in ENSEMBLE_DEPARTURES],
         )
         for k, (member, success) in enumerate(zip(trained.members, trained.success_rates, strict=True))
     ]
