@@ -118,6 +118,19 @@ def generate(
     run_job("queries", {"members": members, "count": count, "seed": seed, **parsed_settings(more)}, out, as_json)
 
 
+@queries.command()
+@plain_errors
+def describe(
+    name: Annotated[str, typer.Argument(help="A shipped query set such as study_room/queries_200, or a file.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """How the pairs of a query set differ: spread per measure, correlations, and what a person would notice."""
+    from backend.learning.shipped import load_queries
+    from backend.learning.varied_queries import describe_differences
+
+    say(describe_differences(load_queries(name)), as_json)
+
+
 @plain_errors
 def evaluate(
     policy: Annotated[

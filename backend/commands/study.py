@@ -107,13 +107,24 @@ def list_studies(as_json: JsonFlag = False) -> None:
 def simulate(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     participants: Annotated[int, typer.Option(min=1)] = 1,
-    oracle: Annotated[str, typer.Option(help="min-human-distance, shortest or random.")] = "min-human-distance",
-    noise: Annotated[float, typer.Option(min=0.0, max=1.0, help="Chance that an answer is the wrong one.")] = 0.0,
+    oracle: Annotated[
+        str, typer.Option(help="Whose taste: min-human-distance, shortest, fastest, random, ...")
+    ] = "min-human-distance",
+    noise: Annotated[
+        float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
+    ] = 0.0,
+    indifference: Annotated[
+        float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
+    ] = 0.0,
+    myopia: Annotated[
+        float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the oracle's mistakes.")] = 0,
     url: Annotated[str | None, typer.Option(help="A running server; default one of the command's own.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
+    from backend.learning.oracles import Habits
     from backend.store.models import Study
     from backend.study.bots import simulate_study
 
@@ -125,7 +136,8 @@ def simulate(
         token = row.recruiting_token
 
     def walk(base_url: str) -> None:
-        say(simulate_study(base_url, token, participants, oracle=oracle, noise=noise, seed=seed), as_json)
+        habits = Habits(noise, indifference, myopia)
+        say(simulate_study(base_url, token, participants, oracle=oracle, habits=habits, seed=seed), as_json)
 
     if url:
         walk(url.rstrip("/"))

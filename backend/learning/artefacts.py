@@ -39,6 +39,8 @@ DEPARTURES = {
     "goal, collision and self-intersection than the setup's (config: stakes); evaluation uses none of these.",
     "refine_instant": "Refinement goes on from the conditioned policy at those weights, by the rewards of its "
     "training; it is shown only where it is better on scenes that served nothing else.",
+    "varied": "Pairs are drives of a conditioned policy at drawn preference weights instead of two ensemble members, "
+    "chosen so that measures vary and vary independently.",
     "refine": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, the "
     "preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",

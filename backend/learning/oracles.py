@@ -125,20 +125,30 @@ def beginning(drive: Trajectory, seconds: float) -> Trajectory:
     )
 
 
-@dataclass
-class Oracle:
-    """Answers queries by one taste.
+@dataclass(frozen=True)
+class Habits:
+    """How answers stray from a taste.
 
     noise: share of answers that are flipped (mistakes). indifference: a smaller difference, in units of typical ones,
     is not noticed and answered at random. myopia_s: only so many seconds of each drive are judged, from the start on;
     None: all.
     """
 
-    name: str
-    noise: float
-    random: np.random.Generator
+    noise: float = 0.0
     indifference: float = 0.0
     myopia_s: float | None = None
+
+
+ALWAYS_RIGHT = Habits()
+
+
+@dataclass
+class Oracle:
+    """Answers queries by one taste."""
+
+    name: str
+    habits: Habits
+    random: np.random.Generator
 
     def choices(self, queries: Sequence[Query]) -> list[int]:
         """0 for trajectory A, 1 for B, of each query in order. Drives of equal worth are chosen between at random."""
@@ -147,14 +157,14 @@ class Oracle:
         if not queries:
             return []
         drives = [drive for query in queries for drive in (query.trajectory_a, query.trajectory_b)]
-        if self.myopia_s is not None:
-            drives = [beginning(drive, self.myopia_s) for drive in drives]
+        if self.habits.myopia_s is not None:
+            drives = [beginning(drive, self.habits.myopia_s) for drive in drives]
         worth = TASTES[self.name].value(drives)
         return [self._choice(float(b - a)) for a, b in zip(worth[0::2], worth[1::2], strict=True)]
 
     def _choice(self, b_better_by: float) -> int:
-        wrong, coin = self.random.random() < self.noise, int(self.random.integers(2))
-        if b_better_by == 0 or abs(b_better_by) < self.indifference:
+        wrong, coin = self.random.random() < self.habits.noise, int(self.random.integers(2))
+        if b_better_by == 0 or abs(b_better_by) < self.habits.indifference:
             return coin
         choice = int(b_better_by > 0)
         return 1 - choice if wrong else choice
@@ -184,4 +194,4 @@ def make_oracle(
         raise LearningError(f"indifference = {indifference}: in units of typical differences, at least 0")
     if myopia_s is not None and myopia_s <= 0:
         raise LearningError(f"myopia = {myopia_s}: seconds of a drive that are judged, more than 0")
-    return Oracle(name, noise, np.random.default_rng([seed, 15]), indifference, myopia_s)
+    return Oracle(name, Habits(noise, indifference, myopia_s), np.random.default_rng([seed, 15]))

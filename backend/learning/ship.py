@@ -15,7 +15,7 @@ import numpy as np
 
 from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.base import BaseConfig, OnProgress, no_progress, train_base
-from backend.learning.conditioned import settings
+from backend.learning.conditioned import ConditionedPolicy, settings
 from backend.learning.conditioned_training import ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.ensemble import EnsembleConfig, train_ensemble
 from backend.learning.evaluate import evaluate_policy
@@ -24,11 +24,13 @@ from backend.learning.policy import Policy
 from backend.learning.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.shipped import DATASETS
+from backend.learning.varied_queries import VariedConfig, describe_differences, generate_varied_queries
 from backend.simulation.setups import SETUPS
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
 SHIPPED_QUERIES = 200
+LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 20.0}  # of a drive in a varied query; the field's robot is slow
 FIRST_CONDITIONED_REPORT_SEED = 300  # reporting scenes that nothing else uses
 
 
@@ -181,6 +183,39 @@ def ship_queries(
     return card
 
 
+def ship_varied_queries(
+    setup: str,
+    seed: int = 0,
+    folder: Path = DATASETS,
+    on_progress: OnProgress = no_progress,
+    count: int = SHIPPED_QUERIES,
+) -> Card:
+    """Make, describe and store queries by the conditioned policy in the same folder, balanced over the measures."""
+    config = VariedConfig(QueryConfig(count=count, seed=seed, max_duration_s=LONGEST_SHOWN_S[setup]))
+    driver = folder / setup / "conditioned.npz"
+    queries = generate_varied_queries(ConditionedPolicy.load(driver), config, on_progress)
+    path = folder / setup / f"queries_varied_{count}.npz"
+    queries.save(path)
+    card = Card(
+        kind="query_set",
+        name=f"{setup}/{path.stem}",
+        setup=setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.learning.ship varied-queries {setup} --seed {seed}",
+        seed=seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], seed)},
+        results=describe_queries(queries) | {"differences": describe_differences(queries)},
+        parents={f"{setup}/conditioned": file_sha256(driver)},
+        departures=[DEPARTURES["pair_filters"], DEPARTURES["varied"]],
+        notes=["Observations are stored rounded to float16 and were rounded before anything was made from them."],
+    )
+    card.save(card_path(path))
+    return card
+
+
 def describe_queries(queries: QuerySet) -> dict[str, Any]:
     """Numbers of a query set for its card."""
     drives = [drive for query in queries.queries for drive in (query.trajectory_a, query.trajectory_b)]
@@ -200,7 +235,7 @@ def describe_queries(queries: QuerySet) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
-    parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries"))
+    parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries", "varied-queries"))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
@@ -215,6 +250,7 @@ def main() -> None:
         "ensemble": ship_ensemble,
         "conditioned": ship_conditioned,
         "queries": ship_queries,
+        "varied-queries": ship_varied_queries,
     }[arguments.what]
     ship(arguments.setup, arguments.seed, arguments.out, show)
 

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import base64
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 from uuid import uuid4
 
 import httpx
 import numpy as np
 
-from backend.learning.oracles import Oracle, make_oracle
+from backend.learning.oracles import ALWAYS_RIGHT, Habits, Oracle, make_oracle
 from backend.learning.queries import Query
 from backend.simulation.trajectory import Trajectory
 
@@ -69,22 +69,22 @@ def simulate_study(
     participants: int,
     *,
     oracle: str = "min-human-distance",
-    noise: float = 0.0,
+    habits: Habits = ALWAYS_RIGHT,
     seed: int = 0,
     client: httpx.Client | None = None,
 ) -> dict[str, Any]:
     """Walk `participants` bots one after another through the study behind the recruiting link.
 
-    oracle, noise, seed: the taste, the share of wrong answers, and their random stream (every bot its own).
+    oracle, habits, seed: the taste, how answers stray from it, and their random stream (every bot its own).
     client: for tests, one that reaches the application without a network.
     Returns {"participants", "completed", "responses", "comparisons", "seconds"}. Raises LearningError for an unknown
     oracle, BotError if the server does not let a bot go on.
     """
-    make_oracle(oracle, noise=noise, seed=seed)  # refuse a wrong name before anybody joins
+    make_oracle(oracle, **asdict(habits), seed=seed)  # refuse a wrong name before anybody joins
     began = time.monotonic()
     own = client or httpx.Client(base_url=base_url, timeout=60.0)
     try:
-        walks = [_Bot(own, recruiting_token, oracle, noise, seed, number).walk() for number in range(participants)]
+        walks = [_Bot(own, recruiting_token, oracle, habits, seed, number).walk() for number in range(participants)]
     finally:
         if client is None:
             own.close()
@@ -101,11 +101,11 @@ def simulate_study(
 class _Bot:
     """One simulated participant."""
 
-    def __init__(self, client: httpx.Client, link: str, oracle: str, noise: float, seed: int, number: int) -> None:
+    def __init__(self, client: httpx.Client, link: str, oracle: str, habits: Habits, seed: int, number: int) -> None:
         self._client = client
         self._random = np.random.default_rng([seed, number, 11])
-        self._oracle: Oracle = make_oracle(oracle, noise=noise, seed=int(self._random.integers(2**31)))
-        told = {"name": oracle, "noise": noise, "seed": seed, "number": number}
+        self._oracle: Oracle = make_oracle(oracle, **asdict(habits), seed=int(self._random.integers(2**31)))
+        told = {"name": oracle, **asdict(habits), "seed": seed, "number": number}
         joined = self._post(f"/join/{link}", {"simulated": True, "language": "en", "oracle": told})
         self._participant: str = joined["participant"]
         self._api = f"/api/session/{joined['token']}"
