@@ -35,21 +35,22 @@ class Stakes:
 
     scales: per step of each objective's step term at full weight, in the order of OBJECTIVES. goal, collision,
     self_intersection: instead of the setup's core reward: whoever pays per step must neither stay away from the goal
-    nor crash to end it, nor drive in circles. progress: per metre, as in base training, whose critic this training
-    starts from. time: cost of a step, since waiting must not be free. turning: cost of a step of turning at full rate.
+    nor crash to end it, nor drive in circles. progress: per metre, more than in base training: else a step towards a
+    far goal is too small beside the wants for the critic to see, and the robot stands. time: cost of a step, since
+    waiting must not be free. turning: cost of a step of turning at full rate.
     """
 
     scales: tuple[float, ...]
     goal: float
     collision: float
     self_intersection: float = -6.0
-    progress: float = 1.0
-    time: float = 0.15
+    progress: float = 3.0
+    time: float = 0.1
     turning: float = 0.05
 
 
 STAKES = {
-    "open_field": Stakes(scales=(2.0, 1.5, 2.0, 2.0, 3.0, 2.0, 1.2, 2.5, 0.6), goal=40.0, collision=-40.0),
+    "open_field": Stakes(scales=(2.0, 1.2, 1.5, 1.5, 2.5, 1.5, 1.0, 1.5, 0.5), goal=20.0, collision=-20.0),
     # A drive has a third of the open field's steps, so that the same wants need more per step to matter.
     "study_room": Stakes(scales=(8.0, 5.0, 6.0, 6.0, 10.0, 4.0, 2.0, 6.0, 1.2), goal=40.0, collision=-50.0, time=0.2),
 }
@@ -62,9 +63,9 @@ class ConditionedConfig:
     setup: str
     seed: int = 0
     stakes: Stakes | None = None  # None: the setup's own, from STAKES
-    updates: int = 40_000
-    batch_size: int = 128
-    gamma: float = 0.995  # detours take longer than the setups' 0.98 looks ahead: with 0.99 far goals were not worth it
+    updates: int = 36_000
+    batch_size: int = 256
+    gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
     learning_rate: float = 7e-4
     final_learning_rate: float = 5e-5  # reached linearly over the second half
     tau: float = 0.005
@@ -80,7 +81,7 @@ class ConditionedConfig:
     smallest_weight: float = 0.15
     relabelled_share: float = 0.5  # of each batch: judged by the wants of another episode
     mirrored_share: float = 0.5  # of each batch: left and right exchanged
-    checkpoints: int = 5  # over the last third; the best on the selection scenes is kept
+    checkpoints: int = 3  # over the last third; the best on the selection scenes is kept
     selection_scenes: int = 200
 
     @property

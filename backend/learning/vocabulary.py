@@ -77,7 +77,7 @@ CLOSE_ENOUGH_M = 0.7  # "closer" never pays for less: 0.48 m is contact
 CLOSENESS_RANGE_M = 0.8
 FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5}
 """By setup, where `farther` is content: little beyond the ceilings, else the goal itself is too near the person."""
-SLOW_SHARE = 0.3  # of full speed: slower than this near the person is no better
+SLOW_SHARE = 0.5  # of full speed: slower than this near the person is no better
 SIDE_RANGE_M = 3.0
 
 
