@@ -97,7 +97,7 @@ class TrainBaseParams(Params):
 
     setup: SetupName = _from("ours", "study_room")
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    updates: int = _from("ours_two_minutes", 48_000, ge=100, le=2_000_000)
+    updates: int = _from("ours_two_minutes", 60_000, ge=100, le=2_000_000)
     n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)
     updates_per_step: int = _from("design_speed", 12, ge=1, le=256, advanced=True)
     progress_weight: float = _from("spec_06_progress", 1.0, ge=0, le=10)

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
     "alignment reward, no ensemble training and no evaluation.",
-    "calm": "Through the second half of base training the actor's loss also holds a weight times the mean squared turn "
+    "calm": "In the last updates of base training the actor's loss also holds a weight times the mean squared turn "
     "rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
     "ensemble training and no alignment.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "

@@ -1,6 +1,6 @@
 """The base policy (RAW in the thesis): TD3 on the core reward plus a progress term, many environments, few updates.
 
-The progress term (+1 per metre towards the goal) and the calm term (turning costs, in the second half) are ours and
+The progress term (+1 per metre towards the goal) and the calm term (turning costs, towards the end) are ours and
 live only here: without the first every sparse run froze (spec 06), without the second policies wobble. Neither enters
 an alignment reward.
 """
@@ -50,7 +50,7 @@ class BaseConfig:
     setup: str
     seed: int = 0
     heads: tuple[int, int] = FAST_HEADS
-    updates: int = 48_000  # ours: about a minute and a half on one core
+    updates: int = 60_000  # ours: with the calm ones about two minutes on one core
     n_envs: int = 256  # DESIGN: many environments, few updates
     updates_per_step: int = 12
     random_transitions: int = 10_000
@@ -59,11 +59,13 @@ class BaseConfig:
     progress_weight: float = 1.0  # per metre; ours
     learning_rate: float = 5e-4
     final_learning_rate: float = 5e-5  # reached linearly over the second half: policies stop oscillating
+    calm_updates: int = 12_000  # ours: after the others, with the calm term
+    calm_weight: float = 0.2  # of the calm term, ours; reached linearly over the first half of the calm updates
+    calm_learning_rate: float = 3e-4  # at the beginning of the calm updates; falls to the final one
     tau: float = 0.01
     batch_size: int = 128
     average_decay: float = 0.9995  # running average of the actor's weights, per update
-    calm_weight: float = 0.2  # of the calm term, ours; reached linearly over the third quarter
-    checkpoints: int = 8  # spread over the last quarter; the best on the selection scenes is kept
+    checkpoints: int = 6  # spread over the second half of the calm updates; the best on the selection scenes is kept
     selection_scenes: int = 2_000
 
     def as_dict(self) -> dict[str, Any]:
@@ -121,12 +123,18 @@ class BaseTraining:
 
     def _learning_rate(self) -> float:
         config = self.config
-        late = max(0.0, 2 * self.agent.updates / config.updates - 1)
-        return config.learning_rate + min(1.0, late) * (config.final_learning_rate - config.learning_rate)
+        calm = self.agent.updates - config.updates
+        if calm > 0:
+            begin, share = config.calm_learning_rate, calm / config.calm_updates
+        else:
+            begin, share = config.learning_rate, max(0.0, 2 * self.agent.updates / config.updates - 1)
+        return begin + min(1.0, share) * (config.final_learning_rate - begin)
 
     def _calm_weight(self) -> float:
-        third_quarter = 4 * self.agent.updates / self.config.updates - 2
-        return self.config.calm_weight * min(1.0, max(0.0, third_quarter))
+        calm = self.agent.updates - self.config.updates
+        if calm <= 0:
+            return 0.0
+        return self.config.calm_weight * min(1.0, 2 * calm / self.config.calm_updates)
 
     def policy(self, *, averaged: bool = False) -> Policy:
         """The current policy with its critic; `averaged` takes the running average of the actor's weights."""
@@ -147,7 +155,9 @@ def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> Bas
     """Train, then keep the checkpoint (as it is, or averaged) with most success on the selection scenes."""
     training = BaseTraining(config)
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
-    marks = [int(config.updates * (0.75 + 0.25 * (k + 1) / config.checkpoints)) for k in range(config.checkpoints)]
+    total = config.updates + config.calm_updates
+    apart = config.calm_updates / 2 / config.checkpoints
+    marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
     history: list[dict[str, float]] = []
     best = (-1.0, training.policy())
     while marks:
@@ -155,7 +165,7 @@ def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> Bas
         updates = training.agent.updates
         if updates < marks[0]:
             if updates and updates % (100 * config.updates_per_step) == 0:
-                on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
+                on_progress(updates / total, {"updates": updates, "transitions": training.transitions})
             continue
         marks.pop(0)
         for averaged in (False, True):
@@ -174,7 +184,7 @@ def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> Bas
                 "self_intersections": float(table.self_intersections.mean()),
             }
             history.append(metrics)
-            on_progress(min(1.0, updates / config.updates), metrics)
+            on_progress(min(1.0, updates / total), metrics)
             if success > best[0]:
                 best = (success, policy)
     return BaseResult(best[1], best[0], training.transitions, history)

@@ -13,7 +13,8 @@ from backend.learning.shipped import load_queries
 TINY_BASE = BaseConfig(
     setup="open_field",
     seed=3,
-    updates=240,
+    updates=180,
+    calm_updates=60,
     n_envs=32,
     random_transitions=512,
     buffer_size=20_000,

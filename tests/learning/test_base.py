@@ -41,10 +41,10 @@ def test_a_regenerated_buffer_is_the_same_for_the_same_seed(tiny_base: BaseResul
     assert digests[0] == digests[1] != digests[2]
 
 
-def test_turning_costs_only_from_the_second_half_on() -> None:
-    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100))
+def test_turning_costs_only_in_the_calm_updates() -> None:
+    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100, calm_updates=40))
     weights = []
-    for updates in (0, 50, 60, 75, 100):
+    for updates in (0, 100, 110, 120, 140):
         training.agent.updates = updates
         weights.append(training._calm_weight())
     assert weights[:2] == [0, 0]
@@ -53,8 +53,8 @@ def test_turning_costs_only_from_the_second_half_on() -> None:
     assert float(calm_loss(actions, 0.2)) == pytest.approx(0.2 * (1 + 0.25) / 2)
 
 
-def test_the_learning_rate_falls_only_in_the_second_half() -> None:
-    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100))
+def test_the_learning_rate_falls_in_the_second_half_and_again_in_the_calm_updates() -> None:
+    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100, calm_updates=40))
     rates = []
     for updates in (0, 50, 75, 100):
         training.agent.updates = updates
@@ -62,3 +62,7 @@ def test_the_learning_rate_falls_only_in_the_second_half() -> None:
     assert rates[0] == rates[1] == training.config.learning_rate
     assert rates[1] > rates[2] > rates[3]
     assert np.isclose(rates[3], training.config.final_learning_rate)
+    training.agent.updates = 101
+    assert training._learning_rate() == pytest.approx(training.config.calm_learning_rate, rel=0.03)
+    training.agent.updates = 140
+    assert training._learning_rate() == pytest.approx(training.config.final_learning_rate)
