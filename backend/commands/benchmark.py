@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -28,12 +30,15 @@ def train(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
     seeds: Annotated[int, typer.Option(min=1, help="Number of trainings per arm.")] = 1,
     arms: Annotated[str, typer.Option(help="Any of fast,sb3_fast,sb3_pybullet.")] = "fast,sb3_fast,sb3_pybullet",
+    keep: Annotated[
+        Path | None, typer.Option(help="Keep finished trainings in this file; a broken run goes on from there.")
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
     from backend.learning.benchmark import benchmark_train
 
-    say(benchmark_train(setup=setup, seeds=seeds, arms=tuple(arms.split(","))), as_json)
+    say(benchmark_train(setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep), as_json)
 
 
 @commands.command()
@@ -44,14 +49,65 @@ def align(
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
     queries: Annotated[int, typer.Option(min=2)] = 15,
     seed: Annotated[int, typer.Option()] = 0,
-    noise: Annotated[float, typer.Option(min=0.0, max=1.0)] = 0.0,
+    noise: Annotated[
+        float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
+    ] = 0.0,
+    indifference: Annotated[
+        float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
+    ] = 0.0,
+    myopia: Annotated[
+        float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes."""
     from backend.learning.benchmark_align import benchmark_align
 
-    result = benchmark_align(setup=setup, mode=mode, oracle=oracle, queries=queries, seed=seed, noise=noise)
+    result = benchmark_align(
+        setup=setup,
+        mode=mode,
+        oracle=oracle,
+        queries=queries,
+        seed=seed,
+        noise=noise,
+        indifference=indifference,
+        myopia_s=myopia,
+    )
     say(result, as_json)
+
+
+@commands.command()
+@plain_errors
+def asking(
+    query_set: Annotated[str, typer.Argument(help="A shipped query set or a file.")] = "study_room/queries_200",
+    oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
+    habits: Annotated[str, typer.Option(help="Any of right,mistakes,indifference,myopia; default all.")] = "",
+    answers: Annotated[int, typer.Option(min=1)] = 30,
+    repetitions: Annotated[int, typer.Option(min=2)] = 20,
+    seed: Annotated[int, typer.Option()] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write every curve to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
+    from backend.learning.asking_study import HABITS, AskingConfig, asking_study, summarise
+    from backend.learning.oracles import TASTES
+    from backend.learning.shipped import load_queries
+
+    config = AskingConfig(
+        oracles=tuple(oracles.split(",")) if oracles else tuple(TASTES),
+        habits=tuple(habits.split(",")) if habits else tuple(HABITS),
+        answers=answers,
+        repetitions=repetitions,
+        seed=seed,
+    )
+    result = asking_study(load_queries(query_set), config, lambda done: typer.echo(f"{done:.0%}", err=True)) | {
+        "query_set": query_set
+    }
+    summary = summarise(result)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(result | {"summary": summary["rows"]}, indent=1) + "\n", encoding="utf-8")
+    say(summary, as_json)
 
 
 @commands.command()

@@ -109,6 +109,8 @@ def benchmark_align(
     queries: int = 15,
     seed: int = 0,
     noise: float = 0.0,
+    indifference: float = 0.0,
+    myopia_s: float | None = None,
     n: int = 2_000,
     config: AlignConfig | None = None,
 ) -> dict[str, Any]:
@@ -128,7 +130,9 @@ def benchmark_align(
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
     query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
     asked = generate_queries(load_ensemble(setup), query_config)
-    preferences = make_oracle(oracle, noise=noise, seed=seed).answer(asked.queries)
+    preferences = make_oracle(oracle, noise=noise, seed=seed, indifference=indifference, myopia_s=myopia_s).answer(
+        asked.queries
+    )
     seconds, made = _timed(chosen, setup, preferences, config)
     report_seed = FIRST_REPORT_SEED + seed
     compared = compare_policies(base, made.policy, n=n, seed=report_seed)
@@ -139,6 +143,8 @@ def benchmark_align(
         "mode": mode,
         "oracle": oracle,
         "noise": noise,
+        "indifference": indifference,
+        "myopia_s": myopia_s,
         "queries": queries,
         "seed": seed,
         "seconds": seconds,

@@ -190,22 +190,23 @@ def describe_differences(query_set: QuerySet) -> dict[str, Any]:
     differences = differences_of(query_set.queries)
     if len(differences) < 3:
         raise LearningError(f"queries = {len(differences)}: too few to describe how they differ")
-    spread = np.sqrt(np.diag(np.cov(differences.T, bias=True)))
+    spread = [float(column.std()) for column in differences.T]
     with np.errstate(invalid="ignore", divide="ignore"):
         correlations = np.nan_to_num(np.corrcoef(differences.T))
     off = np.abs(correlations - np.diag(np.diag(correlations)))
     i, j = divmod(int(off.argmax()), len(MEASURES))
+    between = float(correlations[i, j])
     return {
         "setup": query_set.setup,
         "queries": len(query_set),
         "measures": {
             name: {
-                "sd": float(spread[k]),
+                "sd": spread[k],
                 "noticeable_difference": NOTICEABLE[k],
                 "noticeable_share": float((np.abs(differences[:, k]) >= NOTICEABLE[k]).mean()),
             }
             for k, name in enumerate(MEASURES)
         },
         "correlations": correlations.tolist(),
-        "largest_correlation": {"between": [MEASURES[i], MEASURES[j]], "value": float(correlations[i, j])},
+        "largest_correlation": {"between": [MEASURES[i], MEASURES[j]], "value": between},
     }

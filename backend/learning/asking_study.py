@@ -1,0 +1,158 @@
+"""A simulation study of asking: how well wants are known after 1, 2, ... answers, by how queries are chosen.
+
+Who answers lives in `oracles.py`, what is chosen in `choosing.py`, what answers say in `posterior.py`. Everything here
+is simulated and says so; an oracle's answer to a query is drawn once per repetition, so that strategies differ in
+nothing but the choice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.choosing import STRATEGIES, next_query
+from backend.learning.errors import LearningError
+from backend.learning.evaluate import wilson
+from backend.learning.oracles import HELD_OUT, TASTES, TUNING, Habits, make_oracle
+from backend.learning.posterior import Posterior, PosteriorConfig
+from backend.learning.queries import Query, QuerySet
+from backend.learning.varied_queries import differences_of
+
+Doubles = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+T_95 = 1.96
+
+HABITS: dict[str, Habits] = {
+    "right": Habits(),
+    "mistakes": Habits(noise=0.1),
+    "indifference": Habits(indifference=0.25),
+    "myopia": Habits(myopia_s=3.0),
+}
+"""How answers stray: 10 % wrong; a quarter of a typical difference unnoticed; the first three seconds judged. Ours."""
+
+
+@dataclass(frozen=True)
+class AskingConfig:
+    """What is simulated. test_share: of the queries, drawn per repetition, never asked; accuracy is measured on these."""
+
+    oracles: tuple[str, ...] = tuple(TASTES)
+    habits: tuple[str, ...] = tuple(HABITS)
+    strategies: tuple[str, ...] = STRATEGIES
+    answers: int = 30
+    repetitions: int = 20
+    test_share: float = 0.4
+    seed: int = 0
+    posterior: PosteriorConfig = PosteriorConfig(particles=6_000)  # noqa: RUF009, frozen
+
+
+def asking_study(
+    query_set: QuerySet, config: AskingConfig | None = None, on_progress: Callable[[float], None] | None = None
+) -> dict[str, Any]:
+    """Accuracy on queries that were not asked and the share of repetitions in which the dominant objective was found.
+
+    Result: {"simulated": True, "config", "curves": [{oracle, held_out, habits, strategy, accuracy, low, high (95 %, of
+    the mean), dominant, dominant_low, dominant_high (Wilson)}]}, each a list by number of answers from 1 on; dominant
+    is null for a taste outside the vocabulary. Accuracy is agreement with the taste itself, without mistakes. The test
+    queries and the random stream of a repetition are the same for all strategies. Raises LearningError for unknown
+    names or too few queries.
+    """
+    config = config or AskingConfig()
+    for name, known in (("oracles", TASTES), ("habits", HABITS), ("strategies", STRATEGIES)):
+        unknown = [value for value in getattr(config, name) if value not in known]
+        if unknown:
+            raise LearningError(f"{name} = {', '.join(unknown)}: known are {', '.join(known)}")
+    test = round(len(query_set) * config.test_share)
+    if test < 1 or len(query_set) - test < config.answers:
+        raise LearningError(f"queries = {len(query_set)}: too few to ask {config.answers} and test on {test} others")
+    differences = differences_of(query_set.queries)
+    cells = [(oracle, habits) for oracle in config.oracles for habits in config.habits]
+    curves: list[dict[str, Any]] = []
+    for number, (oracle, habits) in enumerate(cells):
+        curves += _curves_of(query_set, differences, oracle, habits, config)
+        if on_progress:
+            on_progress((number + 1) / len(cells))
+    return {"simulated": True, "setup": query_set.setup, "config": asdict(config), "curves": curves}
+
+
+def _curves_of(
+    query_set: QuerySet, differences: Doubles, oracle: str, habits: str, config: AskingConfig
+) -> list[dict[str, Any]]:
+    truth = _says_a(query_set.queries, oracle, Habits(), config.seed)
+    curves = []
+    for strategy in config.strategies:
+        accuracy = np.zeros((config.repetitions, config.answers))
+        found = np.zeros((config.repetitions, config.answers), dtype=np.bool_)
+        for repetition in range(config.repetitions):
+            answers = _says_a(query_set.queries, oracle, HABITS[habits], config.seed + 1 + repetition)
+            random = np.random.default_rng([config.seed, repetition, 41])
+            order = random.permutation(len(differences))
+            test = order[: round(len(order) * config.test_share)]
+            open_ones = list(order[len(test) :])
+            posterior = Posterior.prior(query_set.setup, config.posterior)
+            for asked in range(config.answers):
+                best = open_ones.pop(next_query(posterior, differences[open_ones], strategy, random).index)
+                posterior = posterior.updated(differences[best], bool(answers[best]))
+                accuracy[repetition, asked] = ((posterior.predict(differences[test]) > 0.5) == truth[test]).mean()
+                found[repetition, asked] = posterior.dominant() in TASTES[oracle].wants[:1]
+        curves.append(
+            {
+                "oracle": oracle,
+                "held_out": oracle in HELD_OUT,
+                "habits": habits,
+                "strategy": strategy,
+                **_with_intervals(accuracy),
+                **(_shares(found) if TASTES[oracle].wants else {"dominant": None}),
+            }
+        )
+    return curves
+
+
+def _says_a(queries: Sequence[Query], oracle: str, habits: Habits, seed: int) -> Flags:
+    """(n,) does the oracle choose A?"""
+    says_a: Flags = np.equal(make_oracle(oracle, **asdict(habits), seed=seed).choices(queries), 0)
+    return says_a
+
+
+def _with_intervals(values: Doubles) -> dict[str, list[float]]:
+    mean = values.mean(axis=0)
+    half = T_95 * values.std(axis=0, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.zeros_like(mean)
+    return {"accuracy": mean.tolist(), "low": (mean - half).tolist(), "high": (mean + half).tolist()}
+
+
+def _shares(found: Flags) -> dict[str, list[float]]:
+    intervals = [wilson(int(column.sum()), len(column)) for column in found.T]
+    return {
+        "dominant": found.mean(axis=0).tolist(),
+        "dominant_low": [interval.low for interval in intervals],
+        "dominant_high": [interval.high for interval in intervals],
+    }
+
+
+def summarise(result: dict[str, Any]) -> dict[str, Any]:
+    """The study in a few numbers, by habits and strategy, over the tuning and the held-out tastes apart.
+
+    dominant_15: mean share of repetitions in which 15 answers found it; accuracy: mean after 8, 15 and the last answer.
+    """
+    rows = []
+    last = result["config"]["answers"]
+    for split, names in (("tuning", TUNING), ("held_out", HELD_OUT)):
+        for habits in result["config"]["habits"]:
+            for strategy in result["config"]["strategies"]:
+                of = [
+                    curve
+                    for curve in result["curves"]
+                    if curve["oracle"] in names and (curve["habits"], curve["strategy"]) == (habits, strategy)
+                ]
+                if not of:
+                    continue
+                row: dict[str, Any] = {"oracles": split, "habits": habits, "strategy": strategy}
+                for n in sorted({min(8, last), min(15, last), last}):
+                    row[f"accuracy_{n}"] = float(np.mean([curve["accuracy"][n - 1] for curve in of]))
+                found = [curve["dominant"][min(15, last) - 1] for curve in of if curve["dominant"]]
+                row[f"dominant_{min(15, last)}"] = float(np.mean(found)) if found else None
+                rows.append(row)
+    return {"simulated": True, "setup": result["setup"], "repetitions": result["config"]["repetitions"], "rows": rows}
