@@ -46,11 +46,11 @@ class Stakes:
     self_intersection: float = -6.0
     progress: float = 3.0
     time: float = 0.1
-    turning: float = 0.05
+    turning: float = 0.15
 
 
 STAKES = {
-    "open_field": Stakes(scales=(2.0, 1.2, 1.5, 1.5, 2.5, 1.5, 1.0, 1.5, 0.5), goal=20.0, collision=-20.0),
+    "open_field": Stakes(scales=(4.0, 1.0, 1.5, 1.5, 2.5, 2.5, 2.5, 1.5, 0.8), goal=20.0, collision=-25.0),
     # A drive has a third of the open field's steps, so that the same wants need more per step to matter.
     "study_room": Stakes(scales=(8.0, 5.0, 6.0, 6.0, 10.0, 4.0, 2.0, 6.0, 1.2), goal=40.0, collision=-50.0, time=0.2),
 }
@@ -63,16 +63,16 @@ class ConditionedConfig:
     setup: str
     seed: int = 0
     stakes: Stakes | None = None  # None: the setup's own, from STAKES
-    updates: int = 36_000
+    updates: int = 40_000
     batch_size: int = 256
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
-    learning_rate: float = 7e-4
-    final_learning_rate: float = 5e-5  # reached linearly over the second half
+    learning_rate: float = 5e-4
+    final_learning_rate: float = 3e-5  # reached linearly over the second half
     tau: float = 0.005
-    average_decay: float = 0.999  # running average of the actor's weights, per update
+    average_decay: float = 0.9995  # running average of the actor's weights, per update
     n_envs: int = 128
     updates_per_step: int = 8
-    buffer_size: int = 500_000
+    buffer_size: int = 800_000
     base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
     exploration: tuple[float, float] = (0.03, 0.4)
     neutral_share: float = 0.12  # of the episodes: nothing is wanted
@@ -81,7 +81,7 @@ class ConditionedConfig:
     smallest_weight: float = 0.15
     relabelled_share: float = 0.5  # of each batch: judged by the wants of another episode
     mirrored_share: float = 0.5  # of each batch: left and right exchanged
-    checkpoints: int = 3  # over the last third; the best on the selection scenes is kept
+    checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
     selection_scenes: int = 200
 
     @property
