@@ -49,6 +49,14 @@ CONDITIONS: dict[str, tuple[Source, int]] = {
 MODELS = {"mlp": "neural", "linear": "linear", "weights": "weights"}  # the thesis's, then ours
 TEST_SETS = ("ensemble pairs", "segments")
 
+RECIPES = {
+    "thesis": "the thesis's recipe",
+    "refine": "our recipe from RAW",
+    "instant": "our conditioned policy at once",
+    "refined": "our conditioned policy, refined",
+}
+FROM_CONDITIONED = ("instant", "refined")
+
 FIRST_SEED = 20_000  # of query and reporting scenes: beyond those of cards, benchmarks and studies
 SEEDS_PER_RUN = 100
 TEST_SEED = 99  # of the hundred seeds of a run
@@ -82,7 +90,8 @@ class Budget:
     gate_scenes: int = AlignConfig().gate_scenes
     replay_transitions: int = AlignConfig().replay_transitions
     starts: int = 6  # per scene with trajectories drawn in it
-    flow_fields: tuple[str, ...] = ("EnQ-15",)  # of the conditions, against RAW, by each recipe
+    recipes: tuple[str, ...] = tuple(RECIPES)  # those from the conditioned policy only where one is shipped
+    flow_fields: tuple[str, ...] = ("EnQ-15",)  # conditions by the thesis's recipe, against RAW; by ours only EnQ-15
 
 
 SMALL = Budget(
@@ -188,15 +197,6 @@ def refined_config(budget: Budget, run: int) -> AlignConfig:
     )
 
 
-RECIPES = {
-    "thesis": "the thesis's recipe",
-    "refine": "our recipe from RAW",
-    "instant": "our conditioned policy at once",
-    "refined": "our conditioned policy, refined",
-}
-FROM_CONDITIONED = ("instant", "refined")
-
-
 def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
     """The pieces of work. Raises ValueError for a seed without scenes of its own."""
     if not 0 <= seed < SEEDS_PER_RUN:
@@ -241,13 +241,12 @@ def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
         )
         for run in range(budget.repetitions)
     ]
-    scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
     alignments = {
         (recipe, condition): [
             _alignment(recipe, source, queries, run, budget, seed, own, (base, ensemble))
             for run in range(budget.alignments)
         ]
-        for recipe in RECIPES
+        for recipe in budget.recipes
         for condition, (source, queries) in CONDITIONS.items()
         if recipe not in FROM_CONDITIONED or CONDITIONED in shipped_names()
     }

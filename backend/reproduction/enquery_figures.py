@@ -106,6 +106,7 @@ def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
         flow_picture(f"flow_{recipe}_{name.lower()}", told, name, base, first_runs[recipe, name], seen[0])
         for recipe, told in plan.recipes.items()
         for name in plan.budget.flow_fields
+        if recipe == "thesis" or name == FIRST
     ]
     return [
         sweep_picture(results.sweep),

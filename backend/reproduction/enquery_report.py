@@ -146,8 +146,8 @@ def explanations(plan: Plan, results: Results) -> list[str]:
         told.append(
             f"The scenes. No policy can keep more than {_m(results.ceiling_m)} on average in ours, less than the "
             f"published {', '.join(above)}; {_m(first)} or more is possible in "
-            f"{_share(results.reachable_share[FIRST])} of them. Scenes must have been drawn differently there, so "
-            "metres cannot be compared, only shares of the way."
+            f"{_share(results.reachable_share[FIRST])} of them. Scenes or the measure must have been different there, "
+            "so metres cannot be compared, only shares of the way."
         )
     gap = raw.min_human_distance_m - raw.published.min_human_distance_m
     told.append(
@@ -158,7 +158,7 @@ def explanations(plan: Plan, results: Results) -> list[str]:
     ours = max((recipe for recipe in gains if recipe != "thesis"), key=lambda recipe: gains[recipe])
     if gains[ours] > gains["thesis"]:
         told.append(
-            "The recipe. From the same answers, base policy and scenes the thesis's recipe (lambda 0.06, neural reward "
+            "The recipe. From the same answers, in the same scenes, the thesis's recipe (lambda 0.06, neural reward "
             f"model, relabelled buffer alone) goes {_share(gains['thesis'])} of the way, {RECIPES[ours]} "
             f"{_share(gains[ours])}: the answers hold more than the published recipe takes from them."
         )
@@ -205,7 +205,11 @@ def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
             f"seeds {query_seed(plan.seed, 0)} and following, one per repetition and alignment; test pairs "
             f"{plan.accuracies[0].params['test_seed']}",
         ),
-        ("training seeds", f"base, ensembles: {plan.seed}; alignments and reward models: 0 to {budget.alignments - 1}"),
+        (
+            "training seeds",
+            f"{'base, ensemble, ' if budget.train else ''}sweep: {plan.seed}; alignments and reward models: their "
+            f"number from 0 to {max(budget.alignments, budget.repetitions) - 1}",
+        ),
         (
             "thesis's recipe",
             f"{budget.thesis_epochs} epochs of {budget.thesis_updates:,} updates, lambda 0.06, best epoch kept",

@@ -38,6 +38,7 @@ TINY = replace(
     selection_scenes=6,
     gate_scenes=6,
     replay_transitions=1_000,
+    recipes=("thesis", "refine", "instant"),
     starts=2,
     flow_fields=(),
 )
