@@ -50,9 +50,9 @@ class Stakes:
 
 
 STAKES = {
-    "open_field": Stakes(scales=(4.0, 1.0, 1.5, 1.5, 2.5, 2.5, 2.5, 1.5, 0.8), goal=20.0, collision=-25.0),
+    "open_field": Stakes(scales=(3.0, 1.0, 1.2, 1.2, 2.5, 2.0, 1.5, 1.2, 0.8), goal=30.0, collision=-30.0, progress=5.0),
     # A drive has a third of the open field's steps, so that the same wants need more per step to matter.
-    "study_room": Stakes(scales=(8.0, 5.0, 6.0, 6.0, 10.0, 4.0, 2.0, 6.0, 1.2), goal=40.0, collision=-50.0, time=0.2),
+    "study_room": Stakes(scales=(8.0, 8.0, 12.0, 12.0, 12.0, 5.0, 4.0, 10.0, 2.0), goal=40.0, collision=-60.0, time=0.2),
 }
 
 
@@ -63,16 +63,16 @@ class ConditionedConfig:
     setup: str
     seed: int = 0
     stakes: Stakes | None = None  # None: the setup's own, from STAKES
-    updates: int = 40_000
+    updates: int = 60_000
     batch_size: int = 256
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
-    learning_rate: float = 5e-4
+    learning_rate: float = 6e-4
     final_learning_rate: float = 3e-5  # reached linearly over the second half
     tau: float = 0.005
     average_decay: float = 0.9995  # running average of the actor's weights, per update
     n_envs: int = 128
     updates_per_step: int = 8
-    buffer_size: int = 800_000
+    buffer_size: int = 1_100_000
     base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
     exploration: tuple[float, float] = (0.03, 0.4)
     neutral_share: float = 0.12  # of the episodes: nothing is wanted
