@@ -50,9 +50,13 @@ class Stakes:
 
 
 STAKES = {
-    "open_field": Stakes(scales=(3.0, 1.0, 1.2, 1.2, 2.5, 2.0, 1.5, 1.2, 0.8), goal=30.0, collision=-30.0, progress=5.0),
+    "open_field": Stakes(
+        scales=(3.0, 1.0, 1.2, 1.2, 2.5, 2.0, 1.5, 1.2, 0.8), goal=30.0, collision=-30.0, progress=5.0
+    ),
     # A drive has a third of the open field's steps, so that the same wants need more per step to matter.
-    "study_room": Stakes(scales=(8.0, 8.0, 12.0, 12.0, 12.0, 5.0, 4.0, 10.0, 2.0), goal=40.0, collision=-60.0, time=0.2),
+    "study_room": Stakes(
+        scales=(8.0, 8.0, 12.0, 12.0, 12.0, 5.0, 4.0, 10.0, 2.0), goal=40.0, collision=-60.0, time=0.2
+    ),
 }
 
 
