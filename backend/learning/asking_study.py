@@ -37,7 +37,7 @@ HABITS: dict[str, Habits] = {
 
 @dataclass(frozen=True)
 class AskingConfig:
-    """What is simulated. test_share: of the queries, drawn per repetition, never asked; accuracy is measured on these."""
+    """What is simulated. test_share: of the queries, drawn anew per repetition; accuracy is measured on these."""
 
     oracles: tuple[str, ...] = tuple(TASTES)
     habits: tuple[str, ...] = tuple(HABITS)

@@ -18,6 +18,7 @@ from backend.learning.networks import Parameters, critic_forward, use_one_thread
 from backend.learning.preferences import Preference, usable
 from backend.learning.reward_model import Reduction
 from backend.learning.shape import FAST_HEADS, NetworkShape
+from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 
@@ -31,6 +32,7 @@ class MlpConfig:
     learning_rate: float = 1e-4
     reduction: Reduction = "sum"  # equation 6.4; the mean is an option (spec 06)
     heads: tuple[int, int] = FAST_HEADS  # ours; the thesis's critic has 400, 300
+    pairs_per_step: int = 1
     held_out_share: float = 0.2  # ours: the epoch is chosen on this share of the answers, once there are 10
     fewest_answers: int = 2  # ours; learning curves begin at 1
 
@@ -57,6 +59,11 @@ class MlpRewardModel:
         normalised: Floats = ((values - self.shift) / self.scale).astype(np.float32)
         return normalised
 
+    def raw_reward(self, drive: Trajectory) -> float:
+        """Sum or mean of the network's own outputs over a drive: what was trained, before normalisation."""
+        steps = self.rewards(drive.observations, drive.actions, drive.next_observations) * self.scale + self.shift
+        return float(steps.sum() if self.reduction == "sum" else steps.mean())
+
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
         meta: dict[str, object] = {
             "kind": "mlp",
@@ -78,19 +85,20 @@ class MlpRewardModel:
 
 def pair_losses(pairs: Sequence[Preference], parameters: Parameters, reduction: Reduction) -> Tensor:
     """Equation 6.4: -log P[chosen > rejected] of each pair, (pairs,)."""
-    gaps = []
-    for pair in pairs:
-        reduced = []
-        for drive in (pair.chosen, pair.rejected):
-            observations, actions = torch.as_tensor(drive.observations), torch.as_tensor(drive.actions)
-            steps = critic_forward(observations, actions, parameters.layers, n_heads=1)[0]
-            reduced.append(steps.sum() if reduction == "sum" else steps.mean())
-        gaps.append(reduced[0] - reduced[1])
-    return torch.nn.functional.softplus(-torch.stack(gaps))
+    drives = [drive for pair in pairs for drive in (pair.chosen, pair.rejected)]
+    observations = torch.as_tensor(np.concatenate([drive.observations for drive in drives]))
+    actions = torch.as_tensor(np.concatenate([drive.actions for drive in drives]))
+    lengths = torch.tensor([len(drive.actions) for drive in drives])
+    steps = critic_forward(observations, actions, parameters.layers, n_heads=1)[0]
+    of_drive = torch.repeat_interleave(torch.arange(len(drives)), lengths)
+    reduced = torch.zeros(len(drives)).index_add(0, of_drive, steps)
+    if reduction == "mean":
+        reduced = reduced / lengths
+    return torch.nn.functional.softplus(reduced[1::2] - reduced[0::2])
 
 
 def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) -> MlpRewardModel:
-    """Train for `epochs`, one pair per step, and keep the epoch with the least loss.
+    """Train for `epochs`, `pairs_per_step` at a time, and keep the epoch with the least loss.
 
     The loss that chooses is that of held-out answers from ten answers on, of the training answers below.
     Raises LearningError for fewer than `fewest_answers` usable ones, SetupError for mixed setups.
@@ -108,9 +116,11 @@ def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) 
     optimiser = torch.optim.Adam([parameters.flat], lr=config.learning_rate, fused=True)
     best_loss, best = float("inf"), parameters.to_arrays()
     for _ in range(config.epochs):
-        for k in random.permutation(len(train)):
+        order = random.permutation(len(train))
+        for first in range(0, len(order), config.pairs_per_step):
             parameters.zero_grad()
-            pair_losses([train[k]], parameters, config.reduction).sum().backward()  # type: ignore[no-untyped-call]
+            together = [train[k] for k in order[first : first + config.pairs_per_step]]
+            pair_losses(together, parameters, config.reduction).mean().backward()  # type: ignore[no-untyped-call]
             optimiser.step()
         with torch.no_grad():
             loss = float(pair_losses(held_out or train, parameters, config.reduction).mean())

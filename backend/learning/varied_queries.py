@@ -192,7 +192,7 @@ def describe_differences(query_set: QuerySet) -> dict[str, Any]:
         raise LearningError(f"queries = {len(differences)}: too few to describe how they differ")
     spread = [float(column.std()) for column in differences.T]
     with np.errstate(invalid="ignore", divide="ignore"):
-        correlations = np.nan_to_num(np.corrcoef(differences.T))
+        correlations: Doubles = np.nan_to_num(np.asarray(np.corrcoef(differences.T)))
     off = np.abs(correlations - np.diag(np.diag(correlations)))
     i, j = divmod(int(off.argmax()), len(MEASURES))
     between = float(correlations[i, j])

@@ -1,0 +1,138 @@
+"""Choosing queries: what tells most is asked first, nothing twice, and a study of it gives honest curves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.learning.asking_study import AskingConfig, asking_study, summarise
+from backend.learning.choosing import (
+    StoppingRule,
+    best_information,
+    choose_queries,
+    information_bits,
+    next_query,
+)
+from backend.learning.errors import LearningError
+from backend.learning.posterior import Posterior, PosteriorConfig
+from backend.learning.queries import QuerySet
+from backend.learning.varied_queries import balanced, describe_differences, drawn_wants
+from backend.learning.vocabulary import MEASURES, OPPOSITES, typical_differences
+
+QUICK = PosteriorConfig(particles=4_000)
+PRIOR = Posterior.prior("study_room", QUICK)
+
+
+def pairs(n: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(n, len(MEASURES))) * typical_differences("study_room")
+
+
+@pytest.mark.parametrize("strategy", ["disagreement", "information"])
+def test_of_alike_drives_and_different_ones_the_different_ones_are_shown(strategy: str) -> None:
+    candidates = pairs(30) * 0.001
+    candidates[17] = pairs(1)[0] * 2
+    chosen = next_query(PRIOR, candidates, strategy, np.random.default_rng(0))
+    assert chosen.index == 17
+    assert 0.2 < chosen.bits <= 1
+    assert best_information(PRIOR, candidates) == pytest.approx(chosen.bits)
+
+
+def test_what_is_known_already_tells_little() -> None:
+    only_distance = np.zeros((40, len(MEASURES)))
+    only_distance[:, 0] = np.linspace(0.5, 2, 40)
+    posterior = Posterior.from_answers("study_room", only_distance[:20], [True] * 20, QUICK)
+    before, after = (information_bits(p, only_distance[30:31])[0] for p in (PRIOR, posterior))
+    assert after < 0.2 * before
+
+
+def test_a_batch_does_not_ask_the_same_twice() -> None:
+    candidates = pairs(40)
+    candidates[1:20] = candidates[0]  # the same pair again and again
+    candidates[:20] *= 3
+    chosen = choose_queries(PRIOR, candidates, 8, "information", np.random.default_rng(0))
+    assert len(set(chosen)) == 8
+    assert sum(index < 20 for index in chosen) <= 3
+
+
+def test_random_choice_is_the_seeds() -> None:
+    first, second = (choose_queries(PRIOR, pairs(40), 8, "random", np.random.default_rng(7)) for _ in range(2))
+    assert first == second
+    assert len(set(first)) == 8
+
+
+def test_impossible_choices_are_refused() -> None:
+    random = np.random.default_rng(0)
+    with pytest.raises(LearningError, match="random, disagreement, information"):
+        next_query(PRIOR, pairs(3), "best", random)
+    with pytest.raises(LearningError, match="count = 4"):
+        choose_queries(PRIOR, pairs(3), 4, "information", random)
+
+
+def test_stopping_waits_for_several_poor_queries_in_a_row() -> None:
+    rule = StoppingRule(below_bits=0.1, in_a_row=3, at_least=5)
+    assert not rule.met([0.05] * 4)
+    assert rule.met([0.05] * 5)
+    assert not rule.met([0.05, 0.05, 0.05, 0.3, 0.05, 0.05])
+    assert rule.met([0.9, 0.9, 0.05, 0.05, 0.05])
+
+
+def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) -> None:
+    some = QuerySet(study_queries.setup, study_queries.queries[:60], {})
+    config = AskingConfig(
+        oracles=("min-human-distance", "seconds-to-person"),
+        habits=("right",),
+        strategies=("random", "information"),
+        answers=6,
+        repetitions=3,
+        posterior=PosteriorConfig(particles=1_500),
+    )
+    result = asking_study(some, config)
+    assert result["simulated"] is True
+    assert asking_study(some, config) == result
+    assert len(result["curves"]) == 4
+    for curve in result["curves"]:
+        assert len(curve["accuracy"]) == 6
+        assert all(
+            low <= mean <= high for low, mean, high in zip(curve["low"], curve["accuracy"], curve["high"], strict=True)
+        )
+        assert curve["held_out"] == (curve["oracle"] == "seconds-to-person")
+        assert (curve["dominant"] is None) == (curve["oracle"] == "seconds-to-person")
+    distance = next(
+        c for c in result["curves"] if c["oracle"] == "min-human-distance" and c["strategy"] == "information"
+    )
+    assert distance["accuracy"][-1] > 0.8
+    assert {row["strategy"] for row in summarise(result)["rows"]} == {"random", "information"}
+
+
+def test_a_study_with_too_few_queries_is_refused(study_queries: QuerySet) -> None:
+    with pytest.raises(LearningError, match="too few"):
+        asking_study(QuerySet(study_queries.setup, study_queries.queries[:10], {}))
+
+
+def test_what_pairs_differ_in_is_described(study_queries: QuerySet) -> None:
+    described = describe_differences(study_queries)
+    assert set(described["measures"]) == set(MEASURES)
+    correlations = np.array(described["correlations"])
+    assert np.allclose(np.diag(correlations), 1)
+    i, j = (MEASURES.index(name) for name in described["largest_correlation"]["between"])
+    assert correlations[i, j] == described["largest_correlation"]["value"]
+
+
+def test_balancing_takes_apart_what_goes_together() -> None:
+    random = np.random.default_rng(0)
+    differences = random.normal(size=(600, len(MEASURES)))
+    differences[:, 6] = differences[:, 3] + 0.5 * random.normal(size=600)  # longer is later, mostly
+    places = np.repeat(np.arange(200), 3)
+    chosen = balanced(differences, places.tolist(), 60)
+    assert len(set(places[chosen])) == 60
+    before = np.corrcoef(differences.T)[3, 6]
+    after = np.corrcoef(differences[chosen].T)[3, 6]
+    assert before > 0.8
+    assert abs(after) < 0.55
+
+
+def test_drawn_wants_are_possible_and_cover_every_objective() -> None:
+    wants = np.array(drawn_wants(14, seed=0))
+    assert wants.shape == (14, 9)
+    assert (wants.max(axis=0) > 0).all()
+    assert not any((wants[:, a] * wants[:, b]).any() for a, b in OPPOSITES)
