@@ -31,7 +31,7 @@ REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
 SHIPPED_QUERIES = 200
 LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 20.0}  # of a drive in a varied query; the field's robot is slow
-FIRST_CONDITIONED_REPORT_SEED = 300  # reporting scenes that nothing else uses
+FIRST_CONDITIONED_REPORT_SEED = 320  # reporting scenes that nothing else uses and no setting was chosen on
 
 
 def report(policy: Policy) -> dict[str, Any]:
