@@ -21,7 +21,6 @@ from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, house
 from backend.api.job_pages import csv_response, posted
 from backend.api.lab import LabRefusal, lab_language, lab_page
-from backend.learning.export import policy_to_onnx, policy_to_sb3_zip
 from backend.learning.policy import Policy
 from backend.store.artefacts import Lineage, lineage, load_trajectory
 from backend.store.events import log_event
@@ -172,11 +171,15 @@ def content(artefact_id: str, database: Db, files: Files) -> Response:
 @router.get("/lab/policies/{artefact_id}/policy.zip")
 def policy_sb3(artefact_id: str, database: Db, files: Files) -> Response:
     """The policy as a Stable-Baselines3 TD3 zip."""
+    from backend.learning.export import policy_to_sb3_zip  # torch takes seconds to import; the server does without
+
     return _exported(artefact_id, database, files, policy_to_sb3_zip, "zip")
 
 
 @router.get("/lab/policies/{artefact_id}/policy.onnx")
 def policy_onnx(artefact_id: str, database: Db, files: Files) -> Response:
+    from backend.learning.export import policy_to_onnx
+
     return _exported(artefact_id, database, files, policy_to_onnx, "onnx")
 
 

@@ -13,11 +13,11 @@ from datetime import datetime
 from statistics import median, quantiles
 from typing import Any
 
-from scipy.stats import binomtest
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api import study_rows
 from backend.api.study_rows import Answer, AnswerFilter, Person
+from backend.learning.evaluate import wilson
 from backend.store.models import Study
 from backend.study.protocol import thaw
 
@@ -131,8 +131,8 @@ def _share_of_people(hits: int, n: int) -> Share:
     """A share whose n are different people, so that an interval means something."""
     if not n:
         return Share(0, 0)
-    interval = binomtest(hits, n).proportion_ci(method="wilson")
-    return Share(hits, n, float(interval.low), float(interval.high))
+    interval = wilson(hits, n)
+    return Share(hits, n, interval.low, interval.high)
 
 
 def _over_people(compared: Sequence[Answer]) -> Share:
