@@ -52,7 +52,7 @@ class EnsembleConfig:
     exploration: tuple[float, float] = (0.05, 0.3)  # ours
     base_transitions: int = 200_000  # ours: of the regenerated base buffer that each member starts with
     average_decay: float = 0.999  # ours: running average of each actor's weights, per update; candidates are averages
-    checkpoints: int = 8  # ours: candidates per member, spread over the last half
+    checkpoints: int = 12  # ours: candidates per member, spread over the training: diversity may cost success later
     selection_scenes: int = 500  # ours: in which the candidates' success is measured
     min_success: float = 0.93  # ours: of a candidate in the selection scenes, while a member has one that reaches it
 
@@ -152,7 +152,7 @@ def train_ensemble(
             on_progress(min(1.0, done / config.steps), {"steps": done})
         if done in marks:
             on_members(done, [policy_of(agent, setup.name).without_critic() for agent in agents])
-        if done >= config.steps * (0.5 + 0.5 * (len(candidates) + 1) / config.checkpoints):
+        if done >= config.steps * (len(candidates) + 1) / config.checkpoints:
             taken_at.append(done)
             candidates.append(
                 [policy_of(a, setup.name, mean).without_critic() for a, mean in zip(agents, averages, strict=True)]
