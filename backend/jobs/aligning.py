@@ -22,6 +22,7 @@ from backend.learning.align import align as learn_policy
 from backend.learning.artefacts import DEPARTURES
 from backend.learning.conditioned import ConditionedPolicy
 from backend.learning.errors import LearningError, TooFewAnswers
+from backend.learning.free_form import choose_reward_model
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, flaw, look_alike
@@ -289,14 +290,19 @@ def _preferences(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pref
 def _fit(model: str, reduction: Reduction, seed: int) -> Fit:
     if model == "weights":
         return fit_weights
+    if model == "auto":
+        return lambda preferences: choose_reward_model(preferences, seed=seed).model
     if model == "linear":
         return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
     return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
 
 
 def _weights(model: RewardModel) -> dict[str, Any]:
-    """What the answers were about, where the model can say so."""
-    return {"importance": model.importance()} if isinstance(model, LinearRewardModel | WeightsRewardModel) else {}
+    """Which kind of model it became, and what the answers were about, where it can say so."""
+    told = {"kind": model.to_arrays()[0]["kind"]}
+    return (
+        told | {"importance": model.importance()} if isinstance(model, LinearRewardModel | WeightsRewardModel) else told
+    )
 
 
 def _keep_reward_model(

@@ -65,7 +65,7 @@ class RewardModelParams(Params):
     """Learn what the answers of a snapshot say about driving; measure it on answers it did not see."""
 
     snapshot: str = _artefact("snapshot")
-    model: Literal["linear", "weights", "mlp"] = _from("spec_06_linear", "linear")
+    model: Literal["linear", "weights", "mlp", "auto"] = _from("spec_06_linear", "linear")
     reduction: Literal["sum", "mean"] = _from("thesis_6_4_4", "sum")
     folds: int = _from("ours", 5, ge=2, le=50, advanced=True)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
@@ -82,7 +82,7 @@ class AlignParams(Params):
     conditioned: str | None = Field(
         None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
     )
-    model: Literal["linear", "weights", "mlp"] | None = _from("from_recipe_model", None, advanced=True)
+    model: Literal["linear", "weights", "mlp", "auto"] | None = _from("from_recipe_model", None, advanced=True)
     reward_weight: float | None = _from("from_recipe_weight", None, gt=0, le=10)
     updates: int | None = _from("from_recipe_updates", None, ge=1, le=200_000)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
