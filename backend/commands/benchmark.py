@@ -43,6 +43,20 @@ def train(
 
 @commands.command()
 @plain_errors
+def parity(
+    policy: Annotated[str, typer.Option(help="A shipped name such as study_room/base, or a path.")] = "open_field/base",
+    scenes: Annotated[int, typer.Option(min=2)] = 1_000,
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Success on the fast engine against PyBullet with wheel motors, same scenes. Takes minutes."""
+    from backend.learning.benchmark_parity import benchmark_parity
+
+    say(benchmark_parity(policy=policy, scenes=scenes, seed=seed), as_json)
+
+
+@commands.command()
+@plain_errors
 def align(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
     mode: Annotated[str, typer.Option(help="instant, refine, from_base or thesis.")] = "refine",
@@ -122,3 +136,17 @@ def serve(
     from backend.commands.benchmark_serve import benchmark_serve
 
     say(benchmark_serve(sessions=sessions, answers=answers, during_alignment=during_alignment), as_json)
+
+
+@commands.command()
+@plain_errors
+def finish(
+    participants: Annotated[int, typer.Option(min=1, help="Who give their last answer at the same moment.")] = 10,
+    oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Everybody finishes at once: seconds from the last answer to each one's policy, and to its refinement."""
+    from backend.commands.benchmark_finish import benchmark_finish
+
+    say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)
