@@ -22,7 +22,7 @@ from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3 import Batch, Td3Agent, Td3Config
-from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, step_terms
+from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, step_terms, worth
 from backend.simulation.fast import FastEngine
 from backend.simulation.setups import Setup, SetupError, get_setup
 
@@ -60,6 +60,14 @@ STAKES = {
 }
 
 
+MIXTURES = {
+    "farther_smoother": {"farther": 1.0, "smoother": 0.5},
+    "slower_clearance": {"slower_near_person": 1.0, "clearance": 0.7},
+    "left_faster": {"person_on_left": 1.0, "faster": 1.0},
+}
+"""Wants whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
+
+
 @dataclass(frozen=True)
 class ConditionedConfig:
     """How a conditioned policy is trained. All ours; measured in the open field and the study room (card)."""
@@ -67,7 +75,7 @@ class ConditionedConfig:
     setup: str
     seed: int = 0
     stakes: Stakes | None = None  # None: the setup's own, from STAKES
-    updates: int = 60_000
+    updates: int = 50_000
     batch_size: int = 256
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
     learning_rate: float = 6e-4
@@ -86,7 +94,7 @@ class ConditionedConfig:
     relabelled_share: float = 0.5  # of each batch: judged by the wants of another episode
     mirrored_share: float = 0.5  # of each batch: left and right exchanged
     checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
-    selection_scenes: int = 200
+    selection_scenes: int = 150
 
     @property
     def at_stake(self) -> Stakes:
@@ -224,7 +232,7 @@ class ConditionedTraining:
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
 
     def batch(self) -> Batch:
-        """What the agent learns from: reward = core + progress + sum_k scale_k weight_k term_k - turning - time.
+        """What the agent learns from: reward = core + progress + sum_k scale_k worth_k term_k - turning - time.
 
         Part of it is judged by the wants of other rows, part of it is mirrored; both are as true as what was driven.
         """
@@ -234,7 +242,7 @@ class ConditionedTraining:
         wants = weights.numpy()
         shuffled = int(n * config.relabelled_share)
         wants[:shuffled] = wants[self._random.permutation(n)[:shuffled]]
-        judged = (wants * terms.numpy()) @ np.array(stakes.scales, dtype=np.float32)
+        judged = (worth(wants) * terms.numpy()) @ np.array(stakes.scales, dtype=np.float32)
         judged -= np.float32(stakes.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(stakes.time)
         turned = self._random.random(n) < config.mirrored_share
         seen, then, done = observations.numpy(), following.numpy(), actions.numpy()
@@ -313,7 +321,7 @@ def train_conditioned(
             continue
         marks.pop(0)
         policy = training.policy(averaged=True)
-        movement = movement_of({name: policy.at(weights) for name, weights in settings().items()}, base, scenes)
+        movement = movement_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
         metrics = {"updates": updates, "transitions": training.transitions, **movement.summary()}
         history.append(metrics)
         on_progress(min(1.0, updates / config.updates), metrics)

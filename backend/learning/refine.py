@@ -23,7 +23,7 @@ from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3 import Batch
-from backend.learning.vocabulary import NAMES, check_weights, gains, step_terms, typical_differences
+from backend.learning.vocabulary import NAMES, check_weights, gains, step_terms, typical_differences, worth
 from backend.simulation.fast import evaluate
 from backend.simulation.setups import Setup, get_setup, require_same
 
@@ -70,11 +70,11 @@ class RefineResult:
 class WantsReward:
     """The reward of the conditioned policy's training for one person's wants:
 
-    core reward + weight * sum_k scale_k w_k term_k - time cost. The weight stays what the configuration says.
+    core reward + weight * sum_k scale_k worth_k term_k - time cost. The weight stays what the configuration says.
     """
 
     def __init__(self, setup: Setup, scaled: Floats, config: AlignConfig) -> None:
-        """scaled: (9,) scale_k * w_k."""
+        """scaled: (9,) scale_k * worth_k."""
         self.weight = 1.0 if config.preference_weight is None else config.preference_weight
         self._setup, self._scaled, self._time_cost = setup, scaled, config.time_cost
 
@@ -138,7 +138,7 @@ def refine(
         start,
         training_engine(setup, stakes, config.online_envs, seed=config.seed + 1),
         replay,
-        WantsReward(setup, weights * np.array(conditioned.scales, dtype=np.float32), config),
+        WantsReward(setup, worth(weights) * np.array(conditioned.scales, dtype=np.float32), config),
         config,
         judge=judge,
         base_success=float(instant.success.mean()),

@@ -118,6 +118,15 @@ def check_weights(weights: Floats) -> Floats:
     return weights
 
 
+def worth(weights: Floats) -> Floats:
+    """(..., 9) preference weights -> what each want is worth in reward: several together are worth one full want.
+
+    Else two wants would ask for more than the goal is worth, and the robot stood still.
+    """
+    together: Floats = weights / np.maximum(weights.sum(axis=-1, keepdims=True), np.float32(1))
+    return together
+
+
 def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     """(n, 7) in the order of MEASURES, each trajectory judged as a whole.
 

@@ -23,7 +23,16 @@ from backend.learning.errors import LearningError
 from backend.learning.mirroring import ACTION_SIGNS, mirror_of
 from backend.learning.policy import Policy, PolicyError
 from backend.learning.shipped import load_policy
-from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, parsed_weights, preference_weights, step_terms
+from backend.learning.vocabulary import (
+    MIRRORED,
+    NAMES,
+    OPPOSITES,
+    SIZE,
+    parsed_weights,
+    preference_weights,
+    step_terms,
+    worth,
+)
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import draw_scenes
@@ -174,7 +183,7 @@ def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
     wants = judged.observations[:, polar : polar + SIZE].numpy()
     following = np.delete(judged.next_observations.numpy(), range(polar, polar + SIZE), axis=1)
     terms = step_terms(judged.actions.numpy(), following, setup)
-    expected = core.rewards.numpy() + (wants * terms) @ np.array(stakes.scales, dtype=np.float32)
+    expected = core.rewards.numpy() + (worth(wants) * terms) @ np.array(stakes.scales, dtype=np.float32)
     np.testing.assert_allclose(judged.rewards.numpy(), expected, atol=1e-4)
     assert (wants > 0).any()
 
