@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from backend.learning.artefacts import Card, card_path, file_sha256
+from backend.learning.conditioned import ConditionedPolicy
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
+from backend.learning.movement import movement_of
 from backend.learning.policy import Policy
 from backend.learning.queries import QueryConfig, QuerySet, flaw, look_alike
 from backend.learning.scene_sets import Purpose, first_seed, scene_set
@@ -24,13 +26,16 @@ from backend.learning.shipped import (
     resolve,
     shipped_names,
 )
+from backend.learning.vocabulary import NAMES
 from backend.simulation.scenes import check_scene, draw_scene
 
 EXPECTED = {
     *(f"{setup}/base" for setup in ("open_field", "study_room")),
     *(f"{setup}/ensemble/{k}" for setup in ("open_field", "study_room") for k in range(4)),
+    *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "study_room/queries_200",
 }
+KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet}
 
 
 def test_everything_promised_is_shipped() -> None:
@@ -40,7 +45,7 @@ def test_everything_promised_is_shipped() -> None:
 @pytest.mark.parametrize("name", sorted(EXPECTED))
 def test_file_and_card_agree_and_the_card_is_complete(name: str) -> None:
     artefact, card = load_shipped(name), load_card(name)
-    assert isinstance(artefact, QuerySet if card.kind == "query_set" else Policy)
+    assert isinstance(artefact, KINDS[card.kind])
     assert artefact.setup == card.setup == name.split("/")[0]
     assert card.name == name
     assert card.sha256 == file_sha256(resolve(name))
@@ -98,6 +103,22 @@ def test_ensemble_members_arrive_and_differ(setup: str) -> None:
     assert len({member.digest() for member in members}) == 4
     assert all(evaluate_policy(member, n=100, seed=7)["success_rate"] > 0.6 for member in members)
     assert load_card(f"{setup}/ensemble/0").results["ensemble_action_diversity"] > 0.5
+
+
+@pytest.mark.parametrize("setup", ["open_field", "study_room"])
+def test_conditioned_policies_drive_as_they_are_told(setup: str) -> None:
+    """On scenes of no card: who wants distance gets it, who wants the person on one side has them there."""
+    scenes = scene_set(setup, 150, purpose=Purpose.REPORT, seed=4_244)
+    base = load_policy(f"{setup}/base")
+    wanted = ("farther", "person_on_left", "person_on_right")
+    movement = movement_of({name: load_policy(f"{setup}/conditioned@{name}=1") for name in wanted}, base, scenes)
+    for name in wanted:
+        moved = movement.moved(name)
+        assert moved["better_than_base"]["low"] > 0, moved
+        assert movement.told[name].success.mean() > 0.9
+    card = load_card(f"{setup}/conditioned").results
+    for name in NAMES:
+        assert {"better_than_base", "better_than_neutral", "share_of_the_way"} <= set(card["moved"][name])
 
 
 def test_shipped_queries_are_worth_showing() -> None:
