@@ -14,9 +14,10 @@ import pytest
 from backend.reproduction import thesis
 from backend.reproduction.enquery import SMALL, Budget, Speed, make_plan
 from backend.reproduction.enquery_figures import accuracy_picture, sweep_picture, table_picture
-from backend.reproduction.enquery_results import Results, crossing, nearest_cell, results_of
-from backend.reproduction.pieces import Work
+from backend.reproduction.enquery_results import Results, crossing, nearest_cell, results_of, table_of_recipe
+from backend.reproduction.pieces import Made, Work
 from backend.reproduction.run import reproduce_enquery
+from backend.simulation.trajectory import Outcome
 
 TINY = replace(
     SMALL,
@@ -27,7 +28,7 @@ TINY = replace(
     answers=(1, 4),
     repetitions=2,
     test_pairs=8,
-    alignments=2,
+    alignments=1,
     rollouts=8,
     thesis_updates=10,
     thesis_epochs=2,
@@ -127,6 +128,37 @@ def test_rows_share_their_scenes_and_say_how_far_they_came(results: Results) -> 
             way = results.ceiling_m - raw.min_human_distance_m
             assert row.share_of_the_way == pytest.approx((row.min_human_distance_m - raw.min_human_distance_m) / way)
             assert row.success_rate + row.collision_rate + row.timeout_rate == pytest.approx(1)
+
+
+def driven(distances: list[float], outcomes: list[Outcome]) -> Made:
+    n = len(distances)
+    ones = np.ones(n)
+    arrays = {"min_human_distance": np.array(distances), "outcome": np.array(outcomes), "ceiling": 3 * ones}
+    return Made({"gate_passed": True}, arrays | dict.fromkeys(("time", "path_length", "self_intersections"), ones))
+
+
+def test_a_table_by_hand() -> None:
+    """Alignments of mean 2.0, 2.2, 2.4 m against 1.0, 1.2, 1.4: t = 1 / (0.2 sqrt(2 / 3)) = 6.124, df = 4."""
+    good, bad = Outcome.SUCCESS, Outcome.COLLISION
+    near = [driven([mean - 0.5, mean + 0.5], [good, good]) for mean in (1.0, 1.2, 1.4)]
+    far = [driven([mean - 0.5, mean + 0.5], [good, bad]) for mean in (2.0, 2.2, 2.4)]
+    raw = driven([0.5, 1.5], [good, good])
+    rows = table_of_recipe("thesis", {"EnQ-15": far, "EnQ-60": near, "BL-15": near, "BL-60": far}, raw)
+    first, second, _, last, base = rows
+    assert [row.name for row in rows] == ["EnQ-15", "EnQ-60", "BL-15", "BL-60", "RAW"]
+    assert (first.min_human_distance_m, first.success_rate, first.collision_rate) == pytest.approx((2.2, 0.5, 0.5))
+    assert (first.share_of_the_way, first.paired_gain_m) == pytest.approx((1.2 / 2, 1.2))
+    assert first.per_alignment_test is None
+    assert second.per_alignment_test is not None
+    assert second.per_alignment_test.statistic == pytest.approx(6.124, abs=5e-4)
+    assert second.per_alignment_test.df == 4
+    assert second.per_alignment_test.p_corrected == pytest.approx(4 * second.per_alignment_test.p)
+    assert last.per_alignment_test is not None
+    assert last.per_alignment_test.p_corrected == 1
+    assert base.per_alignment_test is not None
+    assert base.per_alignment_test.statistic == pytest.approx(1.2 / (0.2 / 3**0.5))  # one policy: a fixed value
+    assert second.per_episode_test is not None
+    assert second.per_episode_test.df == 10
 
 
 def test_the_control_without_the_term_is_less_diverse(results: Results) -> None:
