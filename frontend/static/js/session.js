@@ -364,7 +364,8 @@ function moveOut() {
 
 watchConnection((waiting) => {
   const offline = keep.held() ? "offline_answer" : "offline";
-  showBanner(waiting ? say(waiting === "server" ? "busy" : offline) : null);
+  const busy = waiting === "server";
+  showBanner(waiting ? say(busy ? "busy" : offline) : null);
   if (!waiting) notice("connection", { back: true });
 });
 document.addEventListener("visibilitychange", () => notice("visibility", { hidden: document.hidden }));
