@@ -101,7 +101,9 @@ def test_ensemble_members_arrive_and_differ(setup: str) -> None:
     members = load_ensemble(setup)
     assert len(members) == 4
     assert len({member.digest() for member in members}) == 4
-    assert all(evaluate_policy(member, n=100, seed=7)["success_rate"] > 0.6 for member in members)
+    # 100 scenes: a member with 90 % falls below 0.8 once in a thousand times.
+    assert all(evaluate_policy(member, n=100, seed=7)["success_rate"] > 0.8 for member in members)
+    assert all(load_card(f"{setup}/ensemble/{k}").results["worst_success_rate"] >= 0.88 for k in range(4))
     assert load_card(f"{setup}/ensemble/0").results["ensemble_action_diversity"] > 0.5
 
 
