@@ -239,6 +239,8 @@ def table_picture(results: Results) -> Picture:
             ax.axhline(results.ceiling_m, color=SOFT, linewidth=1, linestyle=(0, (4, 2)), label="ceiling of the scenes")
             ax.set(title=f"by {RECIPES[recipe]}", ylim=(0, None))
             _quiet(ax)
+        for ax in axes[len(results.tables) :]:
+            ax.set_visible(False)
         for ax in axes[::2]:
             ax.set_ylabel("minimum human distance (m)")
         top = max(ax.get_ylim()[1] for ax in axes)
