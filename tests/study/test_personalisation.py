@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Job, Response, Session, TrajectoryRow, Trial, utc_now
+from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial, utc_now
 from backend.study import machine
 from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
@@ -159,3 +159,86 @@ def test_too_few_usable_answers_train_nothing(database, files, twenty_queries):
 def test_expected_outcomes_never_come_before_the_clock(waiting):
     waiting.now -= timedelta(seconds=30)  # a clock that was set back
     assert not settle(waiting)
+
+
+# ---- an instant policy with a refinement behind it -------------------------------------------------------------------
+
+
+@pytest.fixture
+def instant(database, files):
+    """At the waiting step of a study whose recipe is instant, both alignments queued."""
+    with database.session() as s:
+        study = s.scalars(select(Study).where(Study.name == "Instant")).one()
+    walker = Walker(database, files, study)
+    walker.walk_to("train.wait")
+    return walker
+
+
+def end(walker, recipe, *, state="succeeded", passed=True, comparisons=3):
+    """What the worker writes when the alignment of that recipe has ended."""
+    with walker.database.transaction() as s:
+        study = s.get_one(Study, walker.session.study_id)
+        pairs = [
+            {"base": q.trajectory_a, "own": q.trajectory_b, "look_alike": False}
+            for q in queries_of_study(s, walker.files, study)[:comparisons]
+        ]
+        job = next(job for job in s.scalars(select(Job)) if job.params["recipe"] == recipe)
+        job.state = state
+        job.result = {"policy": f"{recipe}-policy", "passed": passed, "comparisons": pairs if passed else []}
+
+
+def own_policies(walker):
+    with walker.database.session() as s:
+        trials = s.scalars(select(Trial).where(Trial.kind == "comparison", Trial.session_id == walker.session.id))
+        return {trial.arms[trial.arms["own"]] for trial in trials}
+
+
+def test_the_last_answer_starts_an_instant_policy_and_a_refinement(database, instant):
+    with database.session() as s:
+        jobs = {job.params["recipe"]: job for job in s.scalars(select(Job))}
+    assert set(jobs) == {"instant", "refine"}
+    assert jobs["refine"].params["start"] == "conditioned"
+    assert jobs["instant"].params["snapshot"] == jobs["refine"].params["snapshot"]
+
+
+def test_nobody_waits_for_the_refinement(instant):
+    assert not settle(instant)
+    end(instant, "instant")
+    assert settle(instant)
+    assert own_policies(instant) == {"instant-policy"}
+
+
+def test_a_refinement_that_is_there_and_better_is_shown(instant):
+    end(instant, "instant")
+    end(instant, "refine")
+    assert settle(instant)
+    assert own_policies(instant) == {"refine-policy"}
+
+
+def test_a_refinement_that_is_no_better_is_not_shown(instant):
+    end(instant, "instant")
+    end(instant, "refine", passed=False)
+    assert settle(instant)
+    assert own_policies(instant) == {"instant-policy"}
+
+
+def test_a_refinement_stands_in_for_an_instant_policy_that_failed(database, instant):
+    end(instant, "instant", state="failed")
+    assert not settle(instant), "the refinement may still come"
+    end(instant, "refine")
+    assert settle(instant)
+    assert own_policies(instant) == {"refine-policy"}
+    assert state(database, instant).personalisation == "shown"
+
+
+def test_when_both_fail_the_data_say_so(database, instant):
+    end(instant, "refine", state="failed")
+    end(instant, "instant", passed=False)
+    assert settle(instant)
+    assert state(database, instant).personalisation == "gate_not_passed"
+
+
+def test_leaving_cancels_both(database, instant):
+    instant.do(machine.withdraw, now=instant.now)
+    with database.session() as s:
+        assert {job.state for job in s.scalars(select(Job))} == {"cancelled"}

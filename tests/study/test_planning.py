@@ -94,7 +94,7 @@ def test_two_blocks_show_the_same_queries_with_the_same_sides_in_their_own_order
     one = TEXT.replace(
         "        - queries: {count: 1, role: learning}     # for practice: stored, marked, never analysed\n", ""
     )
-    protocol = freeze_text(one.replace("  # The alignment starts", block + "  # The alignment starts")).protocol
+    protocol = freeze_text(one.replace("  # With the 15th", block + "  # With the 15th")).protocol
     steps = trials(make_plan(protocol, 3, QUERIES))
     above = [step for step in steps if step["view"] == "top_down"]
     there = [step for step in steps if step["view"] == "immersive"]

@@ -40,13 +40,17 @@ def twenty_queries(folder: Path) -> Path:
 
 
 def furnish(folder: Path, queries: Path) -> None:
-    """Make `folder` a data folder with two studies: "Short" asks three queries, "Full" asks fifteen."""
+    """Make `folder` a data folder with three studies: "Short" asks three queries, "Full" asks fifteen, both with one
+    alignment; "Instant" is short and has an instant policy with a refinement behind it."""
     database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
     database.migrate()
     files = ArtefactStore((folder / "artefacts").as_uri())
-    full = QUICK.read_text().replace("study_room/queries_200", str(queries))
+    instant = QUICK.read_text().replace("study_room/queries_200", str(queries))
+    full = instant.replace("recipe: instant", "recipe: refine")
+    few = ("count: 15", "count: 3")
+    texts = {"Full": full, "Short": full.replace(*few), "Instant": instant.replace(*few)}
     with database.transaction() as s:
-        for name, text in (("Full", full), ("Short", full.replace("count: 15", "count: 3"))):
+        for name, text in texts.items():
             create_study(s, files, freeze_text(text), name=name, created_by=None)
     database.close()
 
