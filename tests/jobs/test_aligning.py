@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from sqlalchemy import select
 
@@ -9,6 +10,10 @@ from backend.jobs.aligning import align, learn_reward_model
 from backend.jobs.artefacts import ArtefactError
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import AlignParams, RewardModelParams
+from backend.learning.errors import LearningError
+from backend.learning.policy import Policy
+from backend.learning.shipped import load_conditioned
+from backend.learning.vocabulary import NAMES
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database
@@ -77,6 +82,45 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):
 
     again = align(begin(house, "align", params.model_dump()), params)
     assert {**again, "seconds": 0} == {**first, "seconds": 0}
+
+
+def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(house):
+    _, database, files = house
+    params = AlignParams(snapshot=snapshot_of(house, answers=15), recipe="instant", gate_scenes=50, comparisons=2)
+    result = align(begin(house, "align", params.model_dump()), params)
+    assert result["passed"]
+    assert len(result["comparisons"]) == 2
+    with database.session() as s:
+        tree = lineage(s, result["policy"])
+        assert {parent.role for parent in tree.parents} == {"base", "reward_model", "answers", "conditioned"}
+        told = tree.artefact.card["config"]["preference_weights"]
+        reward_model = s.get_one(Artefact, result["reward_model"])
+    assert max(told.values()) == 1
+    assert reward_model.card["config"]["model"] == "weights"
+    made = Policy.from_bytes(files.get(result["policy"]))
+    weights = np.array([told.get(name, 0) for name in NAMES], dtype=np.float32)
+    expected = load_conditioned("study_room/conditioned").at(weights)
+    assert np.allclose(made.actor[1], expected.actor[1], atol=1e-3)  # the card rounds the weights
+    assert not made.critic
+
+
+def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(house):
+    _, database, _ = house
+    params = AlignParams(snapshot=snapshot_of(house, answers=15), recipe="refine", start="conditioned", **QUICK)
+    result = align(begin(house, "align", params.model_dump()), params)
+    with database.session() as s:
+        card = s.get_one(Artefact, result["policy"]).card
+    assert result["passed"] == card["results"]["takes_over"]
+    assert bool(result["comparisons"]) == result["passed"]
+    better = card["results"]["better_than_instant"]
+    assert better["low"] <= better["value"] <= better["high"]
+    assert card["config"]["updates"] == 12
+
+
+def test_recipe_instant_needs_preference_weights(house):
+    params = AlignParams(snapshot=snapshot_of(house, answers=4), recipe="instant", model="linear")
+    with pytest.raises(LearningError, match="model = weights"):
+        align(begin(house, "align", params.model_dump()), params)
 
 
 def test_policy_that_does_not_pass_the_gate_gets_no_comparison(house):
