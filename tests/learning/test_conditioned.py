@@ -78,7 +78,8 @@ def test_folding_equals_the_full_network(base: Policy) -> None:
     weights = preference_weights({"farther": 1.0, "smoother": 0.4})
     told = np.concatenate([seen[:, :polar], np.tile(weights, (64, 1)), seen[:, polar:]], axis=1)
     folded = policy.at(weights)
-    np.testing.assert_allclose(folded.act(seen), training.agent.act(told), atol=1e-6)
+    # float32 sums in another order; seen: 1.5e-6
+    np.testing.assert_allclose(folded.act(seen), training.agent.act(told), atol=5e-6)
     assert np.abs(folded.act(seen) - policy.at(preference_weights({})).act(seen)).max() > 1e-4
     for full, plain in ((policy.actor, folded.actor), (policy.critic, folded.critic)):
         through = told[:, : polar + SIZE] @ full[0] + full[1]
