@@ -32,9 +32,8 @@ class Settings(BaseSettings):
     )
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
-    spare_process: bool = Field(
-        True,
-        description="keep one training process loaded (about 350 MB), so that participants' policies start at once",
+    standing_process: bool = Field(
+        True, description="keep one process loaded (about 350 MB), so that instant policies are there within seconds"
     )
     contact: str = Field(
         "", description="whom participants may ask; where empty, they read: the person who sent you the link"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -79,47 +80,64 @@ def environment_of(settings: Settings) -> dict[str, str]:
 
 
 def start_process(settings: Settings, job_id: str | None = None) -> subprocess.Popen[bytes]:
-    """A training process for that job, or one that gets everything ready and waits to be told (`assign`)."""
+    """A training process for that job; without one, a standing process: it gets everything ready, is told jobs one
+    after another on its standard input (`_tell`), and tells on its standard output how each ended."""
     command = [sys.executable, "-m", "backend.jobs.run", str(os.getpid())]
     return subprocess.Popen(
         command if job_id is None else [*command, job_id],
         env=environment_of(settings),
         stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE if job_id is None else None,
         start_new_session=True,
     )
 
 
-def assign(process: subprocess.Popen[bytes], job_id: str) -> None:
-    """Tell a waiting process its job. One that died meanwhile is found dead by `_watch`."""
-    assert process.stdin is not None  # noqa: S101  opened by start_process
-    with contextlib.suppress(BrokenPipeError), process.stdin:
-        process.stdin.write(f"{job_id}\n".encode())
+class Standing:
+    """One process that stands ready with torch and the simulator loaded, for jobs that take less time than that.
 
-
-class Spare:
-    """One training process that waits with torch and the simulator loaded: whoever sits in front of a page gets it,
-    and saves the seconds that starting takes. None is kept where `wanted` is false."""
+    While it works, further jobs get processes of their own. None is kept where `wanted` is false.
+    """
 
     def __init__(self, settings: Settings, *, wanted: bool) -> None:
         self._settings, self._wanted = settings, wanted
         self._lock = threading.Lock()
-        self._waiting = start_process(settings) if wanted else None
+        self._ready = start_process(settings) if wanted else None
 
     def take(self, job_id: str) -> subprocess.Popen[bytes]:
-        """The waiting process if it lives, else a fresh one, with that job; the next spare starts at once."""
+        """The standing process if it is free and lives, else a fresh one, with that job."""
         with self._lock:
-            process, self._waiting = self._waiting, start_process(self._settings) if self._wanted else None
+            process, self._ready = self._ready, None
         if process is None or process.poll() is not None:
             return start_process(self._settings, job_id)
-        assign(process, job_id)
+        assert process.stdin is not None  # noqa: S101  opened by start_process
+        with contextlib.suppress(BrokenPipeError):  # it died just now, which `_watch` finds
+            process.stdin.write(f"{job_id}\n".encode())
+            process.stdin.flush()
         return process
 
-    def end(self) -> None:
-        """Let go of the waiting process."""
+    def give_back(self, process: subprocess.Popen[bytes]) -> None:
+        """Take a process that has done its job; one that cannot stand, or has died, is replaced."""
+        stands = process.stdout is not None and process.poll() is None
         with self._lock:
-            process, self._waiting, self._wanted = self._waiting, None, False
+            if stands and self._wanted and self._ready is None:
+                self._ready = process
+                return
+        end_group(process)
+        with self._lock:
+            if self._wanted and self._ready is None:
+                self._ready = start_process(self._settings)
+
+    def end(self) -> None:
+        """Let go of the process that stands ready."""
+        with self._lock:
+            process, self._ready, self._wanted = self._ready, None, False
         if process is not None:
             end_group(process)
+
+
+def is_instant(job: Job) -> bool:
+    """Does somebody in a session wait for what takes a second?"""
+    return job.session_id is not None and job.params.get("recipe") == "instant"
 
 
 def run_attempt(
@@ -128,28 +146,32 @@ def run_attempt(
     job_id: str,
     number: int,
     running: dict[str, subprocess.Popen[bytes]],
-    spare: Spare,
+    standing: Standing,
 ) -> Outcome:
-    """Run attempt `number` (from 1) in a process of its own until it ends, is cancelled or dies.
+    """Run attempt `number` (from 1) in a process until the job ends, is cancelled or the process dies.
 
-    The process stands in `running` under the job's id for as long as it lives. Jobs of a session get the spare one.
+    The process stands in `running` under the job's id for as long as it works. Instant jobs get the standing one.
     """
-    of_a_session = _begin(database, job_id, number)
-    if isinstance(of_a_session, Outcome):
-        return of_a_session
-    process = spare.take(job_id) if of_a_session else start_process(settings, job_id)
+    instant = _begin(database, job_id, number)
+    if isinstance(instant, Outcome):
+        return instant
+    process = standing.take(job_id) if instant else start_process(settings, job_id)
     log.info("job started", job=job_id, attempt=number, pid=process.pid)
     running[job_id] = process
+    code = None
     try:
-        _watch(database, job_id, process)
+        code = _watch(database, job_id, process)
     finally:
-        end_group(process)
         del running[job_id]
-    return _outcome(database, settings, job_id, process.returncode)
+        if code is None or not instant:
+            end_group(process)
+        if instant:
+            standing.give_back(process)
+    return _outcome(database, settings, job_id, process.returncode if code is None else code)
 
 
 def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
-    """Mark the job as running. Returns whether it is a session's; an outcome if it has ended or must not start."""
+    """Mark the job as running. Returns whether it is an instant one; an outcome if it has ended or must not start."""
     with database.transaction() as s:
         job = s.get(Job, job_id)
         if job is None:  # erased while it was queued
@@ -162,27 +184,39 @@ def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
         now = utc_now()
         job.state, job.started_at, job.heartbeat_at, job.progress = "running", job.started_at or now, now, 0.0
         job.message = "" if number == 1 else f"attempt {number}"
-        return job.session_id is not None
+        return is_instant(job)
 
 
-def _watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> None:
-    """Wait for the process; look for a cancel twice a second, tell that we are alive every two seconds."""
+def _watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> int | None:
+    """Wait for the job's exit code, telling every two seconds that we are alive. None: the job is to be cancelled."""
     beat: datetime = utc_now()
     while True:
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(POLL_S)
-            return
+        code = _ended(process, POLL_S)
+        if code is not None:
+            return code
         with database.session() as s:
             job = s.get(Job, job_id)
             state = job.state if job else "cancelling"
         if state == "cancelling":
-            return
+            return None
         if (utc_now() - beat).total_seconds() >= HEARTBEAT_S:
             beat = utc_now()
             with database.transaction() as s:
                 job = s.get(Job, job_id)
                 if job is not None:
                     job.heartbeat_at = beat
+
+
+def _ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
+    """The job's exit code: what a standing process tells, else the process's own. None: not yet."""
+    if process.stdout is None:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            return process.wait(wait_s)
+        return None
+    if not select.select([process.stdout], [], [], wait_s)[0]:
+        return None
+    told = process.stdout.readline()
+    return int(told) if told else process.wait()  # an end of output: it died
 
 
 def end_group(process: subprocess.Popen[bytes]) -> None:

@@ -1,7 +1,7 @@
 """The training process: `python -m backend.jobs.run WORKER_PID [JOB_ID]` does one job and writes down how it ended.
 
-Without a job's id it gets ready and reads one from its standard input. Started by `process.py`; everything that is
-printed once the job is known goes into the job's log.
+Without a job's id it stands ready, reads ids from its standard input and tells each job's exit code on its standard
+output. Started by `process.py`; everything that is printed while a job is done goes into the job's log.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from pydantic import ValidationError
 from sqlalchemy.orm import Session as DatabaseSession
 
@@ -36,20 +37,19 @@ NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the se
 
 
 def main(worker_pid: int, job_id: str | None = None) -> ExitCode:
-    """Get ready, wait for the job's id unless it is given, do the job. An end of input instead: nothing to do."""
+    """Do the job given, or one after another as they are told, until the worker ends."""
     threading.Thread(target=_end_with_worker, args=(worker_pid,), daemon=True).start()
     settings = get_settings()
     if job_id is not None:
         _log_into(log_file(settings, job_id))
-    loading = threading.Thread(target=_load)
-    loading.start()
-    if job_id is None:
-        job_id = sys.stdin.readline().strip()
-        if not job_id:
-            return ExitCode.DONE
-        _log_into(log_file(settings, job_id))
-    loading.join()
-    return do(settings, job_id)
+        return do(settings, job_id)
+    with os.fdopen(os.dup(sys.stdout.fileno()), "w") as worker:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but exit codes goes to the worker
+        _load()
+        while job_id := sys.stdin.readline().strip():
+            _log_into(log_file(settings, job_id))
+            print(int(do(settings, job_id)), file=worker, flush=True)
+    return ExitCode.DONE
 
 
 def do(settings: Settings, job_id: str) -> ExitCode:
@@ -60,7 +60,7 @@ def do(settings: Settings, job_id: str) -> ExitCode:
             job = s.get(Job, job_id)
             if job is None or job.state in FINAL_STATES:
                 return ExitCode.DONE
-        os.nice(NICENESS["participant" if job.session_id else "analyst"])
+        os.nice(NICENESS["participant" if job.session_id else "analyst"] - os.nice(0))
         print(f"{job.kind} {job_id} begins", flush=True)
         progress = Progress(database, job_id)
         began = time.monotonic()
@@ -85,9 +85,17 @@ def do(settings: Settings, job_id: str) -> ExitCode:
 
 
 def _load() -> None:
-    """Import torch and numba, which takes seconds. What fails here fails again in the job, which writes it down."""
+    """Import torch and numba and compile a drive, which takes seconds. What fails here fails again in the job, which
+    writes it down."""
     with contextlib.suppress(Exception):
         import backend.jobs.runners  # noqa: F401
+        from backend.learning.scene_sets import Purpose, scene_set
+        from backend.simulation.fast import evaluate
+        from backend.simulation.setups import SETUPS
+
+        for setup in SETUPS.values():
+            scene = scene_set(setup.name, 1, purpose=Purpose.FIGURE, seed=0)
+            evaluate(lambda observations: np.ones((len(observations), 2), dtype=np.float32), setup, scene)
 
 
 def _log_into(file: Path) -> None:

@@ -18,7 +18,7 @@ import structlog
 from sqlalchemy import select
 
 from backend.jobs.engine import Engine, EngineState, Queue
-from backend.jobs.process import FINAL_STATES, Spare, conclude, end_group, finish, run_attempt
+from backend.jobs.process import FINAL_STATES, Standing, conclude, end_group, finish, is_instant, run_attempt
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, check_writable
@@ -37,7 +37,7 @@ def queue_of(job: Job) -> Queue:
     """A job of a session does not queue behind an analyst's, one that takes a second not behind a training."""
     if not job.session_id:
         return Queue.ANALYSTS
-    return Queue.INSTANT if job.params.get("recipe") == "instant" else Queue.PARTICIPANTS
+    return Queue.INSTANT if is_instant(job) else Queue.PARTICIPANTS
 
 
 class Worker:
@@ -53,13 +53,13 @@ class Worker:
         self._slot, executor_id = _take_slot(settings)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._submitted: set[str] = set()
-        self._spare = Spare(settings, wanted=settings.spare_process)
+        self._standing = Standing(settings, wanted=settings.standing_process)
         self._engine = Engine(
             settings.jobs_database,
             executor_id=executor_id,
             processes=settings.training_processes,
             attempt=lambda job_id, number: run_attempt(
-                self._database, settings, job_id, number, self._running, self._spare
+                self._database, settings, job_id, number, self._running, self._standing
             ),
             conclude=lambda job_id, outcome: conclude(self._database, job_id, outcome),
         )
@@ -76,7 +76,7 @@ class Worker:
                 self.revive_stale()
                 until_check = STALE_CHECK_S
             stopping.wait(OUTBOX_POLL_S)
-        self._spare.end()
+        self._standing.end()
         for process in list(self._running.values()):
             end_group(process)
 
