@@ -24,6 +24,7 @@ from backend.learning.conditioned import ConditionedPolicy
 from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.free_form import choose_reward_model
 from backend.learning.policy import Policy
+from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, flaw, look_alike
 from backend.learning.refine import refine, refine_config
@@ -97,7 +98,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     require_same(base=base.setup, snapshot=setup)
     preferences = [p for of_one in _preferences(context, snapshot).values() for p in of_one]
     model_name = params.model or _usual_model(params)
-    model = _fit(model_name, "sum", params.seed)(preferences)
+    model = _fit(model_name, "sum", params.seed, params.symmetry)(preferences)
     fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **_weights(model)}
     reward_model = _keep_reward_model(context, params, snapshot_artefact, snapshot, model, model_name, "sum", fitted)
     context.progress(0.03)
@@ -287,9 +288,10 @@ def _preferences(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pref
     return found
 
 
-def _fit(model: str, reduction: Reduction, seed: int) -> Fit:
+def _fit(model: str, reduction: Reduction, seed: int, symmetry: str = "none") -> Fit:
     if model == "weights":
-        return fit_weights
+        config = PosteriorConfig(left_right_symmetry=symmetry == "left_right")
+        return lambda preferences: fit_weights(preferences, config)
     if model == "auto":
         return lambda preferences: choose_reward_model(preferences, seed=seed).model
     if model == "linear":

@@ -83,6 +83,7 @@ class AlignParams(Params):
         None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
     )
     model: Literal["linear", "weights", "mlp", "auto"] | None = _from("from_recipe_model", None, advanced=True)
+    symmetry: Literal["none", "left_right"] = _from("ours_symmetry", "none", advanced=True)
     reward_weight: float | None = _from("from_recipe_weight", None, gt=0, le=10)
     updates: int | None = _from("from_recipe_updates", None, ge=1, le=200_000)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)

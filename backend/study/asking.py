@@ -38,9 +38,13 @@ class Asked:
 
 @dataclass(frozen=True)
 class MeasuredQueries:
-    """A query set with what its trajectories measure: differences (n, 7) of first minus second, in its order."""
+    """A query set with what its trajectories measure: differences (n, 7) of first minus second, in its order.
+
+    symmetry: the protocol's.
+    """
 
     setup: str
+    symmetry: str
     queries: tuple[StoredQuery, ...]
     differences: Doubles
 
@@ -119,18 +123,20 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
 
 def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
     """The posterior after those answers."""
-    from backend.learning.posterior import Posterior
+    from backend.learning.posterior import Posterior, PosteriorConfig
 
+    config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
     places = measured.index()
     rows = [places[query] for query, _ in answers]
     choices = [chosen == measured.queries[row].trajectory_a for row, (_, chosen) in zip(rows, answers, strict=True)]
-    return Posterior.from_answers(measured.setup, measured.differences[rows], choices)
+    return Posterior.from_answers(measured.setup, measured.differences[rows], choices, config)
 
 
 def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study) -> MeasuredQueries:
     """The study's query set, measured once per process."""
-    artefact = import_query_set(s, files, thaw(study).protocol.query_set)
-    known = _measured.get(artefact.id)
+    protocol = thaw(study).protocol
+    artefact = import_query_set(s, files, protocol.query_set)
+    known = _measured.get((artefact.id, protocol.symmetry))
     if known is None:
         from backend.learning.queries import QuerySet
         from backend.learning.vocabulary import measures
@@ -138,9 +144,9 @@ def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study) -> 
         queries = QuerySet.from_bytes(load_artefact(s, files, artefact.id, kind="query_set")[1]).queries
         of_all = measures([t for query in queries for t in (query.trajectory_a, query.trajectory_b)])
         stored = tuple(queries_of(s, files, artefact.id))
-        known = MeasuredQueries(artefact.setup, stored, of_all[0::2] - of_all[1::2])
-        _measured[artefact.id] = known
+        known = MeasuredQueries(artefact.setup, protocol.symmetry, stored, of_all[0::2] - of_all[1::2])
+        _measured[artefact.id, protocol.symmetry] = known
     return known
 
 
-_measured: dict[str, MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries
+_measured: dict[tuple[str, str], MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries

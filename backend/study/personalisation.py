@@ -55,6 +55,7 @@ def start_training(
                 "snapshot": snapshot.id,
                 "setup": snapshot.setup,
                 "comparisons": scenes,
+                "symmetry": protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
                 **recipe,
             },

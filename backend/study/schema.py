@@ -188,6 +188,9 @@ class Protocol(Part):
     licence: str | None = Field(None, max_length=200, description="of the data, written into every export")
     citation: str | None = Field(None, max_length=400, description="how to cite the data")
     assignment: Assignment = Assignment()
+    symmetry: Literal["none", "left_right"] = Field(
+        "none", description="left_right: nobody minds on which side the robot passes, so no answer is read as a side"
+    )
     query_set: str = Field(min_length=1, max_length=300)
     stages: list[StageEntry] = Field(min_length=1)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Response, Session, Study, TrajectoryRow, Trial
+from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
 from backend.study import asking
 from backend.study.protocol import ProtocolError, freeze_text
 from backend.study.studies import create_study
@@ -18,8 +18,9 @@ AT_ONCE = "stop: {below_bits: 1.0, in_a_row: 1, at_least: 3}"
 
 @pytest.fixture
 def make_walker(database, files, twenty_queries):
-    def make(queries: str) -> Walker:
+    def make(queries: str, symmetry: str = "none") -> Walker:
         text = QUICK.read_text().replace("study_room/queries_200", str(twenty_queries)).replace(PLAIN, queries)
+        text = text.replace("\nquery_set:", f"\nsymmetry: {symmetry}\nquery_set:")
         with database.transaction() as s:
             study = create_study(s, files, freeze_text(text), name=queries[:40], created_by=None)
         return Walker(database, files, study)
@@ -93,6 +94,16 @@ def test_the_posterior_after_the_answers_is_of_these_answers(database, files, ma
     assert len(posterior.chosen) == len(given) == 10
     assert posterior.importance()["faster"] + posterior.importance()["shorter"] > 0.4
     assert posterior.importance()["faster"] > 1 / 9
+
+
+def test_where_left_and_right_are_alike_nobody_wants_a_side(database, files, make_walker):
+    walker = make_walker("queries: {count: 4, choose: information}", symmetry="left_right")
+    answer_all(walker, shortest_time)
+    with database.session() as s:
+        importance = asking.posterior_of(s, files, s.get_one(Session, walker.session.id)).importance()
+        jobs = s.scalars(select(Job).where(Job.session_id == walker.session.id)).all()
+    assert importance["person_on_left"] == importance["person_on_right"] == 0
+    assert {job.params["symmetry"] for job in jobs} == {"left_right"}
 
 
 def test_probes_repeat_what_was_asked(make_walker):
