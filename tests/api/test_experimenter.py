@@ -113,7 +113,7 @@ def test_broken_protocol_is_shown_with_line_and_field_and_cannot_be_opened(lab, 
 
 
 def test_unreadable_query_set_refuses_to_open_and_says_what_is_there(lab, lab_house):
-    yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_200", "study_room/queries_none")
+    yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_varied_200", "study_room/queries_none")
     draft = draft_of(lab, source="paste", yaml=yaml)
     refused = lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "x"})
     assert refused.status_code == 422
@@ -126,7 +126,7 @@ def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_house):
     with lab_house.database.transaction() as s:
         few = QuerySet(shipped.setup, shipped.queries[:20], {})
         made = save_query_set(s, lab_house.files, few, name="20 queries, seed 3", card={}).id
-    yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_200", made)
+    yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_varied_200", made)
     draft = draft_of(lab, source="paste", yaml=yaml)
     assert "The protocol is valid" in lab.get(draft).text
     step = 1 + next(n for n, one in enumerate(preview_steps(freeze(QUICK))) if one["kind"] == "trial")

@@ -45,7 +45,7 @@ class Installation:
         self.database = Database(self.settings.database)
         self.database.migrate()
         self.files = ArtefactStore(self.settings.artefacts)
-        protocol = QUICK.read_text().replace("study_room/queries_200", str(twenty_queries(data)))
+        protocol = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries(data)))
         with self.database.transaction() as s:
             register_shipped(s, self.files)
             self.study: Study = create_study(s, self.files, freeze_text(protocol), name="Faults", created_by=None)

@@ -78,7 +78,11 @@ def test_a_study_without_answers_on_the_command_line(served: Served) -> None:
             "view: sideways",
             "mine.yaml:22: stages[4].block.view = 'sideways': must be one of top_down",
         ),
-        ("study_room/queries_200", "study_room/queries_2", "mine.yaml:14: query_set = 'study_room/queries_2': is no"),
+        (
+            "study_room/queries_varied_200",
+            "study_room/queries_2",
+            "mine.yaml:14: query_set = 'study_room/queries_2': is no",
+        ),
     ],
 )
 def test_a_mistake_in_a_protocol_on_the_command_line(tmp_path: Path, right: str, wrong: str, told: str) -> None:

@@ -11,7 +11,7 @@ from backend.study.protocol import ProtocolError, freeze_text
 from backend.study.studies import create_study
 from tests.study.walking import QUICK, VALUES, Walker
 
-PLAIN = "queries: {count: 15, choose: random}"
+PLAIN = "queries: {count: 15, choose: information}"
 NEVER = "stop: {below_bits: 0.000001}"
 AT_ONCE = "stop: {below_bits: 1.0, in_a_row: 1, at_least: 3}"
 
@@ -19,7 +19,7 @@ AT_ONCE = "stop: {below_bits: 1.0, in_a_row: 1, at_least: 3}"
 @pytest.fixture
 def make_walker(database, files, twenty_queries):
     def make(queries: str, symmetry: str = "none") -> Walker:
-        text = QUICK.read_text().replace("study_room/queries_200", str(twenty_queries)).replace(PLAIN, queries)
+        text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries)).replace(PLAIN, queries)
         text = text.replace("\nquery_set:", f"\nsymmetry: {symmetry}\nquery_set:")
         with database.transaction() as s:
             study = create_study(s, files, freeze_text(text), name=queries[:40], created_by=None)

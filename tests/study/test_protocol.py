@@ -42,10 +42,10 @@ def test_a_query_set_made_here_is_named_by_its_id_and_an_unknown_one_is_told_wha
     made, unknown = "a" * 64, "b" * 64
     here = {made: "60 queries, seed 3 (study_room, 60 queries)"}
     text = QUICK.read_text()
-    assert freeze_text(text.replace("study_room/queries_200", made), query_sets=here).protocol.query_set == made
+    assert freeze_text(text.replace("study_room/queries_varied_200", made), query_sets=here).protocol.query_set == made
     for name, known in ((unknown, here), (made, None)):
         with pytest.raises(ProtocolError) as refused:
-            freeze_text(text.replace("study_room/queries_200", name), query_sets=known)
+            freeze_text(text.replace("study_room/queries_varied_200", name), query_sets=known)
         (error,) = refused.value.errors
         assert (error["field"], error["value"], error["line"]) == ("query_set", name, line_of("query_set:"))
         assert "shipped are: study_room/queries_200" in error["message"]
@@ -67,16 +67,23 @@ def test_every_shipped_protocol_is_valid(file: Path):
         ("view: top_down", "view: topdown", "view:", "stages[4].block.view", "topdown", "did you mean top_down"),
         ("count: 15", "count: 0", "count: 15", "stages[4].block.trials[1].queries.count", 0, "at least 1"),
         (
-            "choose: random",
-            "chose: random",
-            "choose: random",
+            "choose: information",
+            "chose: information",
+            "choose: information",
             "stages[4].block.trials[1].queries.chose",
-            "random",
+            "information",
             "did you mean choose",
         ),
-        ("query_set: study_room/queries_200", 'query_set: ""', "query_set:", "query_set", "", "must not be empty"),
         (
-            "study_room/queries_200",
+            "query_set: study_room/queries_varied_200",
+            'query_set: ""',
+            "query_set:",
+            "query_set",
+            "",
+            "must not be empty",
+        ),
+        (
+            "study_room/queries_varied_200",
             "study_room/queries_20",
             "query_set:",
             "query_set",
@@ -112,7 +119,7 @@ def test_an_error_names_file_line_field_value_and_what_is_allowed(tmp_path, old,
 
 
 def test_a_missing_key_is_named_where_it_should_stand(tmp_path):
-    error = broken(tmp_path, "query_set: study_room/queries_200\n", "")
+    error = broken(tmp_path, "query_set: study_room/queries_varied_200\n", "")
     assert (error["field"], error["message"]) == ("query_set", "is missing")
 
 

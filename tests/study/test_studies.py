@@ -77,7 +77,7 @@ def test_a_closed_study_takes_nobody_in(database, files, study):
 def test_a_full_study_takes_nobody_in_but_bots_and_drop_outs_do_not_count(database, files, twenty_queries):
     with database.transaction() as s:
         text = QUICK.read_text().replace("minutes: 12", "participants: 1")
-        frozen = freeze_text(text.replace("study_room/queries_200", str(twenty_queries)))
+        frozen = freeze_text(text.replace("study_room/queries_varied_200", str(twenty_queries)))
         study = create_study(s, files, frozen, name="One", created_by=None)
     join(database, files, study, simulated=True)
     session, _ = join(database, files, study)
@@ -121,13 +121,13 @@ def test_a_query_set_made_here_is_asked_by_its_id(database, files, twenty_querie
         made = save_query_set(s, files, eighteen, name="18 queries, seed 3", card={}).id
         here = query_sets_here(s)
     assert here[made] == "18 queries, seed 3 (study_room, 18 queries)"
-    frozen = freeze_text(QUICK.read_text().replace("study_room/queries_200", made), query_sets=here)
+    frozen = freeze_text(QUICK.read_text().replace("study_room/queries_varied_200", made), query_sets=here)
     with database.transaction() as s:
         study = create_study(s, files, frozen, name="Own queries", created_by=None)
         assert study.protocol["materials"] == {"query_set": made, "setup": "study_room"}
         asked = {query.id for query in queries_of_study(s, files, study)}
     session, _ = join(database, files, study)
-    assert {step["query"] for step in session.plan if step["kind"] == "trial"} <= asked
+    assert {step["query"] for step in session.plan if "query" in step} <= asked
     with database.transaction() as s:
         s.get_one(Artefact, made).quarantined_at = utc_now()
     with database.transaction() as s:
@@ -139,7 +139,7 @@ def test_a_query_set_made_here_is_asked_by_its_id(database, files, twenty_querie
 def test_a_damaged_query_set_is_refused_by_its_name(database, files, tmp_path):
     path = tmp_path / "damaged.npz"
     path.write_bytes(b"not a query set")
-    frozen = freeze_text(QUICK.read_text().replace("study_room/queries_200", str(path)))
+    frozen = freeze_text(QUICK.read_text().replace("study_room/queries_varied_200", str(path)))
     with database.transaction() as s, pytest.raises(StudyError, match=r"damaged\.npz"):
         create_study(s, files, frozen, name="x", created_by=None)
 

@@ -40,13 +40,13 @@ def twenty_queries(folder: Path) -> Path:
 
 
 def furnish(folder: Path, queries: Path) -> None:
-    """Make `folder` a data folder with three studies: "Short" asks three queries, "Full" asks fifteen, both with one
-    alignment; "Instant" is short and has an instant policy with a refinement behind it."""
+    """Make `folder` a data folder with three studies: "Short" asks three queries, "Full" asks fifteen, both drawn
+    at random and with one alignment; "Instant" is short, and as the shipped protocol."""
     database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
     database.migrate()
     files = ArtefactStore((folder / "artefacts").as_uri())
-    instant = QUICK.read_text().replace("study_room/queries_200", str(queries))
-    full = instant.replace("recipe: instant", "recipe: refine")
+    instant = QUICK.read_text().replace("study_room/queries_varied_200", str(queries))
+    full = instant.replace("recipe: instant", "recipe: refine").replace("choose: information", "choose: random")
     few = ("count: 15", "count: 3")
     texts = {"Full": full, "Short": full.replace(*few), "Instant": instant.replace(*few)}
     with database.transaction() as s:
