@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore, load_artefact
 from backend.store.models import Response, Session, Study, Trial
-from backend.store.query_sets import StoredQuery, import_query_set, queries_of
+from backend.store.query_sets import StoredQuery, queries_of
 from backend.study.planning import Step
 from backend.study.protocol import thaw
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # numba and the simulator come with these; a server that neve
 
 Doubles = NDArray[np.float64]
 Answers = tuple[tuple[str, str], ...]
+KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
 @dataclass(frozen=True)
@@ -122,30 +123,46 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
 
 
 def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
-    """The posterior after those answers."""
+    """The posterior after those answers; goes on from the longest beginning of them that is remembered."""
     from backend.learning.posterior import Posterior, PosteriorConfig
 
-    config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
+    def key(n: int) -> tuple[str, str, Answers]:
+        return measured.setup, measured.symmetry, answers[:n]  # queries are named by their content
+
+    known = next((n for n in range(len(answers), 0, -1) if key(n) in _posteriors), 0)
+    if known:
+        posterior = _posteriors[key(known)]
+    else:
+        config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
+        posterior = Posterior.prior(measured.setup, config)
     places = measured.index()
-    rows = [places[query] for query, _ in answers]
-    choices = [chosen == measured.queries[row].trajectory_a for row, (_, chosen) in zip(rows, answers, strict=True)]
-    return Posterior.from_answers(measured.setup, measured.differences[rows], choices, config)
+    for n in range(known, len(answers)):
+        query, chosen = answers[n]
+        row = places[query]
+        posterior = posterior.updated(measured.differences[row], chosen == measured.queries[row].trajectory_a)
+    _posteriors[key(len(answers))] = posterior
+    while len(_posteriors) > KEPT_POSTERIORS:
+        _posteriors.pop(next(iter(_posteriors)), None)
+    return posterior
+
+
+_posteriors: dict[tuple[str, str, Answers], Posterior] = {}
 
 
 def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study) -> MeasuredQueries:
     """The study's query set, measured once per process."""
-    protocol = thaw(study).protocol
-    artefact = import_query_set(s, files, protocol.query_set)
-    known = _measured.get((artefact.id, protocol.symmetry))
+    set_id, symmetry = study.protocol["materials"]["query_set"], thaw(study).protocol.symmetry
+    known = _measured.get((set_id, symmetry))
     if known is None:
         from backend.learning.queries import QuerySet
         from backend.learning.vocabulary import measures
 
-        queries = QuerySet.from_bytes(load_artefact(s, files, artefact.id, kind="query_set")[1]).queries
+        artefact, content = load_artefact(s, files, set_id, kind="query_set")
+        queries = QuerySet.from_bytes(content).queries
         of_all = measures([t for query in queries for t in (query.trajectory_a, query.trajectory_b)])
-        stored = tuple(queries_of(s, files, artefact.id))
-        known = MeasuredQueries(artefact.setup, protocol.symmetry, stored, of_all[0::2] - of_all[1::2])
-        _measured[artefact.id, protocol.symmetry] = known
+        stored = tuple(queries_of(s, files, set_id))
+        known = MeasuredQueries(artefact.setup, symmetry, stored, of_all[0::2] - of_all[1::2])
+        _measured[set_id, symmetry] = known
     return known
 
 
