@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 
 import structlog
@@ -19,6 +20,7 @@ from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.api.stage_bridge import StageBridge, create_stage_application
 from backend.settings import Settings
+from backend.study import asking
 
 log = structlog.get_logger("desirepath.server")
 
@@ -70,11 +72,19 @@ def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
     house.extras["bridge"] = bridge
     pages = create_application(house)
     stage = create_stage_application(house, bridge)
+    threading.Thread(target=_prepare, args=(house,), daemon=True).start()
     try:
         with asyncio.Runner(loop_factory=uvicorn.Config(pages).get_loop_factory()) as runner:
             runner.run(_serve(settings, pages, stage, on_ready))
     finally:
         house.stage.stop()
+
+
+def _prepare(house: House) -> None:
+    try:
+        asking.prepare(house.database, house.files)
+    except Exception:
+        log.exception("the open studies' queries could not be measured; their sessions will say why")
 
 
 async def _serve(settings: Settings, pages: object, stage: object, on_ready: Callable[[], None] | None) -> None:

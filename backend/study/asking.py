@@ -14,10 +14,12 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore, load_artefact
+from backend.store.database import Database
 from backend.store.models import Response, Session, Study, Trial
 from backend.store.query_sets import StoredQuery, queries_of
 from backend.study.planning import Step
 from backend.study.protocol import thaw
+from backend.study.schema import StageEntry, Trials
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from backend.learning.posterior import Posterior
@@ -164,6 +166,18 @@ def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study) -> 
         known = MeasuredQueries(artefact.setup, symmetry, stored, of_all[0::2] - of_all[1::2])
         _measured[set_id, symmetry] = known
     return known
+
+
+def prepare(database: Database, files: ArtefactStore) -> None:
+    """Measure the query sets of the open studies that choose, before the first participant has to wait for it."""
+    with database.session() as s:
+        for study in s.scalars(select(Study).where(Study.state == "open")):
+            if any(one.queries.choose != "random" for entry in thaw(study).protocol.stages for one in _trials(entry)):
+                measured_queries(s, files, study)
+
+
+def _trials(entry: StageEntry) -> list[Trials]:
+    return entry.block.trials if entry.block else []
 
 
 _measured: dict[tuple[str, str], MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries
