@@ -128,7 +128,7 @@ def asking(
 @plain_errors
 def serve(
     sessions: Annotated[int, typer.Option(min=1, help="Participants at once.")] = 20,
-    answers: Annotated[int, typer.Option(min=1, help="Answers each of them gives.")] = 15,
+    answers: Annotated[int, typer.Option(min=1, help="Answers each of them gives.")] = 10,
     during_alignment: Annotated[bool, typer.Option(help="Let alignments run meanwhile.")] = False,
     as_json: JsonFlag = False,
 ) -> None:

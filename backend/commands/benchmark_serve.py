@@ -244,7 +244,7 @@ def _checked(response: httpx.Response) -> httpx.Response:
 # ---- the whole benchmark ---------------------------------------------------------------------------------------------
 
 
-def benchmark_serve(*, sessions: int = 20, answers: int = 15, during_alignment: bool = False) -> dict[str, Any]:
+def benchmark_serve(*, sessions: int = 20, answers: int = 10, during_alignment: bool = False) -> dict[str, Any]:
     """Let `sessions` participants answer `answers` pairs each, all at once, and compare what was stored.
 
     Returns sessions, answers_sent, answers_acknowledged, answers_stored, p50_ack_ms and p95_ack_ms (from sending an
@@ -252,7 +252,8 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 15, during_alignment: 
     websocket hearing of it), rss_mb of the server process with everybody connected, rss_per_session_mb,
     server_ms_per_answer (processor time of everything that belongs to one, joining included), what came through the
     stages, and errors: what had to be tried again, connections that broke and requests that a busy server put off.
-    during_alignment: the same again with fresh participants while alignments of one core run, under that key.
+    during_alignment: the same again with fresh participants while alignments of one core run, under that key; only then
+    does a worker run beside the server.
     Raises ServeBenchmarkError if an acknowledged answer is not stored exactly once or a participant could not go on,
     ValueError for numbers that the quick protocol has no room for.
     """
@@ -273,7 +274,7 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 15, during_alignment: 
             study = create_study(s, files, freeze(DEMO_PROTOCOL), name="benchmark serve", created_by=None)
         log = Path(folder) / "server.log"
         try:
-            with loopback_server(settings, log=log) as (url, server):
+            with loopback_server(settings, worker=during_alignment, log=log) as (url, server):
                 result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers)}
                 if during_alignment:
                     with _alignments(database, files, study) as running:
