@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
 
 commands = typer.Typer(help="Measure speed; every ratio comes from one run on this machine.", no_args_is_help=True)
 
@@ -63,15 +63,9 @@ def align(
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
     queries: Annotated[int, typer.Option(min=2)] = 15,
     seed: Annotated[int, typer.Option()] = 0,
-    noise: Annotated[
-        float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
-    ] = 0.0,
-    indifference: Annotated[
-        float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
-    ] = 0.0,
-    myopia: Annotated[
-        float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
-    ] = None,
+    noise: NoiseOption = 0.0,
+    indifference: IndifferenceOption = 0.0,
+    myopia: MyopiaOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes."""

@@ -16,6 +16,16 @@ from rich.markup import escape
 from rich.table import Table
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+# How a bot's answers stray from its taste (backend/learning/oracles.py, Habits).
+NoiseOption = Annotated[
+    float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
+]
+IndifferenceOption = Annotated[
+    float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
+]
+MyopiaOption = Annotated[
+    float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
+]
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
 P = ParamSpec("P")
 

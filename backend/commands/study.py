@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from backend.commands.loopback import loopback_server
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
 from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -110,15 +110,9 @@ def simulate(
     oracle: Annotated[
         str, typer.Option(help="Whose taste: min-human-distance, shortest, fastest, random, ...")
     ] = "min-human-distance",
-    noise: Annotated[
-        float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
-    ] = 0.0,
-    indifference: Annotated[
-        float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
-    ] = 0.0,
-    myopia: Annotated[
-        float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
-    ] = None,
+    noise: NoiseOption = 0.0,
+    indifference: IndifferenceOption = 0.0,
+    myopia: MyopiaOption = None,
     seed: Annotated[int, typer.Option(help="Seed of the oracle's mistakes.")] = 0,
     url: Annotated[str | None, typer.Option(help="A running server; default one of the command's own.")] = None,
     as_json: JsonFlag = False,

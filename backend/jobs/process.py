@@ -81,7 +81,7 @@ def environment_of(settings: Settings) -> dict[str, str]:
 
 def start_process(settings: Settings, job_id: str | None = None) -> subprocess.Popen[bytes]:
     """A training process for that job; without one, a standing process: it gets everything ready, is told jobs one
-    after another on its standard input (`_tell`), and tells on its standard output how each ended."""
+    after another on its standard input (`Standing.take`), and tells on its standard output how each ended."""
     command = [sys.executable, "-m", "backend.jobs.run", str(os.getpid())]
     return subprocess.Popen(
         command if job_id is None else [*command, job_id],

@@ -7,15 +7,21 @@ policy is trained in `conditioned_training.py`, how far weights move it in `move
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.policy import Policy, PolicyError, check_networks, networks_from_bytes, networks_to_bytes
+from backend.learning.policy import (
+    Policy,
+    PolicyError,
+    StoredPolicy,
+    check_networks,
+    networks_from_bytes,
+    networks_to_bytes,
+)
 from backend.learning.shape import NetworkShape
 from backend.learning.vocabulary import NAMES, SIZE, check_weights, preference_weights
 from backend.simulation.setups import SetupError, get_setup
@@ -25,7 +31,7 @@ FORMAT = "desirepath-conditioned-1"
 
 
 @dataclass(frozen=True)
-class ConditionedPolicy:
+class ConditionedPolicy(StoredPolicy):
     """A deterministic actor of one setup that is told what somebody wants.
 
     shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
@@ -73,29 +79,12 @@ class ConditionedPolicy:
         return networks_to_bytes(meta, self.actor, self.critic)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> ConditionedPolicy:
+    def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
         meta, actor, critic = networks_from_bytes(data, FORMAT)
         if tuple(meta["objectives"]) != NAMES:
             raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
         return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, tuple(meta["scales"]))
-
-    def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_bytes())
-
-    @classmethod
-    def load(cls, path: Path) -> ConditionedPolicy:
-        """Raises PolicyError if the file is missing or no conditioned policy."""
-        try:
-            data = path.read_bytes()
-        except OSError as problem:
-            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
-        return cls.from_bytes(data)
-
-    def digest(self) -> str:
-        """sha256 of `to_bytes`, the policy's identity in lineages."""
-        return hashlib.sha256(self.to_bytes()).hexdigest()
 
 
 def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:

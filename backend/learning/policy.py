@@ -9,10 +9,11 @@ import hashlib
 import io
 import json
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +85,36 @@ def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
     return StoredNetworks(meta, actor, critic)
 
 
+class StoredPolicy(ABC):
+    """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads."""
+
+    @abstractmethod
+    def to_bytes(self) -> bytes: ...
+
+    @classmethod
+    @abstractmethod
+    def from_bytes(cls, data: bytes) -> Self: ...
+
+    def save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.to_bytes())
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Raises PolicyError if the file is missing or no policy of this kind."""
+        try:
+            data = path.read_bytes()
+        except OSError as problem:
+            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
+        return cls.from_bytes(data)
+
+    def digest(self) -> str:
+        """sha256 of `to_bytes`, the policy's identity in lineages."""
+        return hashlib.sha256(self.to_bytes()).hexdigest()
+
+
 @dataclass(frozen=True)
-class Policy:
+class Policy(StoredPolicy):
     """A deterministic actor of one setup.
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
@@ -180,24 +209,7 @@ class Policy:
         return networks_to_bytes(meta, self.actor, self.critic)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Policy:
+    def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
         meta, actor, critic = networks_from_bytes(data, FORMAT)
         return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic)
-
-    def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_bytes())
-
-    @classmethod
-    def load(cls, path: Path) -> Policy:
-        """Raises PolicyError if the file is missing or no policy."""
-        try:
-            data = path.read_bytes()
-        except OSError as problem:
-            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
-        return cls.from_bytes(data)
-
-    def digest(self) -> str:
-        """sha256 of `to_bytes`, the policy's identity in lineages."""
-        return hashlib.sha256(self.to_bytes()).hexdigest()

@@ -160,27 +160,15 @@ def ship_queries(
     config = QueryConfig(count=count, seed=seed)
     files = sorted((folder / setup / "ensemble").glob("*.npz"))
     queries = generate_queries([Policy.load(path) for path in files], config, on_progress)
-    path = folder / setup / f"queries_{count}.npz"
-    queries.save(path)
-    scenes = describe(Purpose.QUERIES, queries.filtered["scenes"], seed)
-    card = Card(
-        kind="query_set",
-        name=f"{setup}/{path.stem}",
-        setup=setup,
-        file=path.name,
-        sha256=file_sha256(path),
-        command=f"python -m backend.learning.ship queries {setup} --seed {seed}",
+    return _store_queries(
+        queries,
+        folder / setup / f"queries_{count}.npz",
+        what="queries",
+        config=config,
         seed=seed,
-        commit=source_commit(),
-        config=config.as_dict(),
-        scenes={"drawn": scenes},
-        results=describe_queries(queries),
         parents={f"{setup}/ensemble/{file.stem}": file_sha256(file) for file in files},
-        departures=[DEPARTURES["pair_filters"]],
-        notes=["Observations are stored rounded to float16 and were rounded before anything was made from them."],
+        departures=["pair_filters"],
     )
-    card.save(card_path(path))
-    return card
 
 
 def ship_varied_queries(
@@ -194,22 +182,45 @@ def ship_varied_queries(
     config = VariedConfig(QueryConfig(count=count, seed=seed, max_duration_s=LONGEST_SHOWN_S[setup]))
     driver = folder / setup / "conditioned.npz"
     queries = generate_varied_queries(ConditionedPolicy.load(driver), config, on_progress)
-    path = folder / setup / f"queries_varied_{count}.npz"
+    return _store_queries(
+        queries,
+        folder / setup / f"queries_varied_{count}.npz",
+        what="varied-queries",
+        config=config,
+        seed=seed,
+        parents={f"{setup}/conditioned": file_sha256(driver)},
+        departures=["pair_filters", "varied"],
+        results={"differences": describe_differences(queries)},
+    )
+
+
+def _store_queries(
+    queries: QuerySet,
+    path: Path,
+    *,
+    what: str,
+    config: QueryConfig | VariedConfig,
+    seed: int,
+    parents: dict[str, str],
+    departures: list[str],
+    results: dict[str, Any] | None = None,
+) -> Card:
+    """Write a query set and its card. what: the subcommand that makes it; results: more than every set's numbers."""
     queries.save(path)
     card = Card(
         kind="query_set",
-        name=f"{setup}/{path.stem}",
-        setup=setup,
+        name=f"{queries.setup}/{path.stem}",
+        setup=queries.setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m backend.learning.ship varied-queries {setup} --seed {seed}",
+        command=f"python -m backend.learning.ship {what} {queries.setup} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=config.as_dict(),
         scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], seed)},
-        results=describe_queries(queries) | {"differences": describe_differences(queries)},
-        parents={f"{setup}/conditioned": file_sha256(driver)},
-        departures=[DEPARTURES["pair_filters"], DEPARTURES["varied"]],
+        results=describe_queries(queries) | (results or {}),
+        parents=parents,
+        departures=[DEPARTURES[key] for key in departures],
         notes=["Observations are stored rounded to float16 and were rounded before anything was made from them."],
     )
     card.save(card_path(path))

@@ -68,7 +68,7 @@ def asked_in(s: DatabaseSession, files: ArtefactStore, session: Session, step: S
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
     used |= {one["query"] for one in session.plan if "query" in one}
     left = [i for i, query in enumerate(measured.queries) if query.id not in used]
-    posterior = posterior_of(s, files, session)
+    posterior = posterior_after(measured, answers_of(s, session))
     random = np.random.default_rng([session.seed, 31, session.position])
     chosen = next_query(posterior, measured.differences[left], step["choose"], random)
     query = measured.queries[left[chosen.index]]
