@@ -31,7 +31,11 @@ P = ParamSpec("P")
 
 
 def log_to_stderr() -> None:
-    """Everything logged goes to stderr, so that stdout holds only the answer."""
+    """Everything logged goes to stderr, so that stdout holds only the answer.
+
+    The stream is looked up as each line is written: whoever replaced it meanwhile (a test, an embedding program) may
+    have closed the one that stood when this ran.
+    """
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
     for chatty in ("httpx", "alembic"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
@@ -43,7 +47,7 @@ def log_to_stderr() -> None:
             structlog.processors.format_exc_info,
             structlog.processors.KeyValueRenderer(key_order=["timestamp", "level", "event"]),
         ],
-        logger_factory=structlog.PrintLoggerFactory(file=sys.stderr),
+        logger_factory=lambda *_names: structlog.PrintLogger(file=sys.stderr),
     )
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
 
 import pytest
+import structlog
 import typer
 
-from backend.commands.output import plain_errors, say
+from backend.commands.output import log_to_stderr, plain_errors, say
 
 JOBS = {"jobs": [{"job": "a" * 32, "state": "[failed]", "progress": 0.123456}, {"job": "b" * 32, "state": "queued"}]}
 
@@ -35,3 +38,13 @@ def test_a_question_that_was_not_confirmed_says_that_nothing_was_done(capsys):
     with pytest.raises(typer.Abort):
         erase(as_json=True)
     assert "nothing was done" in json.loads(capsys.readouterr().out)["error"]
+
+
+def test_what_is_logged_goes_to_the_stream_that_stands_now(monkeypatch):
+    earlier, now = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "stderr", earlier)
+    log_to_stderr()
+    earlier.close()
+    monkeypatch.setattr(sys, "stderr", now)
+    structlog.get_logger().info("still heard")
+    assert "still heard" in now.getvalue()
