@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Iterator
 
@@ -19,6 +17,7 @@ from app.server import StageServer
 from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.api.stage_bridge import StageBridge, create_stage_application
+from backend.jobs.process import start_worker
 from backend.settings import Settings
 from backend.study import asking
 
@@ -49,18 +48,6 @@ def check_ports(settings: Settings) -> None:
                     f"port {port} on {settings.host} cannot be used ({problem.strerror}); "
                     "choose another with --port (the stage takes the one after it)"
                 ) from None
-
-
-def start_worker(settings: Settings) -> subprocess.Popen[bytes]:
-    """The background worker as its own process with the same settings; it ends with us, even if we are killed."""
-    environment = {
-        **os.environ,
-        "DESIREPATH_DATA": str(settings.data.resolve()),
-        "DESIREPATH_DATABASE_URL": settings.database,
-        "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
-    }
-    command = [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())]
-    return subprocess.Popen(command, env=environment)
 
 
 def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:

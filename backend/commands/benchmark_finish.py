@@ -9,7 +9,6 @@ import contextlib
 import os
 import statistics
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -23,7 +22,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.commands.serve import DEMO_PROTOCOL
-from backend.jobs.process import FINAL_STATES, environment_of
+from backend.jobs.process import FINAL_STATES, start_worker
 from backend.learning.oracles import make_oracle
 from backend.learning.queries import Query
 from backend.settings import Settings
@@ -144,12 +143,7 @@ def _told(view: machine.StepView) -> dict[str, Any]:
 @contextmanager
 def _worker(settings: Settings, log: Path) -> Iterator[None]:
     with log.open("wb") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())],
-            env=environment_of(settings),
-            stdout=out,
-            stderr=subprocess.STDOUT,
-        )
+        process = start_worker(settings, out)
         try:
             yield
         finally:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import httpx
 
+from backend.jobs.process import environment_of
 from backend.settings import Settings
 
 START_PATIENCE_S = 60.0
@@ -41,11 +42,7 @@ def loopback_server(
     Raises RuntimeError with the end of its log if it does not answer within a minute.
     """
     port = free_port_pair()
-    environment = {
-        **os.environ,
-        "DESIREPATH_DATA": str(settings.data.resolve()),
-        "DESIREPATH_DATABASE_URL": settings.database,
-        "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
+    environment = environment_of(settings) | {
         "DESIREPATH_WORKER": str(worker).lower(),
         "DESIREPATH_HOST": "127.0.0.1",
         "DESIREPATH_PORT": str(port),

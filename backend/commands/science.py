@@ -6,7 +6,6 @@ Training runs as a job like any other, so that its artefact has a card, a lineag
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -18,6 +17,7 @@ from rich.console import Console
 
 from backend.commands.output import JsonFlag, plain_errors, say
 from backend.commands.study import open_store
+from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 
@@ -215,7 +215,7 @@ def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) 
 
 def _wait(database: Database, job: str) -> tuple[str, dict[str, Any], str | None]:
     """Follow a job to its end; brings a worker along if nobody else takes the job up."""
-    from backend.jobs.process import FINAL_STATES
+    from backend.jobs.process import FINAL_STATES, start_worker
     from backend.store.models import Job
 
     console = Console(stderr=True)
@@ -231,8 +231,7 @@ def _wait(database: Database, job: str) -> tuple[str, dict[str, Any], str | None
                 if state in FINAL_STATES:
                     return state, result, error
                 if state == "queued" and own_worker is None and time.monotonic() - began > WORKER_PATIENCE_S:
-                    worker = [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())]
-                    own_worker = subprocess.Popen(worker, stdout=sys.stderr)
+                    own_worker = start_worker(get_settings(), sys.stderr)
                 status.update(f"{state} {progress:.0%} {message}")
                 time.sleep(0.3)
     finally:

@@ -17,6 +17,7 @@ import time
 from datetime import datetime
 from enum import IntEnum, StrEnum
 from pathlib import Path
+from typing import IO, Any
 
 import structlog
 
@@ -69,14 +70,27 @@ def read_log(settings: Settings, job_id: str, last_bytes: int = LOG_TAIL_BYTES) 
 
 
 def environment_of(settings: Settings) -> dict[str, str]:
-    """The environment in which a process of ours sees the same installation, one thread per library."""
+    """The environment in which a process of ours sees the same installation."""
     return {
         **os.environ,
-        **ONE_THREAD,
         "DESIREPATH_DATA": str(settings.data.resolve()),
         "DESIREPATH_DATABASE_URL": settings.database,
         "DESIREPATH_ARTEFACTS_URL": settings.artefacts,
     }
+
+
+def start_worker(settings: Settings, output: IO[Any] | None = None) -> subprocess.Popen[bytes]:
+    """The background worker as its own process with the same settings; it ends with us, even if we are killed.
+
+    What it prints goes to `output`, by default where ours goes.
+    """
+    command = [sys.executable, "-m", "backend.cli", "worker", "--parent", str(os.getpid())]
+    return subprocess.Popen(
+        command,
+        env=environment_of(settings),
+        stdout=output,
+        stderr=None if output is None else subprocess.STDOUT,
+    )
 
 
 def start_process(settings: Settings, job_id: str | None = None) -> subprocess.Popen[bytes]:
@@ -85,7 +99,7 @@ def start_process(settings: Settings, job_id: str | None = None) -> subprocess.P
     command = [sys.executable, "-m", "backend.jobs.run", str(os.getpid())]
     return subprocess.Popen(
         command if job_id is None else [*command, job_id],
-        env=environment_of(settings),
+        env=environment_of(settings) | ONE_THREAD,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE if job_id is None else None,
         start_new_session=True,
