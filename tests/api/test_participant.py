@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from limits import parse
 from sqlalchemy import select
 
-from backend.api import participant
+from backend.api import participant, participant_requests, recruiting
 from backend.api.application import build_house, create_application
 from backend.api.dependencies import House
 from backend.api.throttle import LARGEST_BODY
@@ -81,14 +81,14 @@ def logged(house, code):
 
 
 @contextmanager
-def limited_to(monkeypatch, name, limit):
+def limited_to(monkeypatch, module, name, limit):
     with monkeypatch.context() as patched:
-        patched.setattr(participant, name, parse(limit))
+        patched.setattr(module, name, parse(limit))
         yield
 
 
 def test_links_that_lead_nowhere_fill_no_log_and_shut_nobody_out(client, house, link, token, monkeypatch):
-    with limited_to(monkeypatch, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
+    with limited_to(monkeypatch, participant_requests, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
         answers = [client.get(f"/api/session/guess-{k}").status_code for k in range(3)]
         answers += [client.get(f"/{where}/guess").status_code for where in ("join", "p", "api/session")]
         assert answers == [404] * 3 + [429] * 3
@@ -101,12 +101,12 @@ def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, hous
     def noticed():
         return client.post(f"/api/session/{token}/events", json={"kind": "viewed", "data": {}}).status_code
 
-    with limited_to(monkeypatch, "JOINS_PER_ADDRESS", "2 per 1 minute"):
+    with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):
         answers = [client.post(f"/join/{link}", data={"language": "en"}).status_code for _ in range(2)]
-    with limited_to(monkeypatch, "EVENTS_PER_SESSION", "2 per 1 minute"):
+    with limited_to(monkeypatch, participant, "EVENTS_PER_SESSION", "2 per 1 minute"):
         answers += [noticed() for _ in range(3)]
     assert answers == [303, 303, 204, 204, 429]
-    with limited_to(monkeypatch, "JOINS_PER_ADDRESS", "2 per 1 minute"):
+    with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):
         assert client.post(f"/join/{link}", data={"language": "en"}).status_code == 429
     assert not logged(house, "too_many")
 

@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_house
 from backend.api.dependencies import House
-from backend.api.participant import _glance, _tell
+from backend.api.participant_stream import _glance, _tell
 from backend.api.stage_bridge import StageBridge, bridge_of, stage_cookie, stage_token
 from backend.settings import Settings
 from backend.store.models import Event, Session, Study, Trial

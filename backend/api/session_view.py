@@ -1,0 +1,78 @@
+"""Looking at a session: what its pages and its API are told of where it stands. Lets a wait that is over go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from fastapi import Request
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.api.dependencies import House, contact, stage_origin
+from backend.api.stage_bridge import bridge_of, stage_token
+from backend.store.models import Participant, Session, Study, utc_now
+from backend.study import machine, personalisation
+from backend.study.protocol import thaw
+from backend.study.refusals import Refused, log_refusal
+from backend.study.sessions import acting, find_session
+from backend.study.words import TRIAL_KINDS
+
+
+def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
+    frozen = thaw(s.get_one(Study, session.study_id))
+    view = machine.current(s, session)
+    return {
+        "token": token,
+        "study_title": frozen.title(session.language),
+        "languages": frozen.protocol.languages,
+        "contact": frozen.protocol.contact or contact(request),
+        "code": s.get_one(Participant, session.participant_id).code,
+        "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
+        "step": view,
+        "state": state_of(request, session, view),
+        "expires_at": session.expires_at,
+    }
+
+
+def state_of(request: Request, session: Session, view: machine.StepView) -> dict[str, Any]:
+    """What `GET /api/session/{token}` answers."""
+    state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
+    if session.simulated and view.kind == "questionnaire":  # bots read no pages
+        state["step"]["items"] = [item for block in view.payload["blocks"] for item in block["items"]]
+    if view.kind in TRIAL_KINDS:
+        state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
+    return state
+
+
+@contextmanager
+def looking(parts: House, token: str) -> Iterator[tuple[DatabaseSession, Session]]:
+    """A reading transaction on the token's session, which first lets a waiting session go on. Refusals are logged."""
+    try:
+        with parts.database.session() as s:
+            session = find_session(s, token, now=utc_now(), lock=False)
+            due = _may_settle(s, session)
+            if not due:
+                yield s, session
+        if due:
+            _settle(parts, token)
+            with parts.database.session() as s:
+                yield s, find_session(s, token, now=utc_now(), lock=False)
+    except Refused as refused:
+        log_refusal(parts.database, refused, request="look")
+        raise
+
+
+def _may_settle(s: DatabaseSession, session: Session) -> bool:
+    if session.state != "active" or machine.step_of(session)["kind"] != "wait":
+        return False
+    protocol = thaw(s.get_one(Study, session.study_id)).protocol
+    return personalisation.outcome_of(s, session, protocol, utc_now()) is not None
+
+
+def _settle(parts: House, token: str) -> None:
+    now = utc_now()
+    with acting(parts.database, token, request="settle", now=now) as (s, session):
+        moved = machine.settle(s, parts.files, session, now=now)
+    if moved:
+        bridge_of(parts).changed(session.id)
