@@ -116,8 +116,29 @@ class Study(Base):
     __table_args__ = (CheckConstraint("state in ('open', 'closed')", name="state"),)
 
 
+class ProtocolVersion(Base):
+    """A later protocol of a running study, frozen like the study's own, which is number 1. `changes`: what differs from
+    the one before, as `study/revising.py` says it. Sessions name theirs in `protocol_number`."""
+
+    __tablename__ = "protocol_version"
+    study_id: Mapped[str] = mapped_column(ForeignKey("study.id"), primary_key=True)
+    number: Mapped[int] = mapped_column(Integer, primary_key=True)
+    protocol_version: Mapped[int] = mapped_column(Integer)
+    protocol_yaml: Mapped[str] = mapped_column(Text)
+    protocol: Mapped[dict[str, Any]] = mapped_column(JSON)
+    files: Mapped[dict[str, Any]] = mapped_column(JSON)
+    protocol_hash: Mapped[str] = mapped_column(String(64))
+    changes: Mapped[list[Any]] = mapped_column(JSON)
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    created_by: Mapped[str | None] = mapped_column(String(80))
+
+
 class Participant(Base):
-    """A pseudonymous code in one study. `simulated` is set at creation and cannot be changed (trigger)."""
+    """A pseudonymous code in one study. `simulated` is set at creation and cannot be changed (trigger).
+
+    `consents`: what was agreed to beside the study itself, {"training": bool, "open_data": bool}; a purpose that was
+    not asked about is missing; None before the consent.
+    """
 
     __tablename__ = "participant"
     id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
@@ -130,6 +151,7 @@ class Participant(Base):
     excluded_at: Mapped[datetime | None]
     excluded_reason: Mapped[str | None] = mapped_column(Text)
     excluded_by: Mapped[str | None] = mapped_column(String(80))
+    consents: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     __table_args__ = (UniqueConstraint("study_id", "code"),)
     sessions: Mapped[list[Session]] = relationship(back_populates="participant")
 
@@ -149,7 +171,10 @@ class RecruitingId(Base):
 class Session(Base):
     """One appointment. `plan` is the immutable seeded list of steps; `position` is the index of the current one.
 
-    The link's token is stored as sha256 only. States: active, paused, completed, withdrawn, expired.
+    The link's token is stored as sha256 only. States: active, paused, completed, withdrawn, expired, screened_out.
+    `assignment`: the place in the counterbalancing, the same in all appointments of a participant: {"scheme", "row"
+    (None where drawn by lot), "rows", "order": [condition, ...], "blocks": {stage: [condition, ...]}, "design": digest
+    of the rows}. `ended_because` (screened_out only): comprehension or quota.
     """
 
     __tablename__ = "session"
@@ -166,6 +191,11 @@ class Session(Base):
     device: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
     completion_code: Mapped[str | None] = mapped_column(String(40))
     personalisation: Mapped[str | None] = mapped_column(String(40))  # why a comparison was or was not shown
+    assignment: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    appointment: Mapped[int] = mapped_column(Integer, default=1, server_default="1")
+    protocol_number: Mapped[int] = mapped_column(Integer, default=1, server_default="1")
+    ended_because: Mapped[str | None] = mapped_column(String(80))
+    opens_at: Mapped[datetime | None]  # a later appointment cannot be entered before
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
@@ -173,12 +203,17 @@ class Session(Base):
     expires_at: Mapped[datetime]
     participant: Mapped[Participant] = relationship(back_populates="sessions")
     __table_args__ = (
-        CheckConstraint("state in ('active', 'paused', 'completed', 'withdrawn', 'expired')", name="state"),
+        CheckConstraint(
+            "state in ('active', 'paused', 'completed', 'withdrawn', 'expired', 'screened_out')", name="state"
+        ),
     )
 
 
 class Trial(Base):
-    """One thing asked of the participant. `kind`: query or comparison. `role`: learning, regular, repeat or swap.
+    """One thing asked of the participant. `kind`: query or comparison. `role`: learning, regular, or a probe's: repeat,
+    swap, transitivity (the last are the three pairs of three drives in one scene). `block`: the block's stage, or the
+    condition's name where the block is crossed over conditions. `probe_of`: the trial that a repeat or swap asks again.
+    `turned`: the query's second drive is A (None in comparisons and in data of before). `replays`: pairs watched again.
 
     `phase`: ready, playing_a, playing_b, choosing, answered. `arms` (comparison only) says which policy was A and B.
     """
@@ -202,6 +237,9 @@ class Trial(Base):
     a_seen_at: Mapped[datetime | None]
     b_seen_at: Mapped[datetime | None]
     restarts: Mapped[int] = mapped_column(Integer, default=0)
+    replays: Mapped[int] = mapped_column(Integer, default=0, server_default="0")
+    probe_of: Mapped[str | None] = mapped_column(String(32))
+    turned: Mapped[bool | None] = mapped_column(Boolean)
     __table_args__ = (
         UniqueConstraint("session_id", "step_key"),
         CheckConstraint("phase in ('ready', 'playing_a', 'playing_b', 'choosing', 'answered')", name="phase"),
@@ -211,8 +249,10 @@ class Trial(Base):
 class Response(Base):
     """One answer. One per step of a session, so one per trial, by constraint; never updated.
 
-    `value` by kind: preference / comparison {"choice": "a"|"b"}; questionnaire {item: answer}; consent {"given": true,
-    "version": ..., "text_hash": ...}; guess {"choice": "first"|"second"...}.
+    `value` by kind: preference / comparison {"choice": "a"|"b"}, or {"timed_out": true} where the protocol's time for
+    the choice was over; questionnaire {item: answer} (a ranking's answer is a list, best first); comprehension the same
+    with "passed"; attention {"choice", "instructed", "passed"}; consent {"given": true, "version", "text_hash",
+    "purposes"}; guess {"choice": "a"|"b"}. `consent_id`: the consent in force (a response's id); None before it.
     """
 
     __tablename__ = "response"
@@ -225,6 +265,7 @@ class Response(Base):
     request_id: Mapped[str] = mapped_column(String(64), unique=True)
     client_time: Mapped[datetime | None]
     decision_s: Mapped[float | None] = mapped_column(Float)  # from the choice becoming possible to the answer
+    consent_id: Mapped[str | None] = mapped_column(String(32))
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
     __table_args__ = (UniqueConstraint("session_id", "step_key"),)
 

@@ -94,3 +94,7 @@ FIRST_REFUSALS = (
     Refusal("tombstone_never_updated", "tombstone", "UPDATE", "tombstones stay"),
     Refusal("tombstone_never_deleted", "tombstone", "DELETE", "tombstones stay"),
 )
+SECOND_REFUSALS = (
+    Refusal("protocol_version_never_updated", "protocol_version", "UPDATE", "a protocol version is frozen"),
+    Refusal("protocol_version_never_deleted", "protocol_version", "DELETE", "protocol versions stay"),
+)
