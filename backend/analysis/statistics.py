@@ -6,13 +6,14 @@ scipy computes the tests; what is compared with what is decided by the reports.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
+
+from backend.analysis.tested import stars, told_p
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class TTest:
     @property
     def stars(self) -> str:
         """The thesis's marks (table 6.2) of the corrected p: * up to 0.05, ** up to 0.01, *** up to 0.001."""
-        return "".join("*" for bound in (0.05, 0.01, 0.001) if self.p_corrected <= bound)
+        return stars(self.p_corrected)
 
     def sentence(self, first: str, second: str, unit: str) -> str:
         """The result in words: who differs from whom by how much, t, p and d."""
@@ -47,11 +48,6 @@ class TTest:
             f"{told}, t({self.df:g}) = {self.statistic:.2f}, {told_p(self.p_corrected)} (Holm), d = "
             f"{self.effect_size:.2f}."
         )
-
-
-def told_p(p: float) -> str:
-    """p as papers write it."""
-    return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 
 
 def _sample(name: str, values: ArrayLike) -> tuple[float, float, int]:
@@ -87,23 +83,3 @@ def student_t_against(values: ArrayLike, fixed: float) -> TTest:
 
 def _ratio(difference: float, deviation: float) -> float:
     return difference / deviation if deviation > 0 else math.copysign(math.inf, difference) if difference else 0.0
-
-
-def holm(tests: Sequence[TTest]) -> list[TTest]:
-    """The same tests with p corrected for their number by Holm's step-down method (1979), in the order given."""
-    order = np.argsort([test.p for test in tests])
-    corrected = list(tests)
-    largest = 0.0
-    for rank, k in enumerate(order):
-        largest = max(largest, min(1.0, (len(tests) - rank) * tests[k].p))
-        corrected[k] = replace(tests[k], p_corrected=largest)
-    return corrected
-
-
-def mean_interval(values: ArrayLike) -> tuple[float, float, float]:
-    """Mean of (n,) with its 95 % interval by Student's t: (mean, low, high). A single value has no interval: NaN."""
-    data = np.asarray(values, dtype=float)
-    if len(data) < 2:
-        return float(data.mean()), math.nan, math.nan
-    half = float(stats.t.ppf(0.975, len(data) - 1) * data.std(ddof=1) / math.sqrt(len(data)))
-    return float(data.mean()), float(data.mean()) - half, float(data.mean()) + half

@@ -16,7 +16,8 @@ from typing import Any
 
 import jinja2
 
-from backend.analysis.statistics import TTest, told_p
+from backend.analysis.statistics import TTest
+from backend.analysis.tested import told_p
 from backend.learning.artefacts import DEPARTURES
 from backend.reproduction import thesis
 from backend.reproduction.enquery import MODELS, RECIPES, SOURCES, TEST_SETS, Plan, query_seed

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.statistics import TTest, holm, mean_interval, student_t, student_t_against
+from backend.analysis.statistics import TTest, student_t, student_t_against
+from backend.analysis.tested import holm, mean_of
 from backend.reproduction import thesis
 from backend.reproduction.enquery import CONDITIONS, MODELS, SOURCES, TEST_SETS, Plan
 from backend.reproduction.pieces import Made
@@ -138,10 +139,16 @@ def curves_of(repetitions: Sequence[NDArray[Any]], answers: Sequence[int]) -> li
                     values = stacked[:, m, s, k, t]
                     if np.isnan(values).any():
                         continue
-                    mean, low, high = mean_interval(values)
-                    deviation = float(values.std(ddof=1)) if len(values) > 1 else math.nan
-                    points.append(CurvePoint(model, source, test_set, count, mean, low, high, deviation, len(values)))
+                    mean = mean_of(values)
+                    points.append(
+                        CurvePoint(model, source, test_set, count, mean.mean, mean.low, mean.high, mean.sd, len(values))
+                    )
     return points
+
+
+def _corrected(tests: Sequence[TTest]) -> list[TTest]:
+    """The same tests with p corrected for their number by Holm."""
+    return [replace(test, p_corrected=p) for test, p in zip(tests, holm([t.p for t in tests]), strict=True)]
 
 
 def crossing(answers: Sequence[int], first: Sequence[float], second: Sequence[float]) -> int | None:
@@ -180,10 +187,10 @@ def table_of_recipe(recipe: str, runs: dict[str, list[Made]], raw: Made) -> list
     if len(first) > 1:
         tests = [student_t(first.mean(1), samples[name].mean(1)) for name in others]
         tests.append(student_t_against(first.mean(1), float(raw_distances.mean())))
-        by_alignment = dict(zip([*others, RAW], holm(tests), strict=True))
+        by_alignment = dict(zip([*others, RAW], _corrected(tests), strict=True))
     episode_tests = [student_t(first.ravel(), samples[name].ravel()) for name in others]
     episode_tests.append(student_t(first.ravel(), raw_distances))
-    by_episode = dict(zip([*others, RAW], holm(episode_tests), strict=True))
+    by_episode = dict(zip([*others, RAW], _corrected(episode_tests), strict=True))
     rows = [
         _row(recipe, name, mades, raw, by_alignment.get(name), by_episode.get(name)) for name, mades in runs.items()
     ]

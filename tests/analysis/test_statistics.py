@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from backend.analysis.statistics import holm, mean_interval, student_t, student_t_against
+from backend.analysis.statistics import student_t, student_t_against
+from backend.analysis.tested import holm, mean_of
 
 # Student (1908), "The probable error of a mean": additional hours of sleep by two drugs, ten patients each; the values
 # of R's data set `sleep`. R: t.test(extra ~ group, var.equal = TRUE) gives t = -1.8608, df = 18, p-value = 0.07919.
@@ -36,9 +37,8 @@ def test_against_a_fixed_value() -> None:
 
 def test_holm_corrects_in_order_of_p_and_never_decreases() -> None:
     """Worked by hand: 0.01 x 4, 0.02 x 3 (0.06), 0.03 x 2 = 0.06, 0.04 x 1 -> 0.06."""
-    tests = [student_t(FIRST, SECOND).__class__(1, 18, p, p, 0, 0, (10, 10)) for p in (0.04, 0.01, 0.03, 0.02)]
-    assert [test.p_corrected for test in holm(tests)] == pytest.approx([0.06, 0.04, 0.06, 0.06])
-    assert [test.p for test in holm(tests)] == [0.04, 0.01, 0.03, 0.02]
+    assert holm([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
+    assert holm([]) == []
 
 
 def test_the_sentence_says_it_all() -> None:
@@ -48,8 +48,12 @@ def test_the_sentence_says_it_all() -> None:
 
 def test_the_interval_is_students() -> None:
     """R: t.test(SECOND) gives the interval 0.8976775 to 3.7623225."""
-    assert mean_interval(SECOND) == pytest.approx((2.33, 0.8976775, 3.7623225))
-    assert math.isnan(mean_interval([1.0])[1])
+    found = mean_of(SECOND)
+    assert (found.mean, found.low, found.high) == pytest.approx((2.33, 0.8976775, 3.7623225))
+    assert (found.sd, found.se) == pytest.approx((2.002249, 2.002249 / math.sqrt(10)), abs=1e-6)
+    alone = mean_of([1.0, math.nan])
+    assert (alone.n, alone.mean) == (1, 1.0)
+    assert math.isnan(alone.low)
 
 
 @pytest.mark.parametrize("bad", [[1.0], [1.0, np.nan], [[1.0, 2.0], [3.0, 4.0]]])

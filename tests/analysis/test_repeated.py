@@ -1,0 +1,73 @@
+"""Friedman's and Wilcoxon's tests against published examples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from backend.analysis.repeated import friedman, pairs_of, wilcoxon
+from backend.analysis.tested import corrected
+
+# Hollander & Wolfe (1973), p. 140: seconds of 22 baseball players rounding first base in three ways; the example of R's
+# friedman.test, which gives chi-squared = 11.143, df = 2, p-value = 0.003805.
+ROUNDING_S = np.array(
+    [
+        *(5.40, 5.50, 5.55, 5.85, 5.70, 5.75, 5.20, 5.60, 5.50, 5.55, 5.50, 5.40, 5.90, 5.85, 5.70, 5.45, 5.55, 5.60),
+        *(5.40, 5.40, 5.35, 5.45, 5.50, 5.35, 5.25, 5.15, 5.00, 5.85, 5.80, 5.70, 5.25, 5.20, 5.10, 5.65, 5.55, 5.45),
+        *(5.60, 5.35, 5.45, 5.05, 5.00, 4.95, 5.50, 5.50, 5.40, 5.45, 5.55, 5.50, 5.55, 5.55, 5.35, 5.45, 5.50, 5.55),
+        *(5.50, 5.45, 5.25, 5.65, 5.60, 5.40, 5.70, 5.65, 5.55, 6.30, 6.30, 6.25),
+    ]
+).reshape(22, 3)
+# Hollander & Wolfe (1973), p. 29: depression scale of nine patients at two visits; the example of R's wilcox.test,
+# which gives V = 40, p-value = 0.01953 one-sided, so 0.03906 two-sided. W = 45 - 40.
+FIRST_VISIT = [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30]
+SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
+
+
+def test_friedman_of_the_baseball_players() -> None:
+    test = friedman(ROUNDING_S, about="seconds")
+    assert (test.statistic, test.df, test.p) == pytest.approx((11.143, 2, 0.003805), abs=5e-4)
+    assert test.effect == pytest.approx(11.1429 / 44, abs=1e-4)
+    assert test.sentence() == "Seconds: the conditions differ, χ²(2, N = 22) = 11.14, p = 0.004, Kendall's W = 0.25."
+
+
+def test_wilcoxon_of_the_patients() -> None:
+    test = wilcoxon(FIRST_VISIT, SECOND_VISIT, about="depression", names=("visit 1", "visit 2"))
+    assert (test.statistic, test.p) == pytest.approx((5, 0.0390625))
+    assert test.effect == pytest.approx((40 - 5) / 45)
+    assert test.sentence().startswith("Depression: higher for visit 1 than for visit 2, W(N = 9) = 5.00, p = 0.039")
+
+
+def test_pairs_without_difference_are_left_out_and_said() -> None:
+    first, second = [3, 4, 5, 6, 7, 1, 2, 3], [3, 3, 3, 3, 3, 3, 3, 3]
+    test = wilcoxon(first, second, about="fun", names=("a", "b"))
+    differences = np.subtract(first, second)
+    assert (test.n, test.used) == (8, 6)
+    assert test.p == stats.wilcoxon(differences[differences != 0]).pvalue
+    assert "6 of them without ties" in test.sentence()
+
+
+def test_everybody_alike_is_no_difference() -> None:
+    assert friedman(np.full((5, 3), 4.0), about="fun").p == 1.0
+    test = wilcoxon([1.0, 2.0], [1.0, 2.0], about="fun", names=("a", "b"))
+    assert (test.p, test.used, test.effect) == (1.0, 0, 0.0)
+    assert test.sentence().startswith("Fun: no difference was found")
+
+
+def test_all_pairs_corrected_by_bonferroni() -> None:
+    """R: pairwise.wilcox.test of these data and the raw p differ by the factor 3, at most 1."""
+    raw = pairs_of(ROUNDING_S, ("out", "narrow", "wide"), about="seconds")
+    told = corrected(raw, "bonferroni")
+    assert [test.about for test in told] == [
+        "seconds, out against narrow", "seconds, out against wide", "seconds, narrow against wide",
+    ]  # fmt: skip
+    assert [test.p_corrected for test in told] == pytest.approx([min(1.0, 3 * test.p) for test in raw])
+    assert {test.correction for test in told} == {"Bonferroni"}
+    assert [test.p for test in told] == [test.p for test in raw]
+
+
+@pytest.mark.parametrize("bad", [[[1.0, 2.0]], [[1.0, 2.0], [3.0, 4.0]], [[1.0, np.nan, 1.0], [1.0, 2.0, 3.0]]])
+def test_what_cannot_be_tested_is_refused(bad: list[list[float]]) -> None:
+    with pytest.raises(ValueError, match="ratings"):
+        friedman(bad, about="fun")
