@@ -1,7 +1,7 @@
 """Making the shipped artefacts and their cards.
 
-`python -m backend.learning.ship base|ensemble|conditioned|queries SETUP --seed N`. The science lives in the algorithms'
-files; finding what was shipped lives in `shipped.py`.
+`python -m backend.learning.ship base|ensemble|conditioned|queries|varied-queries SETUP [--count N] --seed N`. The
+science lives in the algorithms' files; finding what was shipped lives in `shipped.py`.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ def _store_queries(
         setup=queries.setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m backend.learning.ship {what} {queries.setup} --seed {seed}",
+        command=f"python -m backend.learning.ship {what} {queries.setup} --count {len(queries)} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=config.as_dict(),
@@ -249,6 +249,7 @@ def main() -> None:
     parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries", "varied-queries"))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries; the other kinds have none")
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
     arguments = parser.parse_args()
 
@@ -256,14 +257,12 @@ def main() -> None:
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in metrics.items())
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
-    ship = {
-        "base": ship_base,
-        "ensemble": ship_ensemble,
-        "conditioned": ship_conditioned,
-        "queries": ship_queries,
-        "varied-queries": ship_varied_queries,
-    }[arguments.what]
-    ship(arguments.setup, arguments.seed, arguments.out, show)
+    given = (arguments.setup, arguments.seed, arguments.out, show)
+    if arguments.what in ("queries", "varied-queries"):
+        make = ship_queries if arguments.what == "queries" else ship_varied_queries
+        make(*given, count=arguments.count)
+    else:
+        {"base": ship_base, "ensemble": ship_ensemble, "conditioned": ship_conditioned}[arguments.what](*given)
 
 
 if __name__ == "__main__":
