@@ -34,6 +34,7 @@ EXPECTED = {
     *(f"{setup}/ensemble/{k}" for setup in ("open_field", "study_room") for k in range(4)),
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "study_room/queries_200",
+    "study_room/queries_500",
 }
 KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet}
 
@@ -123,14 +124,15 @@ def test_conditioned_policies_drive_as_they_are_told(setup: str) -> None:
         assert {"better_than_base", "better_than_neutral", "share_of_the_way"} <= set(card["moved"][name])
 
 
-def test_shipped_queries_are_worth_showing() -> None:
-    queries, config = load_queries("study_room/queries_200"), QueryConfig()
-    assert len(queries) >= 200
+@pytest.mark.parametrize("count", [200, 500])
+def test_shipped_queries_are_worth_showing(count: int) -> None:
+    queries, config = load_queries(f"study_room/queries_{count}"), QueryConfig()
+    assert len(queries) == count
     assert len({query.scene.seed for query in queries.queries}) == len(queries)
     for query in queries.queries:
         assert flaw(query.trajectory_a, config) is flaw(query.trajectory_b, config) is None
         assert not look_alike(query.trajectory_a, query.trajectory_b, config)
-    for query in queries.queries[::20]:
+    for query in queries.queries[:: count // 10]:
         check_scene(query.scene)
         assert draw_scene("study_room", query.scene.seed) == query.scene
         np.testing.assert_array_equal(query.trajectory_a.poses[0], query.trajectory_b.poses[0])
