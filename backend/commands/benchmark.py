@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -113,9 +114,54 @@ def asking(
     }
     summary = summarise(result)
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(result | {"summary": summary["rows"]}, indent=1) + "\n", encoding="utf-8")
+        _write(out, result | {"summary": summary["rows"]})
     say(summary, as_json)
+
+
+@commands.command()
+@plain_errors
+def wants(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
+    noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0",
+    seeds: Annotated[str, typer.Option(help="Of the query sets: FIRST-LAST.")] = "70-79",
+    queries: Annotated[
+        str, typer.Option(help="Whose drives: ensemble, or varied (of the conditioned policy).")
+    ] = "varied",
+    answers: Annotated[int, typer.Option(min=2)] = 15,
+    scenes: Annotated[int, typer.Option(min=2)] = 2_000,
+    pretrainings: Annotated[
+        str, typer.Option(help="Conditioned policies with cards, comma-separated; default the shipped one.")
+    ] = "",
+    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
+    from backend.learning.benchmark_wants import WantsConfig, benchmark_wants
+    from backend.learning.oracles import TASTES
+    from backend.learning.shipped import load_card, load_conditioned
+
+    first, _, last = seeds.partition("-")
+    if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
+        raise typer.BadParameter(f"queries = {queries}, seeds = {seeds}: ensemble or varied; such as 70-79")
+    config = WantsConfig(
+        oracles=tuple(oracles.split(",")) if oracles else tuple(TASTES),
+        noises=tuple(float(noise) for noise in noises.split(",")),
+        query_seeds=tuple(range(int(first), int(last or first) + 1)),
+        queries="ensemble" if queries == "ensemble" else "varied",
+        answers=answers,
+        scenes=scenes,
+    )
+    names = pretrainings.split(",") if pretrainings else [f"{setup}/conditioned"]
+    cards = [load_card(name) for name in names]
+    told = {f"seed {card.seed}": load_conditioned(name) for name, card in zip(names, cards, strict=True)}
+    result = benchmark_wants(setup, told, config, lambda done: typer.echo(f"{done:.0%}", err=True))
+    result |= {
+        "pretrainings": {f"seed {card.seed}": {"command": card.command, "sha256": card.sha256} for card in cards}
+    }
+    if out is not None:
+        _write(out, result)
+    say({"setup": setup, "ceiling_m": result["ceiling_m"], "rows": result["summary"]}, as_json)
 
 
 @commands.command()
@@ -144,3 +190,20 @@ def finish(
     from backend.commands.benchmark_finish import benchmark_finish
 
     say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)
+
+
+def _write(out: Path, result: dict[str, Any]) -> None:
+    """A result as a file that datasets/ can hold: its command and commit, numbers to five digits."""
+    from backend.learning.artefacts import source_commit
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    told = {"command": " ".join(["desirepath", *sys.argv[1:]]), "commit": source_commit()} | _short(result)
+    out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+def _short(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    if isinstance(value, dict):
+        return {key: _short(item) for key, item in value.items()}
+    return [_short(item) for item in value] if isinstance(value, list | tuple) else value

@@ -7,19 +7,19 @@ nothing but the choice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.choosing import STRATEGIES, next_query
+from backend.learning.choosing import PARTICLES, STRATEGIES, next_query
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import wilson
 from backend.learning.oracles import HELD_OUT, TASTES, TUNING, Habits, make_oracle
 from backend.learning.posterior import Posterior, PosteriorConfig
-from backend.learning.queries import Query, QuerySet
+from backend.learning.queries import QuerySet
 from backend.learning.varied_queries import differences_of
 
 Doubles = NDArray[np.float64]
@@ -81,13 +81,15 @@ def asking_study(
 def _curves_of(
     query_set: QuerySet, differences: Doubles, oracle: str, habits: str, config: AskingConfig
 ) -> list[dict[str, Any]]:
-    truth = _says_a(query_set.queries, oracle, Habits(), config.seed)
+    truth = make_oracle(oracle).advantages(query_set.queries) < 0
+    seen = make_oracle(oracle, **asdict(HABITS[habits])).advantages(query_set.queries)
     curves = []
     for strategy in config.strategies:
         accuracy = np.zeros((config.repetitions, config.answers))
         found = np.zeros((config.repetitions, config.answers), dtype=np.bool_)
         for repetition in range(config.repetitions):
-            answers = _says_a(query_set.queries, oracle, HABITS[habits], config.seed + 1 + repetition)
+            answerer = make_oracle(oracle, **asdict(HABITS[habits]), seed=config.seed + 1 + repetition)
+            answers = np.equal(answerer.decide(seen), 0)
             random = np.random.default_rng([config.seed, repetition, 41])
             order = random.permutation(len(differences))
             test = order[: round(len(order) * config.test_share)]
@@ -96,7 +98,7 @@ def _curves_of(
             for asked in range(config.answers):
                 best = open_ones.pop(next_query(posterior, differences[open_ones], strategy, random).index)
                 posterior = posterior.updated(differences[best], bool(answers[best]))
-                accuracy[repetition, asked] = ((posterior.predict(differences[test]) > 0.5) == truth[test]).mean()
+                accuracy[repetition, asked] = _agreement(posterior, differences[test], truth[test])
                 found[repetition, asked] = posterior.dominant() in TASTES[oracle].wants[:1]
         curves.append(
             {
@@ -111,10 +113,10 @@ def _curves_of(
     return curves
 
 
-def _says_a(queries: Sequence[Query], oracle: str, habits: Habits, seed: int) -> Flags:
-    """(n,) does the oracle choose A?"""
-    says_a: Flags = np.equal(make_oracle(oracle, **asdict(habits), seed=seed).choices(queries), 0)
-    return says_a
+def _agreement(posterior: Posterior, differences: Doubles, truth: Flags) -> float:
+    """Share of pairs that are predicted as the taste itself would answer."""
+    predicted = posterior.sample(PARTICLES).predict(differences) > 0.5
+    return float((predicted == truth).mean())
 
 
 def _with_intervals(values: Doubles) -> dict[str, list[float]]:

@@ -22,7 +22,7 @@ from backend.simulation.kernels import surface_distance
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import scene_to_row
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup, require_same
-from backend.simulation.trajectory import Outcome
+from backend.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
 
@@ -35,6 +35,14 @@ class Drives:
     measured: Doubles
     self_intersections: NDArray[np.int32]
 
+    @classmethod
+    def of(cls, trajectories: Sequence[Trajectory]) -> Drives:
+        return cls(
+            np.array([t.outcome for t in trajectories], dtype=np.int8),
+            measures(trajectories),
+            np.array([t.self_intersections for t in trajectories], dtype=np.int32),
+        )
+
     @property
     def success(self) -> NDArray[np.bool_]:
         return np.asarray(self.outcome == Outcome.SUCCESS)
@@ -43,12 +51,7 @@ class Drives:
 def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
     """Drive every scene once to its end."""
     setup = get_setup(require_same(policy=policy.setup, **{f"scene {k}": s.setup for k, s in enumerate(scenes)}))
-    trajectories = rollout(setup, policy.act, scenes)
-    return Drives(
-        np.array([t.outcome for t in trajectories], dtype=np.int8),
-        measures(trajectories),
-        np.array([t.self_intersections for t in trajectories], dtype=np.int32),
-    )
+    return Drives.of(rollout(setup, policy.act, scenes))
 
 
 def best_possible(scenes: Sequence[Scene]) -> Doubles:

@@ -154,13 +154,20 @@ class Oracle:
         """0 for trajectory A, 1 for B, of each query in order. Drives of equal worth are chosen between at random."""
         if self.name == "random":
             return [int(self.random.integers(2)) for _ in queries]
-        if not queries:
-            return []
+        return self.decide(self.advantages(queries))
+
+    def advantages(self, queries: Sequence[Query]) -> Doubles:
+        """(n,) how much better B is by the taste, as far as it is looked at (myopia), in typical differences."""
         drives = [drive for query in queries for drive in (query.trajectory_a, query.trajectory_b)]
         if self.habits.myopia_s is not None:
             drives = [beginning(drive, self.habits.myopia_s) for drive in drives]
-        worth = TASTES[self.name].value(drives)
-        return [self._choice(float(b - a)) for a, b in zip(worth[0::2], worth[1::2], strict=True)]
+        worth = TASTES[self.name].value(drives) if drives else np.zeros(0)
+        better: Doubles = worth[1::2] - worth[0::2]
+        return better
+
+    def decide(self, advantages: Doubles) -> list[int]:
+        """0 for A, 1 for B, by how much better B is, mistakes and indifference included."""
+        return [self._choice(float(better)) for better in advantages]
 
     def _choice(self, b_better_by: float) -> int:
         wrong, coin = self.random.random() < self.habits.noise, int(self.random.integers(2))

@@ -1,0 +1,41 @@
+"""The table of oracles runs whole and says what each one's answers moved, and what they did not."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.learning.benchmark_wants import WantsConfig, benchmark_wants
+from backend.learning.errors import LearningError
+from backend.learning.shipped import load_conditioned
+
+
+def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
+    config = WantsConfig(
+        oracles=("min-human-distance", "right-and-far", "faces-person"),
+        noises=(0.0, 0.2),
+        query_seeds=(3,),
+        answers=6,
+        scenes=60,
+    )
+    shipped = load_conditioned("study_room/conditioned")
+    result = benchmark_wants("study_room", {"one": shipped, "other": shipped}, config)
+    assert result["simulated"]
+    assert len(result["rows"]) == 3 * 2 * 2
+    assert len(result["summary"]) == 3 * 2 * 2
+    lines = {(line["oracle"], line["noise"], line["pretraining"]): line for line in result["summary"]}
+    far = lines["min-human-distance", 0.0, "one"]
+    assert far["share_lowest"] <= far["share"] <= far["share_highest"]
+    assert far["preferred"] > 0.5
+    assert far == lines["min-human-distance", 0.0, "other"] | {"pretraining": "one"}
+    assert lines["faces-person", 0.0, "one"]["share"] is None
+    assert {"person_on_right", "farther"} == {want for row in result["rows"][4:8] for want in row["moved"]}
+
+
+def test_the_ensembles_queries_can_be_asked_instead() -> None:
+    config = WantsConfig(oracles=("clearance",), query_seeds=(5,), queries="ensemble", answers=4, scenes=20)
+    assert benchmark_wants("study_room", config=config)["rows"][0]["told"]
+
+
+def test_unknown_oracles_are_refused() -> None:
+    with pytest.raises(LearningError, match="telepath"):
+        benchmark_wants("study_room", config=WantsConfig(oracles=("telepath",)))
