@@ -28,6 +28,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    false,
 )
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
@@ -70,13 +71,15 @@ class Base(DeclarativeBase):
 
 
 class User(Base):
-    """Somebody who signs in: experimenter or analyst. Participants never do."""
+    """Somebody who signs in. Participants never do. `role`: owner, experimenter, analyst or viewer; what each may do
+    stands in `api/roles.py`."""
 
     __tablename__ = "user"
     id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
     name: Mapped[str] = mapped_column(String(80), unique=True)
     password_hash: Mapped[str] = mapped_column(Text)
     must_change_password: Mapped[bool] = mapped_column(Boolean, default=False)
+    role: Mapped[str] = mapped_column(String(16), default="viewer", server_default="viewer")
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
 
 
@@ -97,7 +100,8 @@ def protocol_digest(protocol_yaml: str, files: Mapping[str, Any]) -> str:
 
 class Study(Base):
     """One run of a protocol with its own frozen copy. `files` maps every text the protocol names to its content;
-    `protocol_hash` is the `protocol_digest` of YAML and files."""
+    `protocol_hash` is the `protocol_digest` of YAML and files. `pilot`: who joins now is a pilot participant.
+    `retain_until`: when the participants' data are to be erased; None where no date was promised."""
 
     __tablename__ = "study"
     id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
@@ -111,6 +115,8 @@ class Study(Base):
     state: Mapped[str] = mapped_column(String(16), default="open")
     recruiting_token: Mapped[str] = mapped_column(String(64), unique=True)
     seed: Mapped[int] = mapped_column(Integer)
+    pilot: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
+    retain_until: Mapped[datetime | None]
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
     created_by: Mapped[str | None] = mapped_column(ForeignKey("user.id"))
     __table_args__ = (CheckConstraint("state in ('open', 'closed')", name="state"),)
@@ -134,7 +140,7 @@ class ProtocolVersion(Base):
 
 
 class Participant(Base):
-    """A pseudonymous code in one study. `simulated` is set at creation and cannot be changed (trigger).
+    """A pseudonymous code in one study. `simulated` and `pilot` are set at creation and cannot be changed (triggers).
 
     `consents`: what was agreed to beside the study itself, {"training": bool, "open_data": bool}; a purpose that was
     not asked about is missing; None before the consent.
@@ -146,6 +152,7 @@ class Participant(Base):
     code: Mapped[str] = mapped_column(String(16))
     simulated: Mapped[bool] = mapped_column(Boolean, default=False)
     oracle: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # simulated only: name, noise, seed
+    pilot: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())  # joined while it was a pilot
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
     withdrawn_at: Mapped[datetime | None]
     excluded_at: Mapped[datetime | None]
@@ -385,6 +392,34 @@ class ProblemReport(Base):
     session_id: Mapped[str] = mapped_column(ForeignKey("session.id"), index=True)
     text: Mapped[str] = mapped_column(Text)
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class Note(Base):
+    """What somebody who runs the study wrote about a participant, or about one session of theirs."""
+
+    __tablename__ = "note"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    participant_id: Mapped[str] = mapped_column(ForeignKey("participant.id"), index=True)
+    session_id: Mapped[str | None] = mapped_column(ForeignKey("session.id"), index=True)
+    text: Mapped[str] = mapped_column(Text)
+    written_by: Mapped[str] = mapped_column(String(80))
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class Audit(Base):
+    """Who of those who sign in did what, and when. Append-only (triggers), save that an erasure takes the entries about
+    the participant. `outcome`: done, refused (the role does not allow it). `data`: plain JSON, no content of answers."""
+
+    __tablename__ = "audit"
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    at: Mapped[datetime] = mapped_column(default=utc_now, index=True)
+    by: Mapped[str] = mapped_column(String(80))
+    role: Mapped[str | None] = mapped_column(String(16))  # None: on the command line
+    action: Mapped[str] = mapped_column(String(60), index=True)
+    outcome: Mapped[str] = mapped_column(String(16), default="done")
+    study_id: Mapped[str | None] = mapped_column(String(32), index=True)
+    participant_id: Mapped[str | None] = mapped_column(String(32), index=True)
+    data: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
 
 
 class Tombstone(Base):

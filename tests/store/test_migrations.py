@@ -12,7 +12,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Column, String, delete, inspect, text, update
+from sqlalchemy import Column, String, delete, inspect, select, text, update
 from sqlalchemy.exc import DBAPIError
 
 from backend.store.artefacts import ArtefactStore
@@ -20,6 +20,7 @@ from backend.store.database import MIGRATIONS, Database, StorageError, migration
 from backend.store.erasure import erase_participant
 from backend.store.migrations.__main__ import draft_revision
 from backend.store.models import (
+    Audit,
     Base,
     Erasing,
     Event,
@@ -28,6 +29,7 @@ from backend.store.models import (
     Session,
     Study,
     Tombstone,
+    User,
 )
 from backend.store.snapshots import take_snapshot
 from tests.store.small_study import SmallStudy
@@ -113,6 +115,7 @@ def test_the_database_itself_refuses_what_may_not_change(either: Database, files
     other, _ = study.participant("P2", simulated=True, drives=100)
     with either.transaction() as s:
         s.add(Tombstone(study_id=study.id, erased_by="somebody", counts={}))
+        s.add(Audit(by="ada", role="owner", action="study_closed", study_id=study.id))
 
     def refused(statement: object, message: str) -> None:
         with pytest.raises(DBAPIError, match=message), either.transaction() as s:
@@ -126,7 +129,10 @@ def test_the_database_itself_refuses_what_may_not_change(either: Database, files
     refused(update(Session).where(Session.id == session).values(simulated=True), "session.simulated")
     refused(update(Session).where(Session.id == session).values(participant_id=other), "session.simulated")
     refused(update(Study).values(protocol_yaml="other"), "protocol of a study is frozen")
+    refused(update(Participant).where(Participant.id == person).values(pilot=True), "participant.pilot")
     refused(delete(Tombstone), "tombstones stay")
+    refused(update(Audit).values(by="bob"), "the audit log is append-only")
+    refused(delete(Audit), "the audit log is append-only")
     with either.transaction() as s:  # what may change still does
         s.execute(update(Session).where(Session.id == session).values(position=3, state="paused"))
         s.execute(update(Participant).where(Participant.id == person).values(excluded_reason="asleep"))
@@ -175,3 +181,24 @@ def test_a_participant_can_be_erased_on_either_database(either: Database, files:
     with either.session() as s:
         assert s.get(Participant, person) is None
         assert s.scalars(text("SELECT code FROM participant")).all() == ["P2"]
+
+
+def test_who_had_an_account_before_there_were_roles_may_still_do_everything(either: Database, files: ArtefactStore):
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0002")
+        for name in ("experimenter", "ada"):
+            connection.execute(
+                text(
+                    'INSERT INTO "user" (id, name, password_hash, must_change_password, created_at) '
+                    "VALUES (:name, :name, 'x', false, '2026-11-01 10:00:00')"
+                ),
+                {"name": name},
+            )
+    either.migrate()
+    SmallStudy(either, files).participant("P1")
+    with either.transaction() as s:
+        assert s.scalars(select(User.role)).all() == ["owner", "owner"]
+        s.add(User(name="new", password_hash="x"))
+        s.flush()
+        assert s.scalars(select(User.role).where(User.name == "new")).one() == "viewer"
+        assert s.scalars(select(Participant.pilot)).all() == [False]

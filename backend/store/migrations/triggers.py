@@ -98,3 +98,15 @@ SECOND_REFUSALS = (
     Refusal("protocol_version_never_updated", "protocol_version", "UPDATE", "a protocol version is frozen"),
     Refusal("protocol_version_never_deleted", "protocol_version", "DELETE", "protocol versions stay"),
 )
+ERASING_ABOUT = "EXISTS (SELECT 1 FROM erasing WHERE erasing.participant_id = OLD.participant_id)"
+THIRD_REFUSALS = (
+    Refusal("audit_never_updated", "audit", "UPDATE", "the audit log is append-only"),
+    Refusal("audit_never_deleted", "audit", "DELETE", "the audit log is append-only", ERASING_ABOUT),
+    Refusal(
+        "participant_pilot_fixed",
+        "participant",
+        "UPDATE",
+        "participant.pilot is set at creation",
+        "OLD.pilot = NEW.pilot",
+    ),
+)
