@@ -21,6 +21,8 @@ _LAMP: Colour = (206, 244, 255)
 _BEECH: Colour = (214, 174, 126)
 _BEECH_DARK: Colour = (176, 134, 90)
 _BLUE: Colour = (52, 120, 214)
+_GREEN: Colour = (46, 140, 78)
+GOAL_CONE_HEIGHT_M = 0.55
 
 
 @dataclass(frozen=True)
@@ -119,3 +121,10 @@ def person_place(*, facing: bool) -> Shape:
         side = (r * 1.03 * math.cos(0.42), r * 1.03 * math.sin(0.42))
         parts.append(flat([(side[0], -side[1]), (r * 1.55, 0.0), side], 0.011, _BLUE, alpha=0.9))
     return merged(parts)
+
+
+def goal_cone() -> Shape:
+    """The green cone at the goal (spec 02), 12 cm thick at its foot: what stands there must not hide the way."""
+    height, foot = GOAL_CONE_HEIGHT_M, 0.12
+    slope = [(foot * 1.35, 0.012), (foot * 1.3, 0.03), (foot, 0.03), (0.012, height), (0.0, height)]
+    return turned(slope, _GREEN, segments=24).lit(turning=True)

@@ -1,4 +1,4 @@
-"""Obstacles and walls as things one recognises: sideboard, column, crate, planter, plastered wall.
+"""Obstacles and walls as things one recognises: sideboard, couch, table, cupboard, column, crate, planter, wall.
 
 Every piece stays inside the box that the robot collides with; only looks live here.
 """
@@ -29,6 +29,9 @@ _SOIL: Colour = (88, 68, 54)
 _LEAF: Colour = (104, 134, 92)
 _LEAF_LIGHT: Colour = (132, 158, 108)
 _GLASS: Colour = (206, 222, 228)
+_CLOTH: Colour = (118, 134, 146)
+_CLOTH_DARK: Colour = (92, 106, 118)
+_CLOTH_LIGHT: Colour = (142, 158, 168)
 
 
 def sideboard(length: float, width: float, height: float) -> Shape:
@@ -133,18 +136,97 @@ def planter(length: float, width: float, height: float) -> Shape:
     return merged(parts)
 
 
+def couch(length: float, width: float, height: float) -> Shape:
+    """A couch on short legs, its back along one long side, an arm at either end; long side along x."""
+    if width > length:
+        return couch(width, length, height).moved(yaw=math.pi / 2)
+    leg, seat = 0.08, 0.5 * height
+    arm, back = min(0.16, 0.12 * length), min(0.22, 0.3 * width)
+    parts = [
+        box((length - 0.02, width - 0.02, seat - leg - 0.10), (0, 0, (seat + leg - 0.10) / 2), _CLOTH_DARK),
+        box((length, back, height - leg), (0, (width - back) / 2, (height + leg) / 2), _CLOTH),
+    ]
+    cushions = max(2, round((length - 2 * arm) / 0.75))
+    wide = (length - 2 * arm) / cushions
+    for i in range(cushions):
+        x = -length / 2 + arm + wide * (i + 0.5)
+        parts.append(box((wide - 0.02, width - back - 0.02, 0.12), (x, -back / 2, seat - 0.05), _CLOTH_LIGHT))
+    for side in (-1, 1):
+        x = side * (length - arm) / 2
+        parts.append(box((arm, width - back, 0.72 * height - leg), (x, -back / 2, (0.72 * height + leg) / 2), _CLOTH))
+        for across in (-1, 1):
+            foot = (side * (length / 2 - 0.07), across * (width / 2 - 0.07), leg / 2)
+            parts.append(box((0.05, 0.05, leg), foot, _OAK_DARK))
+    return merged(parts)
+
+
+def table(length: float, width: float, height: float) -> Shape:
+    """A table with four legs; what stands on it stays at home, so that nothing hides the way."""
+    top, leg = 0.04, 0.07
+    parts = [
+        box((length, width, top), (0, 0, height - top / 2), _OAK_LIGHT),
+        box((length - 0.16, width - 0.16, 0.08), (0, 0, height - top - 0.04), _OAK),
+        *(
+            box((length - 0.02, (width - 0.06) / 4, 0.004), (0, (i - 1.5) * (width - 0.02) / 4, height + 0.001), tone)
+            for i, tone in enumerate((_OAK_LIGHT, _OAK, _OAK_LIGHT, _OAK))
+        ),
+    ]
+    for along in (-1, 1):
+        for across in (-1, 1):
+            foot = (along * (length / 2 - 0.08), across * (width / 2 - 0.08), (height - top) / 2)
+            parts.append(box((leg, leg, height - top), foot, _OAK_DARK))
+    return merged(parts)
+
+
+def cupboard(length: float, width: float, height: float) -> Shape:
+    """A tall cupboard: two doors over a drawer on both long sides."""
+    if width > length:
+        return cupboard(width, length, height).moved(yaw=math.pi / 2)
+    parts = [
+        box((length - 0.03, width - 0.03, height - 0.04), (0, 0, (height - 0.04) / 2), _OAK_WARM),
+        box((length, width, 0.04), (0, 0, height - 0.02), _OAK_DARK),
+        box((length, width, 0.06), (0, 0, 0.03), _OAK_DARK),
+    ]
+    drawer = 0.22 * height
+    for side in (-1, 1):
+        face = side * (width / 2 - 0.012)
+        parts.append(box((length - 0.08, 0.02, drawer - 0.05), (0, face, 0.06 + drawer / 2), _OAK_LIGHT))
+        parts.append(box((0.16, 0.03, 0.02), (0, face, 0.06 + drawer / 2), _BRASS))
+        for door in (-1, 1):
+            tall = height - drawer - 0.14
+            x, z = door * (length - 0.06) / 4, drawer + 0.06 + tall / 2
+            parts.append(box(((length - 0.06) / 2 - 0.02, 0.02, tall), (x, face, z), _LINEN))
+            parts.append(box((0.02, 0.03, 0.14), (door * 0.05, face, z), _BRASS))
+    return merged(parts)
+
+
+_MAKERS = {
+    "column": column,
+    "planter": planter,
+    "crate": crate,
+    "sideboard": sideboard,
+    "couch": couch,
+    "table": table,
+    "cupboard": cupboard,
+}
+
+
 def piece(obstacle: Obstacle, index: int) -> Shape:
     """The obstacle's furniture in the world frame. Cubes alternate between crates and planters by `index`."""
     size = (obstacle.length, obstacle.width, obstacle.height)
-    if obstacle.kind == "pillar":
-        made = column(*size)
-    elif obstacle.kind == "cube":
-        made = planter(*size) if index % 3 == 2 else crate(*size)
-    elif obstacle.kind == "wall":
-        made = box(size, (0, 0, obstacle.height / 2), _PLASTER)
-    else:
-        made = sideboard(*size)
-    return made.moved(obstacle.pose.x, obstacle.pose.y, yaw=obstacle.pose.yaw).lit()
+    called = name(obstacle, index)
+    made = box(size, (0, 0, obstacle.height / 2), _PLASTER) if called == "wall" else _MAKERS[called](*size)
+    x, y, yaw = obstacle.pose.x, obstacle.pose.y, obstacle.pose.yaw
+    if called == "couch" and y * math.cos(yaw) < x * math.sin(yaw):
+        yaw += math.pi  # its back is away from the middle of the room
+    return made.moved(x, y, yaw=yaw).lit()
+
+
+def name(obstacle: Obstacle, index: int) -> str:
+    """What people call the piece that `piece` makes; the words are the catalogues' (`drawing.stage.things`)."""
+    if obstacle.kind == "cube":
+        return "planter" if index % 3 == 2 else "crate"
+    return {"pillar": "column", "box": "sideboard"}.get(obstacle.kind, obstacle.kind)
 
 
 @lru_cache(maxsize=8)  # a setup has one room

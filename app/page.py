@@ -14,7 +14,12 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `webgl-missing`, `webgl-lost`, `webgl-restored` | | |
 | `replaced` | | the same stage was opened elsewhere; this one stays still |
 | `key` | `key` | a key pressed while the stage had the focus (A and B, say) |
+| `drawing` | `can_undo, length_m, speed, near, tight`, ... | how the stroke stands; several times a second |
+| `stroke` | `id, points, speeds, times_s, pointer` | a drawn path, finished: metres, m/s, s |
 | `state` | `connected, ready, webgl, playback_id` | the answer to the parent's `{type: "hello"}` |
+
+The parent may also send `{type: "draw", do, ...}` to the pen: words, undo, redo, clear, cut, finish, speed, problem,
+key (`client/draw.js`).
 """
 
 from __future__ import annotations
@@ -28,7 +33,8 @@ from pathlib import Path
 from app import viser_hooks
 
 _CLIENT = Path(__file__).parent / "client"
-_SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", "stage.js")
+_PEN = ("clearance.js", "ink.js", "draw.js")
+_SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", *_PEN, "stage.js")
 
 
 @dataclass(frozen=True)

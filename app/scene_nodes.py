@@ -40,7 +40,7 @@ class Nodes:
 def build(
     api: viser.SceneApi, root: str, scene: Scene, view: View, camera: Camera, robots: tuple[figures.RobotColours, ...]
 ) -> Nodes:
-    """Add the scene under the node name `root`, robots at the start. Nothing tells start or goal."""
+    """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_goal`."""
     meshes = [f"{root}/place"]
     with _drawing:
         place = _place(scene, _floor_bounds(scene, camera), cut=scene.room is not None and view == "top_down")
@@ -76,6 +76,18 @@ def add_path(api: viser.SceneApi, name: str, poses: np.ndarray, colour: tuple[in
     # viser takes line colours to linear light; the page shows them unconverted, so they are sent brighter.
     encoded = tuple(round(255 * (part / 255) ** (1 / 2.2)) for part in colour)
     api.add_line_segments(name, segments, encoded, thickness=3.0, thickness_units="screen")
+
+
+def add_goal(api: viser.SceneApi, name: str, scene: Scene) -> str:
+    """The cone at the scene's goal; returns `name`, its mesh's."""
+    api.add_glb(name, _goal(), position=(scene.goal.x, scene.goal.y, 0.0), cast_shadow=False, receive_shadow=False)
+    return name
+
+
+@cache
+def _goal() -> bytes:
+    shade = disc(0.22, 0.007, (38, 26, 18), alpha=0.5, rim_alpha=0.0)
+    return to_glb([Surface(shade, translucent=True), Surface(figures.goal_cone())])
 
 
 @cache

@@ -1,7 +1,9 @@
-"""One stage: what one browser connection sees. Shows scenes, plays trajectories; knows no study and no trial.
+"""One stage: what one browser connection sees. Shows scenes, plays trajectories, lets paths be drawn; knows no
+study and no trial.
 
 Playback itself runs in the page (`client/player.js`); the page tells its parent window when a trajectory has been
-watched to its end. Nothing that is sent there names a policy, a goal or a participant.
+watched to its end. Nothing that is sent there names a policy or a participant, and a goal
+only where a path is to be drawn to it.
 """
 
 from __future__ import annotations
@@ -9,13 +11,14 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import viser
 
 from app import figures, scene_nodes, viser_hooks
+from app.drawing import Paper
 from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
@@ -30,6 +33,7 @@ class _Showing:
     view: View
     frame: tuple[float, float, float, float]
     robots: tuple[figures.RobotColours, ...]
+    goal: bool = False
 
 
 class Stage:
@@ -56,6 +60,15 @@ class Stage:
         """
         self._show(scene, require_view(view), trajectories, (figures.NEUTRAL,))
 
+    def draw(self, scene: Scene, view: View, paper: Paper) -> None:
+        """Show the scene with its goal and let a path be drawn from the robot; the page posts `drawing` and `stroke`.
+
+        Raises ViewError for an unknown view.
+        """
+        with self._lock:
+            self._show(scene, require_view(view), (), (figures.NEUTRAL,), goal=True)
+            self._run({"type": "draw", **paper.as_message(scene, view)})
+
     def play(
         self,
         trajectory: Trajectory,
@@ -65,15 +78,17 @@ class Stage:
         playback_id: str,
         label_s: float = LABEL_S,
         trajectories: Sequence[Trajectory] = (),
+        goal: bool = False,
     ) -> None:
         """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
 
         Builds the scene first when another one stands there, or one whose frame is too small for this trajectory.
-        label: "A", "B", or "" for none. trajectories: as for `show`.
+        label: "A", "B", or "" for none. trajectories: as for `show`. goal: whether its cone stands there.
         """
         with self._lock:
-            if not self._stands(trajectory, require_view(view)):
-                self._show(trajectory.scene, require_view(view), trajectories or (trajectory,), (figures.NEUTRAL,))
+            if not self._stands(trajectory, require_view(view), goal):
+                shown = trajectories or (trajectory,)
+                self._show(trajectory.scene, require_view(view), shown, (figures.NEUTRAL,), goal=goal)
             self._run(
                 {
                     "type": "play",
@@ -150,10 +165,11 @@ class Stage:
     def _root(self) -> str:
         return f"/scene{self._shown}"
 
-    def _stands(self, trajectory: Trajectory, view: View) -> bool:
+    def _stands(self, trajectory: Trajectory, view: View, goal: bool) -> bool:
         """Whether the scene that is shown will do for this trajectory, so that B is not framed anew after A."""
         now = self._showing
-        if now is None or (now.scene, now.view, now.robots) != (trajectory.scene, view, (figures.NEUTRAL,)):
+        wanted = (trajectory.scene, view, (figures.NEUTRAL,), goal)
+        if now is None or (now.scene, now.view, now.robots, now.goal) != wanted:
             return False
         need = frame_of(trajectory.scene, (trajectory,))
         return all(a <= b for a, b in zip(now.frame[:2], need[:2], strict=True)) and all(
@@ -161,10 +177,16 @@ class Stage:
         )
 
     def _show(
-        self, scene: Scene, view: View, trajectories: Sequence[Trajectory], robots: tuple[figures.RobotColours, ...]
+        self,
+        scene: Scene,
+        view: View,
+        trajectories: Sequence[Trajectory],
+        robots: tuple[figures.RobotColours, ...],
+        *,
+        goal: bool = False,
     ) -> None:
         camera = camera_for(scene, view, trajectories)
-        showing = _Showing(scene, view, camera.frame, robots)
+        showing = _Showing(scene, view, camera.frame, robots, goal)
         with self._lock:
             if self._gone or showing == self._showing:
                 return
@@ -172,6 +194,12 @@ class Stage:
             with self._client.atomic():
                 self._client.scene.reset()
                 self._nodes = scene_nodes.build(self._client.scene, self._root, scene, view, camera, robots)
+                if goal:
+                    meshes = (
+                        *self._nodes.meshes,
+                        scene_nodes.add_goal(self._client.scene, f"{self._root}/goal", scene),
+                    )
+                    self._nodes = replace(self._nodes, meshes=meshes)
                 self._run(
                     {
                         "type": "show",

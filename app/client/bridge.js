@@ -1,6 +1,7 @@
 // @ts-check
 /**
- * The wire to the page that holds this stage: events go up, only `hello` comes down. Origins are checked both ways.
+ * The wire to the page that holds this stage: events go up; `hello`, and orders for the pen (`draw`) come down. Origins
+ * are checked both ways.
  *
  * Every event is `{source: "desirepath-stage", type, ...}`; the types are listed in app/page.py.
  */
@@ -20,6 +21,7 @@
   window.addEventListener("message", (event) => {
     if (event.source !== window.parent || event.origin !== pageOrigin) return;
     if (event.data?.type === "hello") post("state", state);
+    else if (event.data?.type === "draw") window.desirePath.draw?.told(event.data);
   });
 
   document.addEventListener("visibilitychange", () => {

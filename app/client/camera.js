@@ -11,6 +11,8 @@
   /** @type {Camera | null} */
   let camera = null;
   let free = false;
+  /** The gaze follows the hand in both views from the eyes, not the robot: while somebody draws. */
+  let gazing = false;
   let yaw = 0;
   let pitch = 0;
   /** @type {number[]} */
@@ -60,7 +62,7 @@
   function apply() {
     if (!camera || free || !window.desirePath.viser.isUp()) return;
     if (camera.view === "top_down") lookFromAbove();
-    else if (camera.view === "immersive") lookByGaze();
+    else if (gazing || camera.view === "immersive") lookByGaze();
     else {
       const target = [watched[0], watched[1], TRACKED_HEIGHT_M];
       window.desirePath.viser.look({ eye: camera.eye, target, up: [0, 0, 1], fovRad: camera.fov_rad });
@@ -72,7 +74,7 @@
   window.desirePath.camera = {
     /** @param {Camera} next as app/views.py */
     use(next) {
-      free = false;
+      free = gazing = false;
       window.desirePath.viser.orbit(false);
       camera = next;
       document.documentElement.dataset.view = next.view;
@@ -94,9 +96,23 @@
       watched = [x, y];
       if (camera?.view === "first_person") apply();
     },
+    /** Whether the gaze can be turned now. */
+    mayTurn: () => Boolean(camera) && !free && (camera?.view === "immersive" || (gazing && camera?.view !== "top_down")),
+    /** Let the gaze be turned in the first person, too, and begin with a look at this place. @param {number[] | null} at */
+    gaze(at) {
+      gazing = at !== null;
+      if (camera && at) {
+        const [dx, dy, dz] = [at[0] - camera.eye[0], at[1] - camera.eye[1], -camera.eye[2]];
+        yaw = Math.atan2(dy, dx);
+        pitch = Math.max(-0.6, Math.atan2(dz, Math.hypot(dx, dy)));
+      }
+      apply();
+    },
+    /** Whether a place on the floor lies to the left of where the eyes look. @param {number} x @param {number} y */
+    isLeft: (x, y) => Boolean(camera) && Math.sin(Math.atan2(y - camera.eye[1], x - camera.eye[0]) - yaw) > 0,
     /** @param {number} left @param {number} up radians */
     turn(left, up) {
-      if (camera?.view !== "immersive" || free) return;
+      if (!this.mayTurn()) return;
       yaw += left;
       pitch = Math.max(-MAX_PITCH, Math.min(MAX_PITCH, pitch + up));
       apply();

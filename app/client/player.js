@@ -111,6 +111,13 @@
       requestAnimationFrame(step);
     },
 
+    /** Nothing moves, the first robot stands there. @param {number[]} start x, y, yaw */
+    rest([x, y, yaw]) {
+      this.interrupt("stopped");
+      window.desirePath.viser.pose(robots[0], x, y, yaw);
+      window.desirePath.camera.watch(x, y);
+    },
+
     /** @param {Replay} order */
     replay({ tracks, speed, loop }) {
       this.interrupt("another-drive");

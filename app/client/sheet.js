@@ -1,7 +1,7 @@
 // @ts-check
 /**
  * The sheet over viser's canvas: it takes every pointer and key before viser can, shows the label and the legend,
- * and in the immersive view turns the gaze. Nothing reaches viser's own controls but the analyst's free camera.
+ * and turns the gaze where it may be turned. Nothing reaches viser's own controls but the analyst's free camera.
  */
 (() => {
   "use strict";
@@ -30,12 +30,11 @@
   let drag = null;
   let lastKeyStep = 0;
 
-  const mayLook = () => document.documentElement.dataset.view === "immersive"
-    && document.documentElement.dataset.camera !== "free";
+  const mayLook = () => window.desirePath.camera.mayTurn();
 
   sheet.addEventListener("pointerdown", (event) => {
     sheet.focus({ preventScroll: true });
-    if (!mayLook() || drag) return;
+    if (window.desirePath.draw.press(event) || !mayLook() || drag) return;
     drag = { id: event.pointerId, x: event.clientX, y: event.clientY };
     sheet.setPointerCapture(event.pointerId);
     sheet.dataset.looking = "";
@@ -74,6 +73,10 @@
 
   window.addEventListener("keydown", (event) => {
     event.stopImmediatePropagation();
+    if (window.desirePath.draw.key(event)) {
+      event.preventDefault();
+      return;
+    }
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key in ARROWS) {
       event.preventDefault();
@@ -95,6 +98,8 @@
   window.addEventListener("blur", () => held.clear());
 
   window.desirePath.sheet = {
+    /** Where other scripts of ours put what they show. */
+    element: sheet,
     /** @param {string} text "" hides the label */
     label(text) {
       label.hidden = text === "";

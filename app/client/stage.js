@@ -1,8 +1,8 @@
 // @ts-check
-/** What the server may order (app/stage.py): show, play, replay, clear, replaced. One order at a time, in sequence. */
+/** What the server may order (app/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, draw } = window.desirePath;
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
   /** @type {(() => void)[]} */
@@ -15,6 +15,7 @@
     bridge.state.ready = false;
     document.documentElement.dataset.stage = "building";
     sheet.legend([]);
+    draw.stop();
     player.use(order.robots);
     const whenStanding = () => {
       if (mine !== shown) return;
@@ -45,8 +46,17 @@
 
   window.desirePath.run = (/** @type {any} */ order) => {
     if (order.type === "show") show(order);
-    else if (order.type === "play") onceReady(() => player.play(order));
-    else if (order.type === "replay") {
+    else if (order.type === "play") {
+      onceReady(() => {
+        draw.rest();
+        player.play(order);
+      });
+    } else if (order.type === "draw") {
+      onceReady(() => {
+        player.rest(order.start);
+        draw.begin(order);
+      });
+    } else if (order.type === "replay") {
       onceReady(() => {
         camera.release();
         sheet.legend(order.legend);
@@ -58,6 +68,7 @@
       bridge.state.ready = false;
       document.documentElement.dataset.stage = "empty";
       player.use([]);
+      draw.stop();
       sheet.legend([]);
     } else if (order.type === "replaced") {
       viser.stopReconnecting();

@@ -101,6 +101,35 @@
       mutable().requestRender();
     },
 
+    /** How the floor is seen now: a function from world metres to this window's pixels, null for what is behind the eye.
+     * @returns {(x: number, y: number, z?: number) => number[] | null} */
+    projector() {
+      const { camera, nodeRefFromName } = mutable();
+      camera.updateMatrixWorld();
+      const seen = camera.matrixWorldInverse.clone().premultiply(camera.projectionMatrix);
+      const m = seen.multiply(nodeRefFromName[""].matrixWorld).elements;
+      return (x, y, z = 0) => {
+        const w = m[3] * x + m[7] * y + m[11] * z + m[15];
+        if (w < camera.near) return null;
+        const right = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w;
+        const up = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
+        return [((right + 1) / 2) * window.innerWidth, ((1 - up) / 2) * window.innerHeight];
+      };
+    },
+
+    /** The place on the floor under a pixel, null above the horizon. @param {number} px @param {number} py */
+    floorAt(px, py) {
+      const { camera, nodeRefFromName } = mutable();
+      const back = nodeRefFromName[""].quaternion.clone().invert();
+      const eye = camera.position.clone().applyQuaternion(back);
+      const ray = camera.position.clone()
+        .set((px / window.innerWidth) * 2 - 1, 1 - (py / window.innerHeight) * 2, 0.5)
+        .unproject(camera).applyQuaternion(back).sub(eye);
+      if (ray.z > -1e-9) return null;
+      const reach = -eye.z / ray.z;
+      return [eye.x + reach * ray.x, eye.y + reach * ray.y];
+    },
+
     /** @param {boolean} free whether viser's own controls may turn the camera: above the floor, never under it */
     orbit(free) {
       mutable().cameraControl.maxPolarAngle = free ? 1.45 : Math.PI;

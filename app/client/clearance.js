@@ -1,0 +1,72 @@
+// @ts-check
+/** How much room a robot on the floor has: plain geometry in metres, no picture. The server decides what counts. */
+(() => {
+  "use strict";
+  const TIGHT_M = 0.08; // ours: nearer than this nobody can tell from the picture whether it still fits
+
+  /**
+   * @typedef {{name: string, x: number, y: number, yaw: number, length: number, width: number}} Solid
+   * @typedef {{name: string, x: number, y: number, radius: number}} Round
+   * @typedef {{name: string, metres: number, at: number[]}} Near the nearest thing, how far the robot's edge is from it
+   *   (negative: inside), and the nearest point of it
+   * @typedef {{from: number, to: number, worst: number, near: Near}} Tight a stretch of a path, as indices
+   */
+
+  /** @param {Solid} solid @param {number} x @param {number} y @returns {{metres: number, at: number[]}} */
+  function toSolid(solid, x, y) {
+    const [c, s] = [Math.cos(solid.yaw), Math.sin(solid.yaw)];
+    const along = c * (x - solid.x) + s * (y - solid.y);
+    const across = -s * (x - solid.x) + c * (y - solid.y);
+    const [halfLength, halfWidth] = [solid.length / 2, solid.width / 2];
+    const [outAlong, outAcross] = [Math.abs(along) - halfLength, Math.abs(across) - halfWidth];
+    const inside = Math.min(Math.max(outAlong, outAcross), 0);
+    const nearAlong = Math.max(-halfLength, Math.min(halfLength, along));
+    const nearAcross = Math.max(-halfWidth, Math.min(halfWidth, across));
+    return {
+      metres: Math.hypot(Math.max(outAlong, 0), Math.max(outAcross, 0)) + inside,
+      at: [solid.x + c * nearAlong - s * nearAcross, solid.y + s * nearAlong + c * nearAcross],
+    };
+  }
+
+  /** @param {Round} round @param {number} x @param {number} y */
+  function toRound(round, x, y) {
+    const [dx, dy] = [x - round.x, y - round.y];
+    const away = Math.hypot(dx, dy) || 1e-9;
+    return { metres: away - round.radius, at: [round.x + (dx / away) * round.radius, round.y + (dy / away) * round.radius] };
+  }
+
+  window.desirePath.clearance = {
+    TIGHT_M,
+
+    /**
+     * @param {{solids: Solid[], person: Round, robot_radius: number}} place
+     * @returns {(x: number, y: number) => Near} the nearest thing for a robot whose middle is there
+     */
+    of(place) {
+      return (x, y) => {
+        /** @type {Near} */
+        let nearest = { name: place.person.name, ...toRound(place.person, x, y) };
+        for (const solid of place.solids) {
+          const found = toSolid(solid, x, y);
+          if (found.metres < nearest.metres) nearest = { name: solid.name, ...found };
+        }
+        return { ...nearest, metres: nearest.metres - place.robot_radius };
+      };
+    },
+
+    /** The stretches of a path that are tighter than TIGHT_M. @param {Near[]} nears one per point @returns {Tight[]} */
+    tight(nears) {
+      /** @type {Tight[]} */
+      const found = [];
+      nears.forEach((near, i) => {
+        if (near.metres >= TIGHT_M) return;
+        const last = found[found.length - 1];
+        if (last && last.to === i - 1 && last.near.name === near.name) {
+          last.to = i;
+          if (near.metres < last.near.metres) Object.assign(last, { near, worst: i });
+        } else found.push({ from: i, to: i, worst: i, near });
+      });
+      return found;
+    },
+  };
+})();
