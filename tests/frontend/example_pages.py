@@ -43,11 +43,20 @@ _ITEMS: list[dict[str, Any]] = [
     _scale("four"),
     {"key": "remark", "text": "Anything else?", "type": "text", "required": False},
 ]
+_VIEWS = [{"value": name, "label": label} for name, label in (("above", "From above"), ("eyes", "Eyes"), ("room", "Room"))]
 
 STEPS: dict[str, dict[str, Any]] = {
     "information": {"title": TITLE, "text": "Two *short* paragraphs.\n\n## What you do\n\n- watch\n- choose"},
     "consent": {"title": "Consent", "text": "Of my own free will.", "points": ["I am 18.", "I agree."], "version": "1"},
     "questionnaire": {"title": "About you", "text": "A few questions.", "items": _ITEMS},
+    "ranking": {
+        "title": "The three views",
+        "text": "",
+        "items": [
+            {"key": key, "text": f"Most {key}?", "type": "ranking", "options": _VIEWS, "low": "most", "high": "least"}
+            for key in ("useful", "easy")
+        ],
+    },
     "instruction": {"title": "How it works", "text": "Imagine that you are the person."},
     "trial": {"role": "learning", "view": "top_down", "number": 1, "of": 15},
     "comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 3},
@@ -59,6 +68,7 @@ STEPS: dict[str, dict[str, Any]] = {
     "expired": {},
 }
 """Every kind of step and one example of its payload."""
+KINDS = {"ranking": "questionnaire"}  # examples of a kind that has another one already
 
 
 @dataclass(frozen=True)
@@ -119,7 +129,7 @@ def example_application() -> FastAPI:
 
     @application.get("/step/{kind}")
     def step(request: Request, kind: str, language: str = "en") -> Response:
-        shown = ExampleStep(kind, f"05-{kind}", 5, 24, STEPS[kind])
+        shown = ExampleStep(KINDS.get(kind, kind), f"05-{kind}", 5, 24, STEPS[kind])
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
         context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"]}
         return page(request, "participant/session.html", language, study_title=TITLE, **context)

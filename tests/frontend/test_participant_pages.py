@@ -174,6 +174,57 @@ def test_the_questionnaire_works_by_keyboard_alone(opened: Open) -> None:
     assert page.get_by_text("Part 2 of 2").is_visible()
 
 
+def places(page: Page, item: str) -> list[str]:
+    return page.locator(f"[data-item={item}] [data-place]").evaluate_all(
+        "places => places.map((place) => place.querySelector('[data-value]')?.dataset.value ?? '')"
+    )
+
+
+def test_a_ranking_works_by_keyboard_alone_and_knows_no_ties(opened: Open) -> None:
+    page = opened("/step/ranking")
+    assert places(page, "useful") == ["", "", ""]  # nothing stands anywhere before it is put there
+    page.get_by_role("button", name="Continue").click()
+    assert page.get_by_text("2 questions are still open.").is_visible()
+    assert page.evaluate("document.activeElement.dataset.value") == "above"
+    for _ in range(3):
+        page.keyboard.press("Enter")  # the focus goes along to the place; the next stop is what has no place yet
+        page.keyboard.press("Tab")
+    assert places(page, "useful") == ["above", "eyes", "room"]
+    page.keyboard.press("Shift+Tab")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("ArrowUp")
+    assert places(page, "useful") == ["room", "above", "eyes"]
+    assert page.locator("[data-item=useful] [data-said]").text_content() == "Room: place 1 of 3"
+    page.keyboard.press("Enter")
+    assert places(page, "useful") == ["", "above", "eyes"]
+    page.keyboard.press("Enter")
+    page.reload()
+    assert places(page, "useful") == ["room", "above", "eyes"]
+
+
+def test_a_ranking_works_by_dragging(opened: Open) -> None:
+    page = opened("/step/ranking")
+
+    def drag(card: str, to: str) -> None:
+        page.locator("[data-item=easy]").scroll_into_view_if_needed()
+        boxes = [page.locator(f"[data-item=easy] {one}").bounding_box() for one in (f"[data-value={card}]", to)]
+        (x, y), (x_to, y_to) = ((b["x"] + b["width"] / 2, b["y"] + b["height"] / 2) for b in boxes if b)
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x_to, y_to)
+        page.mouse.up()
+
+    drag("eyes", "[data-place] >> nth=2")
+    drag("above", "[data-place] >> nth=0")
+    assert places(page, "easy") == ["above", "", "eyes"]
+    drag("eyes", "[data-place] >> nth=0")  # onto an occupied place: the two change places
+    assert places(page, "easy") == ["eyes", "", "above"]
+    page.locator("[data-item=easy] [data-value=room]").click()
+    assert places(page, "easy") == ["eyes", "room", "above"]
+    drag("room", "[data-pool]")
+    assert places(page, "easy") == ["eyes", "", "above"]
+
+
 def test_what_was_answered_survives_a_reload(opened: Open) -> None:
     page = opened("/step/questionnaire")
     page.fill("#item-age", "70")

@@ -1,6 +1,8 @@
 // @ts-check
 /** Forms of a step: one block of questions per screen, gentle pointing-out, what was ticked so far kept for a reload. */
 
+import { ranked, readyRanking, rerank } from "./ranking.js";
+
 /**
  * @typedef {object} FormNeeds
  * @property {(key: string, values?: Record<string, string | number>) => string} say
@@ -27,12 +29,13 @@ export function readyForm(step, kind, needs) {
   // resting until here: pressed before the scripts have come, it would only load the page again
   step.querySelector(".bottombar .main")?.removeAttribute("disabled");
   if (needs.kept) fill(form, needs.kept);
+  for (const item of rankings(form)) readyRanking(item, needs.say);
   form.addEventListener("input", (event) => {
     const item = event.target instanceof Element ? event.target.closest("[data-item]") : null;
     if (item) point(item, null);
     if (item && !form.querySelector("[data-missing]")) count(0);
     hide(step.querySelector("#points-open"));
-    needs.keep(collect(form));
+    needs.keep({ ...collect(form), ...Object.fromEntries(rankings(form).map((one) => [one.dataset.item, ranked(one)])) });
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -52,7 +55,7 @@ export function readyForm(step, kind, needs) {
     const wrong = check(scope, needs.say);
     count(wrong.length);
     if (wrong.length) {
-      /** @type {HTMLElement | null} */ (wrong[0].querySelector("input, textarea"))?.focus();
+      /** @type {HTMLElement | null} */ (wrong[0].querySelector("input, textarea, [data-pool] button"))?.focus();
       wrong[0].scrollIntoView({ block: "nearest" });
       return;
     }
@@ -124,8 +127,12 @@ function point(item, problem) {
   if (problem) words.textContent = problem;
 }
 
-/** @param {HTMLElement} item @returns {string | number | null} */
+/** @param {HTMLElement} scope @returns {HTMLElement[]} */
+const rankings = (scope) => [...scope.querySelectorAll(/** @type {"div"} */ ("[data-type=ranking]"))];
+
+/** @param {HTMLElement} item @returns {string | number | (string | null)[] | null} */
 function answerOf(item) {
+  if (item.dataset.type === "ranking") return ranked(item).includes(null) ? null : ranked(item);
   if (item.dataset.type === "scale" || item.dataset.type === "choice") {
     const chosen = /** @type {HTMLInputElement | null} */ (item.querySelector("input:checked"));
     if (!chosen) return null;
@@ -157,6 +164,7 @@ function fill(form, values) {
   for (const item of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-item]"))) {
     const value = values[item.dataset.item ?? ""];
     if (value === undefined || value === null) continue;
+    if (item.dataset.type === "ranking") rerank(item, value);
     const radio = /** @type {HTMLInputElement | undefined} */ (
       [...item.querySelectorAll("input[type=radio]")].find((input) => /** @type {HTMLInputElement} */ (input).value === String(value))
     );
