@@ -6,21 +6,17 @@ are used here, too. Importing this loads matplotlib, which is slow.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LinearSegmentedColormap
-from matplotlib.figure import Figure
 
-from backend.explain.drawing import DATA, INK, LINE, PAPER, SOFT, STYLE, encoded, pair_figure, starts_figure
+from backend.explain.drawing import DATA, INK, PAPER, SOFT, STYLE, pair_figure, starts_figure
 from backend.explain.flow_field import COLUMNS, difference, drives_from, flow_field, spread_starts
+from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.learning.policy import Policy
 from backend.reproduction import thesis
 from backend.reproduction.enquery import (
@@ -37,41 +33,10 @@ from backend.reproduction.enquery_results import FIRST, RAW, CurvePoint, Load, R
 from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup
 
-Rows = list[dict[str, object]]
 GOOD = LinearSegmentedColormap.from_list("good", ["#f2e3c9", "#dfeadb", "#8fbf95"])
 APART = LinearSegmentedColormap.from_list("apart", [PAPER, "#e4d5e9", "#b795c4"])
 SOURCE_COLOURS = {"EnQ": DATA[0], "BL": DATA[1]}
 LONG_WAY_M = 6.0  # scenes shown have at least this far from start to goal: little can differ on a short way
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its data. caption: what is seen, in sentences, with units."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
-    rows: Rows
-
-    def save(self, folder: Path) -> list[Path]:
-        """PNG, SVG and CSV; the paths written."""
-        folder.mkdir(parents=True, exist_ok=True)
-        paths = [folder / f"{self.name}.{form}" for form in ("png", "svg", "csv")]
-        paths[0].write_bytes(encoded(self.figure, "png", self.title))
-        paths[1].write_bytes(encoded(self.figure, "svg", self.title))
-        write_csv(paths[2], self.rows)
-        return paths
-
-
-def write_csv(path: Path, rows: Rows) -> None:
-    """All rows have the keys of the first one. Raises ValueError for no rows."""
-    if not rows:
-        raise ValueError(f"{path.name}: no rows to write")
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
@@ -125,18 +90,6 @@ def drawn_scenes(plan: Plan) -> list[Scene]:
     return (far or scenes)[:2]
 
 
-def _figure(columns: int, width: float, height: float, *, rows: int = 1) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure, list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
-
-
-def _quiet(ax: Axes) -> None:
-    ax.spines[["top", "right"]].set_visible(False)
-    ax.grid(color=LINE, linewidth=0.5)
-    ax.set_axisbelow(True)
-
-
 def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
     """Figure 6.2: action diversity and success over kappa and training steps."""
     kappas, marks = sorted({cell.kappa for cell in cells}), sorted({cell.steps for cell in cells})
@@ -154,7 +107,7 @@ def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
         bar.outline.set_linewidth(0.5)
 
     with mpl.rc_context(STYLE):
-        figure, axes = _figure(2, max(6.4, 1.6 + 1.1 * len(kappas)), 0.9 + 0.42 * max(4, len(marks)))
+        figure, axes = blank(2, max(6.4, 1.6 + 1.1 * len(kappas)), 0.9 + 0.42 * max(4, len(marks)))
         panel(axes[0], "a  action diversity", lambda cell: cell.diversity, ".2f", APART)
         panel(axes[1], "b  success rate, mean of the members", lambda cell: cell.success_rate, ".0%", GOOD)
     rows: Rows = [
@@ -180,13 +133,13 @@ def accuracy_picture(results: Results) -> Picture:
     """Figure 6.4: accuracy on both test sets against the number of answers."""
     points = results.curves
     with mpl.rc_context(STYLE):
-        figure, axes = _figure(len(TEST_SETS), 7.2, 3.3)
+        figure, axes = blank(len(TEST_SETS), 7.2, 3.3)
         for ax, test_set in zip(axes, TEST_SETS, strict=True):
             for source, colour in SOURCE_COLOURS.items():
                 for (model, label), dashes in zip(MODELS.items(), ("-", (0, (1, 1.5)), (0, (4, 1.5))), strict=True):
                     line = [p for p in points if (p.model, p.source, p.test_set) == (model, source, test_set)]
                     _curve(ax, line, colour, dashes, f"{source}, {label}")
-            _quiet(ax)
+            quiet(ax)
             ax.axhline(0.5, color=SOFT, linewidth=0.6, linestyle=(0, (1, 2)))
             lowest = min(0.4, *(p.accuracy - 0.02 for p in points))
             ax.set(title=f"tested on {test_set}", xlabel="answers", ylim=(lowest, 1.02))
@@ -233,12 +186,12 @@ def table_picture(results: Results) -> Picture:
     """Table 6.2 as dots: one per alignment, with what was published beside."""
     with mpl.rc_context(STYLE):
         lines = math.ceil(len(results.tables) / 2)
-        figure, axes = _figure(2, 7.0, 0.5 + 2.7 * lines, rows=lines)
+        figure, axes = blank(2, 7.0, 0.5 + 2.7 * lines, rows=lines)
         for ax, (recipe, rows_of_recipe) in zip(axes, results.tables.items(), strict=False):
             _dots(ax, rows_of_recipe)
             ax.axhline(results.ceiling_m, color=SOFT, linewidth=1, linestyle=(0, (4, 2)), label="ceiling of the scenes")
             ax.set(title=f"by {RECIPES[recipe]}", ylim=(0, None))
-            _quiet(ax)
+            quiet(ax)
         for ax in axes[len(results.tables) :]:
             ax.set_visible(False)
         for ax in axes[::2]:

@@ -5,50 +5,30 @@ A sentence that explains a difference is only written where the numbers carry it
 
 from __future__ import annotations
 
-import base64
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import jinja2
-
 from backend.analysis.statistics import TTest
 from backend.analysis.tested import told_p
+from backend.explain.pictures import Picture
+from backend.explain.printed import Section, Shown, Table, page, shown_picture
 from backend.learning.artefacts import DEPARTURES
 from backend.reproduction import thesis
 from backend.reproduction.enquery import MODELS, RECIPES, SOURCES, TEST_SETS, Plan, query_seed
-from backend.reproduction.enquery_figures import Picture
 from backend.reproduction.enquery_results import FIRST, RAW, CurvePoint, Results, TableRow, nearest_cell
 from backend.reproduction.pieces import Run
 
 LOW_QUERIES = 15
 
 
-@dataclass(frozen=True)
-class Table:
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-@dataclass(frozen=True)
-class Section:
-    title: str
-    sentences: Sequence[str] = ()
-    tables: Sequence[Table] = ()
-    points: Sequence[str] = ()
-    pictures: Sequence[Mapping[str, str]] = field(default_factory=tuple)
-
-
 def write_report(path: Path, plan: Plan, results: Results, pictures: Sequence[Picture], run: Run) -> None:
     """One HTML file with everything in it; figures are SVG."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
-    template = environment.from_string(resources.files(__package__).joinpath("report.html").read_text("utf-8"))
-    html = template.render(
+    html = page(
+        __package__,
+        "report.html",
         run={"budget": plan.budget.name, "seed": plan.seed},
         brief=brief(plan, results),
         sections=sections(plan, results, pictures, path.parent / "figures"),
@@ -76,19 +56,9 @@ def brief(plan: Plan, results: Results) -> list[str]:
 
 def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: Path) -> list[Section]:
     """The report's parts in order."""
-    drawn = {picture.name: picture for picture in pictures}
 
-    def shown(*beginnings: str) -> list[dict[str, str]]:
-        return [
-            {
-                "name": name,
-                "title": picture.title,
-                "caption": picture.caption,
-                "svg": base64.b64encode((folder / f"{name}.svg").read_bytes()).decode(),
-            }
-            for name, picture in drawn.items()
-            if name.startswith(beginnings)
-        ]
+    def shown(*beginnings: str) -> list[Shown]:
+        return [shown_picture(one, folder) for one in pictures if one.name.startswith(beginnings)]
 
     tables = results.tables
     return [
