@@ -5,7 +5,9 @@ The one source of the Parquet schemas, the data dictionary and the import. Filli
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from typing import Any
 
 import pyarrow as pa
 
@@ -51,6 +53,17 @@ class Table:
             [pa.field(c.name, c.type, metadata={"meaning": c.meaning}) for c in self.columns],
             metadata={"format": FORMAT, "row": self.row},
         )
+
+    def unpacked(self, row: dict[str, Any]) -> dict[str, Any]:
+        """The row with its JSON columns as plain data. Raises ValueError naming the column that is no JSON."""
+        found = dict(row)
+        for column in self.columns:
+            if column.json and found[column.name] is not None:
+                try:
+                    found[column.name] = json.loads(found[column.name])
+                except ValueError:
+                    raise ValueError(f"{column.name} = {found[column.name]!r} is no JSON") from None
+        return found
 
 
 _MARKS = (

@@ -106,6 +106,18 @@ def export_study(db: Database, files: ArtefactStore, study_id: str, out_dir: Pat
     return {"study": study_id, "files": listed}
 
 
+def answers_of(s: Session, study: Study) -> dict[str, list[Row]]:
+    """The tables of participants, sessions, trials and responses by name, as they would be exported, JSON unpacked."""
+    content = _Content(s, study)
+    tables = {
+        PARTICIPANTS: content.participants(),
+        SESSIONS: content.sessions(),
+        TRIALS: content.trials(),
+        RESPONSES: content.responses(),
+    }
+    return {table.name: [table.unpacked(row) for row in rows] for table, rows in tables.items()}
+
+
 def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path) -> dict[str, int]:
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
     content = _Content(s, study)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import secrets
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,33 @@ class DatasetError(ValueError):
     """A folder that is no whole, unchanged data set of this format; nothing was imported."""
 
 
+@dataclass(frozen=True)
+class ReadDataset:
+    """A data set as it lies in a folder. about: study.json; protocol, files: the study's frozen copy; tables: by name,
+    JSON columns as plain data."""
+
+    folder: Path
+    about: Row
+    protocol: Row
+    files: dict[str, str]
+    tables: dict[str, list[Row]]
+
+    def trajectory(self, trajectory_id: str) -> Trajectory:
+        return Trajectory.from_bytes((self.folder / TRAJECTORY_FOLDER / f"{trajectory_id}.npz").read_bytes())
+
+
+def read_dataset(folder: Path) -> ReadDataset:
+    """Participants, sessions, trials and responses of the data set in `folder`; nothing is imported.
+
+    Raises DatasetError as `import_dataset` does.
+    """
+    _check_files(folder)
+    about = _about(folder)
+    frozen = _read_json(folder / PROTOCOL_FOLDER / "frozen.json")
+    tables = {table.name: _read(folder, table) for table in (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES)}
+    return ReadDataset(folder, about, frozen["protocol"], frozen["files"], tables)
+
+
 def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str, Any]:
     """Load the data set in `folder`; returns {"study", "participants", "sessions", "responses", "trajectories"}.
 
@@ -73,9 +101,7 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
     the protocol is not the one whose hash the study carries, or if the study is here already.
     """
     _check_files(folder)
-    about = _read_json(folder / STUDY_FILE)
-    if about.get("format") != FORMAT:
-        raise DatasetError(f"{STUDY_FILE}: format {about.get('format')!r} is unknown; this version reads {FORMAT!r}")
+    about = _about(folder)
     tables = {table.name: _read(folder, table) for table in (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS)}
     drives = _read(folder, TRAJECTORIES)
     try:
@@ -96,6 +122,13 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
         "responses": len(tables[RESPONSES.name]),
         "trajectories": len(drives),
     }
+
+
+def _about(folder: Path) -> Row:
+    about: Row = _read_json(folder / STUDY_FILE)
+    if about.get("format") != FORMAT:
+        raise DatasetError(f"{STUDY_FILE}: format {about.get('format')!r} is unknown; this version reads {FORMAT!r}")
+    return about
 
 
 def _check_files(folder: Path) -> None:
@@ -131,15 +164,10 @@ def _read(folder: Path, table: Table) -> list[Row]:
     for column in table.columns:
         if column.name not in found.column_names or found.schema.field(column.name).type != column.type:
             raise DatasetError(f"{name}: column {column.name!r} ({column.type_name()}) is missing or of another type")
-    rows: list[Row] = found.to_pylist()
-    for row in rows:
-        for column in table.columns:
-            if column.json and row[column.name] is not None:
-                try:
-                    row[column.name] = json.loads(row[column.name])
-                except ValueError:
-                    raise DatasetError(f"{name}: {column.name} = {row[column.name]!r} is no JSON") from None
-    return rows
+    try:
+        return [table.unpacked(row) for row in found.to_pylist()]
+    except ValueError as problem:
+        raise DatasetError(f"{name}: {problem}") from None
 
 
 def _add_study(s: Session, folder: Path, about: Row) -> None:

@@ -1,0 +1,127 @@
+"""A study as tidy rows, ready to be analysed: who took part, what they chose, rated, ranked. Pure.
+
+Where the rows come from (a data set on disk, this installation's tables) is `reading.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from backend.simulation.trajectory import Trajectory
+
+PROBES = ("repeat", "swap")  # roles of queries that are asked again
+Load = Callable[[str], Trajectory]
+"""A trajectory by its id."""
+
+
+@dataclass(frozen=True)
+class Person:
+    """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came."""
+
+    code: str
+    simulated: bool
+    excluded: str | None
+    withdrawn: bool
+    state: str
+    order: tuple[str, ...]
+    device: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One answered query. first, second: trajectories in the order they were shown; chosen: which of these two."""
+
+    person: str
+    condition: str
+    view: str
+    query: str
+    role: str
+    first: str
+    second: str
+    chosen: str
+    decision_s: float | None
+
+    @property
+    def second_chosen(self) -> bool:
+        return self.chosen == self.second
+
+
+@dataclass(frozen=True)
+class Rating:
+    """One item of a questionnaire. condition: the block that it was about, None outside blocks. value: as answered; a
+    ranking's is the list of options, best first.
+    """
+
+    person: str
+    condition: str | None
+    questionnaire: str
+    item: str
+    value: Any
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One blind comparison of two policies. chosen, other: arms (own, base, other)."""
+
+    person: str
+    chosen: str
+    rejected: str
+    look_alike: bool
+
+
+@dataclass(frozen=True)
+class ItemText:
+    """An item as its questionnaire words it, in the report's language. points: of a scale. options: value -> label.
+
+    instructed: an attention check, whose answer is no opinion; it is in no rating.
+    """
+
+    questionnaire: str
+    key: str
+    type: str
+    text: str
+    points: int
+    options: Mapping[str, str]
+    reversed: bool = False
+    instructed: bool = False
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """Everybody of a study with all that they answered; nobody is left out yet. protocol: the frozen copy, plain."""
+
+    name: str
+    study: str
+    protocol: Mapping[str, Any]
+    protocol_hash: str
+    items: Sequence[ItemText]
+    people: Sequence[Person]
+    choices: Sequence[Choice]
+    ratings: Sequence[Rating]
+    comparisons: Sequence[Comparison]
+
+    def of(self, codes: set[str]) -> StudyData:
+        """The same study with only these people's answers; `people` stays whole."""
+        return StudyData(
+            self.name,
+            self.study,
+            self.protocol,
+            self.protocol_hash,
+            self.items,
+            self.people,
+            [one for one in self.choices if one.person in codes],
+            [one for one in self.ratings if one.person in codes],
+            [one for one in self.comparisons if one.person in codes],
+        )
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The conditions of regular queries, by the alphabet, so that no table depends on who came first."""
+        return tuple(sorted({one.condition for one in self.choices if one.role == "regular"}))
+
+    def item(self, questionnaire: str, key: str) -> ItemText:
+        """The item's words; its key where the questionnaire's file is not there."""
+        found = (one for one in self.items if (one.questionnaire, one.key) == (questionnaire, key))
+        return next(found, ItemText(questionnaire, key, "scale", key.replace("_", " "), 7, {}))

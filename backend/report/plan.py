@@ -1,0 +1,71 @@
+"""The analysis plan that a protocol declares, its hash, and how what was done deviates from it. Knows no data."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from backend.analysis.tested import Correction
+
+Metric = Literal["path_length", "time", "mean_speed", "accumulated_angle", "min_human_distance", "path_area"]
+METRICS: dict[Metric, tuple[str, str]] = {
+    "path_length": ("length", "m"),
+    "time": ("time", "s"),
+    "mean_speed": ("mean speed", "m/s"),
+    "accumulated_angle": ("accumulated angle", "rad"),
+    "min_human_distance": ("minimum human distance", "m"),
+    "path_area": ("area under the path", "m²"),
+}
+"""Fields of `analysis.metrics.TrajectoryMetrics` that spec 07 compares: words and unit."""
+
+
+class AnalysisPlan(BaseModel):
+    """What is tested and how, declared before the data (`analysis:` in a protocol). Defaults: spec 07 unless marked.
+
+    items: the questionnaire that is answered after each block (Friedman per item, then Wilcoxon in pairs, Bonferroni);
+    default every scale that is answered under two or more conditions. ranking: the questionnaire with forced rankings
+    (chi-square of first choices, then z in pairs, Bonferroni); default every ranking item. correction: over the items,
+    and over the rankings. sessions: whose answers count. min_probes: fewer repeated queries of a person within a
+    condition than these say nothing about consistency.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    alpha: float = Field(0.05, gt=0, lt=0.5)
+    items: str | None = None
+    ranking: str | None = None
+    correction: Correction = "holm"  # ours; the thesis names none over the items
+    sessions: Literal["completed", "all"] = "completed"  # ours
+    metrics: tuple[Metric, ...] = tuple(METRICS)
+    min_probes: int = Field(5, ge=1)
+
+    def digest(self) -> str:
+        """sha256 of the plan as canonical JSON, defaults filled in."""
+        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
+
+
+def declared_plan(protocol: dict[str, Any]) -> AnalysisPlan | None:
+    """The plan of a study's frozen protocol, None where it declares none."""
+    given = protocol.get("analysis")
+    return AnalysisPlan.model_validate(given) if given is not None else None
+
+
+def deviations(declared: AnalysisPlan | None, used: AnalysisPlan) -> list[str]:
+    """How the plan that was used differs from the declared one, a sentence each."""
+    if declared is None:
+        return ["No analysis plan was declared in the protocol; everything here is exploratory."]
+    before, now = declared.model_dump(mode="json"), used.model_dump(mode="json")
+    return [
+        f"{name}: declared {_told(before[name])}, used {_told(now[name])}."
+        for name in before
+        if before[name] != now[name]
+    ]
+
+
+def _told(value: object) -> str:
+    if value is None:
+        return "the default"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

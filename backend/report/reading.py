@@ -1,0 +1,145 @@
+"""Makes a study's tidy rows from its tables: a data set in a folder, or what this installation stores.
+
+Both are the same tables (`store/dataset.py`), so a report is the same wherever it is made.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from sqlalchemy.orm import Session
+
+from backend.report.data import Choice, Comparison, ItemText, Load, Person, Rating, StudyData
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.export import answers_of
+from backend.store.importing import read_dataset
+from backend.store.models import Study
+
+Row = dict[str, Any]
+Tables = Mapping[str, Sequence[Row]]
+QUESTIONNAIRES = "questionnaires/"
+
+
+def read_folder(folder: Path) -> tuple[StudyData, Load]:
+    """A data set written by `desirepath export`. Raises DatasetError if it is none or was changed."""
+    found = read_dataset(folder)
+    about = found.about
+    data = tidy(about["name"], about["study"], found.protocol, about["protocol"]["sha256"], found.files, found.tables)
+    return data, found.trajectory
+
+
+def read_study(s: Session, files: ArtefactStore, study: Study) -> tuple[StudyData, Load]:
+    """A study of this installation, as it stands now."""
+    data = tidy(study.name, study.id, study.protocol, study.protocol_hash, study.files, answers_of(s, study))
+    return data, lambda trajectory: load_trajectory(files, trajectory)
+
+
+def tidy(
+    name: str, study: str, protocol: Row, protocol_hash: str, files: Mapping[str, str], tables: Tables
+) -> StudyData:
+    """Tables as exported (JSON columns as plain data) as tidy rows. files: the texts that the protocol names."""
+    sessions: dict[str, list[Row]] = defaultdict(list)
+    for row in sorted(tables["sessions"], key=lambda row: row["created_at"]):
+        sessions[row["participant"]].append(row)
+    answers = {row["trial"]: row for row in tables["responses"] if row["trial"] is not None}
+    trials = [row for row in tables["trials"] if row["trial"] in answers]
+    items = list(_items(files))
+    checks = {(one.questionnaire, one.key) for one in items if one.instructed}
+    plans = {row["session"]: row["plan"] for row in tables["sessions"]}
+    return StudyData(
+        name=name,
+        study=study,
+        protocol=protocol,
+        protocol_hash=protocol_hash,
+        items=items,
+        people=[_person(row, sessions[row["participant"]]) for row in tables["participants"]],
+        choices=[_choice(row, answers[row["trial"]]) for row in trials if row["kind"] == "query"],
+        ratings=[one for one in _ratings(tables["responses"], plans) if (one.questionnaire, one.item) not in checks],
+        comparisons=[found for row in trials if (found := _comparison(row, answers[row["trial"]])) is not None],
+    )
+
+
+def _person(row: Row, sessions: Sequence[Row]) -> Person:
+    last: Row = sessions[-1] if sessions else {}
+    order: list[str] = []
+    for session in sessions:
+        for step in session["plan"]:
+            if step.get("block") and step["block"] not in order:
+                order.append(step["block"])
+    return Person(
+        code=row["participant"],
+        simulated=row["simulated"],
+        excluded=(row["excluded_reason"] or "no reason given") if row["excluded"] else None,
+        withdrawn=row["withdrawn"],
+        state=last.get("state", "none"),
+        order=tuple(order),
+        device=last.get("device") or {},
+    )
+
+
+def _choice(trial: Row, answer: Row) -> Choice:
+    return Choice(
+        person=trial["participant"],
+        condition=trial["block"] or trial["view"],
+        view=trial["view"],
+        query=trial["query"],
+        role=trial["role"],
+        first=trial["trajectory_a"],
+        second=trial["trajectory_b"],
+        chosen=trial["trajectory_a"] if answer["choice"] == "a" else trial["trajectory_b"],
+        decision_s=answer["decision_s"],
+    )
+
+
+def _comparison(trial: Row, answer: Row) -> Comparison | None:
+    if trial["kind"] != "comparison" or trial["arms"] is None:
+        return None
+    sides = {side: arm for arm in ("own", "other") if (side := trial["arms"].get(arm)) in ("a", "b")}
+    shown = {side: sides.get(side, "base") for side in ("a", "b")}
+    rejected = "b" if answer["choice"] == "a" else "a"
+    return Comparison(
+        trial["participant"], shown[answer["choice"]], shown[rejected], bool(trial["arms"].get("look_alike"))
+    )
+
+
+def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[Rating]:
+    for row in responses:
+        if row["kind"] != "questionnaire":
+            continue
+        questionnaire, condition = _asked(plans[row["session"]], row["step"])
+        for item, value in row["value"].items():
+            yield Rating(row["participant"], condition, questionnaire, item, value)
+
+
+def _asked(plan: Sequence[Row], step_key: str) -> tuple[str, str | None]:
+    """Which questionnaire a step asked, and about which condition: that of its own block, where it stands in one."""
+    step = next(one for one in plan if one["key"] == step_key)
+    return step["questionnaire"], step.get("block")
+
+
+def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
+    for name, content in files.items():
+        if not name.startswith(QUESTIONNAIRES):
+            continue
+        questionnaire = name.removeprefix(QUESTIONNAIRES).removesuffix(".yaml")
+        for block in yaml.safe_load(content)["blocks"]:
+            for item in block["items"]:
+                yield ItemText(
+                    questionnaire=questionnaire,
+                    key=item["key"],
+                    type=item["type"],
+                    text=_english(item["text"]),
+                    points=item.get("points", 7),
+                    options={str(one["value"]): _english(one["label"]) for one in item.get("options", [])},
+                    reversed=bool(item.get("reversed", False)),
+                    instructed=item.get("instructed") is not None,
+                )
+
+
+def _english(text: Mapping[str, str]) -> str:
+    """The report is in English, as papers are; the study's first language where it has no English."""
+    return text.get("en") or next(iter(text.values()))
