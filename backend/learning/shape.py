@@ -25,7 +25,7 @@ class NetworkShape:
     @classmethod
     def of(cls, setup: Setup, heads: tuple[int, int] = FAST_HEADS) -> NetworkShape:
         """The shape that reads this setup's observation."""
-        return cls(task_inputs=setup.polar_size, lidar_inputs=setup.lidar.sectors, heads=heads)
+        return cls(task_inputs=setup.polar_size, lidar_inputs=setup.surroundings_size, heads=heads)
 
     @property
     def observation_size(self) -> int:

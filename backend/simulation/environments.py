@@ -29,6 +29,11 @@ def observation_space(setup: Setup) -> spaces.Space[Floats]:
     """The setup's observations as a finite box; distances are bounded by how far a robot can drive in an episode."""
     far = FARTHEST_AT_START_M + setup.limits.v_max * CONTROL_DT_S * setup.max_steps
     low, high = np.zeros(setup.observation_size), np.ones(setup.observation_size)
+    if setup.solids:
+        distances = np.r_[0, setup.polar_size : setup.observation_size : 3]
+        low[:] = -1.0
+        low[distances], high[distances] = 0.0, far / setup.distance_scale_m
+        return cast(spaces.Space[Floats], spaces.Box(low.astype(np.float32), high.astype(np.float32)))
     low[[1, 3]] = -1.0
     high[[0, 2]] = far / setup.distance_scale_m
     if setup.with_velocity:

@@ -48,6 +48,7 @@ def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
         time_per_step=setup.reward.time_per_step,
         jerk_weight=setup.reward.jerk_weight,
         progress_weight=progress_weight,
+        solids=setup.solids,
     )
 
 
@@ -252,19 +253,40 @@ def rollout(
 
     max_steps: stop earlier than the setup's limit; the outcome of what is cut off is RUNNING.
     """
+    limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
+    return _drive_all(setup, lambda _, observations, __: act_on(act, observations), scenes, limit)
+
+
+def replay(setup: Setup, scenes: Sequence[Scene], actions: Sequence[Floats]) -> list[Trajectory]:
+    """Execute given actions, (T, 2) in [-1, 1] per scene: one trajectory per scene, in order.
+
+    Who has not ended with their last action repeats it until the longest series of the call is over.
+    """
+    longest = min(setup.max_steps, max((len(a) for a in actions), default=0))
+    padded = [np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in actions]
+    together = np.stack(padded) if padded else np.zeros((0, 0, 2), dtype=np.float32)
+    return _drive_all(setup, lambda step, _, running: together[running, step], scenes, longest)
+
+
+def _drive_all(
+    setup: Setup,
+    choose: Callable[[int, Floats, NDArray[np.int64]], Floats],
+    scenes: Sequence[Scene],
+    limit: int,
+) -> list[Trajectory]:
+    """One trajectory per scene. choose: (step, observations of those running, which those are) -> their actions."""
     if not scenes:
         return []
-    limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
     engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
     poses = [[pose.copy()] for pose in engine.poses]
     records: list[list[tuple[Floats, Floats, np.float32, Floats, np.bool_]]] = [[] for _ in scenes]
     actions = np.zeros((len(scenes), 2), dtype=np.float32)
-    for _ in range(limit):
+    for step in range(limit):
         running = np.flatnonzero(~engine.dones)
         if not len(running):
             break
         before = engine.observations[running]
-        actions[running] = np.clip(act_on(act, before), -1.0, 1.0)
+        actions[running] = np.clip(choose(step, before, running), -1.0, 1.0)
         engine.step(actions)
         rewards, dones = engine.rewards[running], engine.dones[running]
         after, here, taken = engine.next_observations[running], engine.poses[running], actions[running]

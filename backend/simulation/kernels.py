@@ -395,6 +395,62 @@ def draw_study_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -
             return True
 
 
+@compiled_exactly
+def _draw_places(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
+    """Draw start, goal and person, each uniform over a furnished room, into the row; False if the numbers ran out.
+
+    Start and goal at least 2 m apart (ours), headings uniform, nothing overlapping, the goal within reach.
+    """
+    half_x, half_y = row[ROOM_HALF_X], row[ROOM_HALF_Y]
+    at_ends = spacing.robot_radius + spacing.spare_at_ends
+    used = 0
+    while used + 9 <= uniforms.size:
+        for place in range(3):
+            column = (START_X, GOAL_X, PERSON_X)[place]
+            row[column] = _tidy((2 * uniforms[used] - 1) * half_x)
+            row[column + 1] = _tidy((2 * uniforms[used + 1] - 1) * half_y)
+            row[column + 2] = (2 * uniforms[used + 2] - 1) * math.pi
+            used += 3
+        if (row[START_X] - row[GOAL_X]) ** 2 + (row[START_Y] - row[GOAL_Y]) ** 2 < 4.0:
+            continue
+        if surface_distance(row, row[START_X], row[START_Y]) < at_ends:
+            continue
+        if surface_distance(row, row[GOAL_X], row[GOAL_Y]) < at_ends:
+            continue
+        if surface_distance(row, row[PERSON_X], row[PERSON_Y]) < row[PERSON_RADIUS] + spacing.gap_between_bodies:
+            continue
+        if _person_fits(row, spacing) and reachable(row, spacing.robot_radius + spacing.spare_on_the_way):
+            return True
+    return False
+
+
+@compiled_exactly
+def _furnish(row: Row, box: int, x: float, y: float, yaw: float, length: float, width: float, height: float) -> None:
+    """Write box number `box` of a room whose furniture stands where it always stands; metres, radians."""
+    o = FIRST_BOX + BOX_COLUMNS * box
+    row[o + BOX_X], row[o + BOX_Y], row[o + BOX_YAW] = x, y, yaw
+    row[o + BOX_HALF_LENGTH], row[o + BOX_HALF_WIDTH], row[o + BOX_HEIGHT] = length / 2, width / 2, height
+    row[BOX_COUNT] = box + 1
+    finish_row(row)
+
+
+@compiled_exactly
+def draw_corridor(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
+    """Draw places in the corridor of chapter 2 (spec 01, scene 1): 8 x 3 m (ours), nothing but walls."""
+    row[ROOM_HALF_X], row[ROOM_HALF_Y], row[BOX_COUNT] = 4.0, 1.5, 0
+    return _draw_places(uniforms, row, spacing)
+
+
+@compiled_exactly
+def draw_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
+    """Draw places in the room of chapter 2 (spec 01, scene 1): 7 x 5 m with couch, table and cupboard (ours)."""
+    row[ROOM_HALF_X], row[ROOM_HALF_Y] = 3.5, 2.5
+    _furnish(row, 0, -0.6, -2.0, 0.0, 1.9, 0.85, 0.8)
+    _furnish(row, 1, 2.2, -1.95, 0.0, 1.2, 0.8, 0.75)
+    _furnish(row, 2, 3.2, 1.2, math.pi / 2, 1.6, 0.5, 1.9)
+    return _draw_places(uniforms, row, spacing)
+
+
 # --- lidar ----------------------------------------------------------------------------------------------------------
 
 
@@ -550,6 +606,7 @@ class Rules(NamedTuple):
     time_per_step: float
     jerk_weight: float
     progress_weight: float
+    solids: int  # > 0: that many walls and boxes are observed instead of the lidar
 
 
 class State(NamedTuple):
@@ -657,6 +714,43 @@ def crosses_itself(path: NDArray[np.float64], steps: int, age: int, longest: flo
 
 
 @compiled
+def _note_polar(dx: float, dy: float, c: float, s: float, scale: float, out: NDArray[np.float32], at: int) -> None:
+    """Write length / scale, cosine and sine of the bearing of an offset (m) for a robot heading along (c, s)."""
+    length = max(math.sqrt(dx * dx + dy * dy), 1e-9)
+    out[at] = length / scale
+    out[at + 1] = (dx * c + dy * s) / length
+    out[at + 2] = (dy * c - dx * s) / length
+
+
+@compiled
+def observe_solids(row: Row, pose: NDArray[np.float64], scale: float, out: NDArray[np.float32]) -> None:
+    """Write the observation of chapter 2 (`Setup.solids`): person, goal bearing, closest point of walls and boxes."""
+    x, y, yaw = pose[0], pose[1], pose[2]
+    c, s = math.cos(yaw), math.sin(yaw)
+    _note_polar(row[GOAL_X] - x, row[GOAL_Y] - y, c, s, scale, out, 2)  # its distance is overwritten: not observed
+    goal_cos, goal_sin = out[3], out[4]
+    _note_polar(row[PERSON_X] - x, row[PERSON_Y] - y, c, s, scale, out, 0)
+    out[3], out[4] = goal_cos, goal_sin
+    out[5], out[6] = math.cos(row[PERSON_YAW] - yaw), math.sin(row[PERSON_YAW] - yaw)
+    at = 7
+    if row[ROOM_HALF_X] > 0.0:
+        _note_polar(row[ROOM_HALF_X] - x, 0.0, c, s, scale, out, at)
+        _note_polar(-row[ROOM_HALF_X] - x, 0.0, c, s, scale, out, at + 3)
+        _note_polar(0.0, row[ROOM_HALF_Y] - y, c, s, scale, out, at + 6)
+        _note_polar(0.0, -row[ROOM_HALF_Y] - y, c, s, scale, out, at + 9)
+        at += 12
+    for b in range(int(row[BOX_COUNT])):
+        o = FIRST_BOX + BOX_COLUMNS * b
+        dx, dy = x - row[o + BOX_X], y - row[o + BOX_Y]
+        bc, bs = row[o + BOX_COS], row[o + BOX_SIN]
+        along, across = dx * bc + dy * bs, dy * bc - dx * bs
+        near_along = min(max(along, -row[o + BOX_HALF_LENGTH]), row[o + BOX_HALF_LENGTH]) - along
+        near_across = min(max(across, -row[o + BOX_HALF_WIDTH]), row[o + BOX_HALF_WIDTH]) - across
+        _note_polar(near_along * bc - near_across * bs, near_along * bs + near_across * bc, c, s, scale, out, at)
+        at += 3
+
+
+@compiled
 def observe(
     row: Row,
     pose: NDArray[np.float64],
@@ -668,6 +762,9 @@ def observe(
     out: NDArray[np.float32],
 ) -> None:
     """Write the observation of a pose, in the order and scale of the setup's layout."""
+    if rules.solids > 0:
+        observe_solids(row, pose, rules.distance_scale, out)
+        return
     x, y, yaw = pose[0], pose[1], pose[2]
     dx, dy = row[GOAL_X] - x, row[GOAL_Y] - y
     out[0] = math.sqrt(dx * dx + dy * dy) / rules.distance_scale

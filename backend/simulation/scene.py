@@ -12,7 +12,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-OBSTACLE_KINDS = ("cube", "box", "pillar", "wall")
+OBSTACLE_KINDS = ("cube", "box", "pillar", "wall", "couch", "table", "cupboard")
 
 
 class SceneError(ValueError):

@@ -33,6 +33,8 @@ Draw = Callable[[NDArray[np.float64], k.Row, k.Spacing], bool]
 _RECIPES: dict[str, tuple[int, Draw, tuple[str, ...]]] = {
     "open_field": (6, k.draw_open_field, ("cube",) * 4),
     "study_room": (7, k.draw_study_room, ("box",) * 4 + ("pillar",) * 4),
+    "corridor": (21, k.draw_corridor, ()),
+    "room": (22, k.draw_room, ("couch", "table", "cupboard")),
 }
 
 

@@ -53,6 +53,12 @@ class Setup:
 
     [goal distance / distance_scale_m, goal bearing / pi, person distance / distance_scale_m, person bearing / pi,
      (v / v_max, w / w_max if with_velocity), sector ranges / lidar range ...].
+
+    Where `solids` is above 0 (chapter 2), the robot knows that many walls and obstacles instead of a lidar scan:
+    [person distance / distance_scale_m, cos and sin of the person's bearing, of the goal's bearing, of the person's
+     heading relative to the robot's, then per solid: distance of its closest point / distance_scale_m, cos and sin of
+     that point's bearing]; the four walls (+x, -x, +y, -y) first. Angles as cosine and sine (ours): nothing jumps
+    where a bearing passes straight behind.
     """
 
     name: str
@@ -65,18 +71,28 @@ class Setup:
     with_velocity: bool
     distance_scale_m: float = 10.0
     self_intersection_min_age_steps: int = 4
+    solids: int = 0
 
     @property
     def polar_size(self) -> int:
-        """Length of the task part of the observation (everything before the lidar)."""
+        """Length of the task part of the observation (everything before lidar or solids)."""
+        if self.solids:
+            return 7
         return 6 if self.with_velocity else 4
 
     @property
+    def surroundings_size(self) -> int:
+        """Length of the rest of the observation: lidar sectors, or three numbers per solid."""
+        return 3 * self.solids if self.solids else self.lidar.sectors
+
+    @property
     def observation_size(self) -> int:
-        return self.polar_size + self.lidar.sectors
+        return self.polar_size + self.surroundings_size
 
     def observation_layout(self) -> list[dict[str, object]]:
         """One entry per input, in order: name, unit, scale that was applied; written into every policy's manifest."""
+        if self.solids:
+            return self._solids_layout()
         polar: list[dict[str, object]] = [
             {"name": "goal_distance", "unit": "m", "divided_by": self.distance_scale_m},
             {"name": "goal_bearing", "unit": "rad", "divided_by": math.pi},
@@ -91,6 +107,18 @@ class Setup:
         return polar + [
             {"name": f"lidar_{i}", "unit": "m", "divided_by": self.lidar.range_m} for i in range(self.lidar.sectors)
         ]
+
+    def _solids_layout(self) -> list[dict[str, object]]:
+        def distance(name: str) -> list[dict[str, object]]:
+            return [{"name": f"{name}_distance", "unit": "m", "divided_by": self.distance_scale_m}]
+
+        def angle(name: str) -> list[dict[str, object]]:
+            return [{"name": f"{name}_{part}", "unit": "1", "divided_by": 1.0} for part in ("cos", "sin")]
+
+        layout = distance("person") + angle("person_bearing") + angle("goal_bearing") + angle("person_heading")
+        for i in range(self.solids):
+            layout += distance(f"solid_{i}") + angle(f"solid_{i}_bearing")
+        return layout
 
 
 OPEN_FIELD = Setup(
@@ -120,7 +148,33 @@ STUDY_ROOM = Setup(
     gamma=0.98,
     with_velocity=True,
 )
-SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM)}
+
+
+def _demonstrated(name: str, solids: int) -> Setup:
+    """An environment of chapter 2: rewards of section 2.4.5, limits and episode length of section 2.5 and table 2.1.
+
+    The goal's +5 is paid in demonstration data only (`backend.demonstrations`), so reaching it earns nothing here.
+    Goal radius, distance scale and the lidar that the dynamic window approach reads are ours.
+    """
+    return Setup(
+        name=name,
+        limits=Limits(0.1, 0.25),
+        lidar=Lidar(beams=360, sectors=60, range_m=6.0),
+        reward=CoreReward(goal=0.0, collision=-5.0, timeout=-2.5, self_intersection=0.0),
+        goal_radius_m=0.3,
+        max_steps=300,
+        gamma=0.99,
+        with_velocity=False,
+        distance_scale_m=4.0,
+        solids=solids,
+    )
+
+
+CORRIDOR = _demonstrated("corridor", solids=4)
+ROOM = _demonstrated("room", solids=7)
+SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM)}
+PREFERENCE_SETUPS = (OPEN_FIELD.name, STUDY_ROOM.name)
+DEMONSTRATION_SETUPS = (CORRIDOR.name, ROOM.name)
 
 
 def get_setup(name: str) -> Setup:

@@ -12,15 +12,15 @@ import pytest
 from numpy.typing import NDArray
 
 from backend.simulation import kernels
-from backend.simulation.fast import FastEngine, raw_ranges, rollout
+from backend.simulation.fast import ActFunction, FastEngine, raw_ranges, rollout
 from backend.simulation.reference import ReferenceEngine, rollout_reference
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import draw_scenes, scene_to_row
-from backend.simulation.setups import ROBOT_RADIUS_M, SETUPS
+from backend.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS, Setup
 from backend.simulation.trajectory import Outcome
 
 SCENES = 100
-NAMES = list(SETUPS)
+NAMES = PREFERENCE_SETUPS
 
 
 def say(what: str, **bounds: float | int) -> None:
@@ -120,17 +120,31 @@ def test_poses_agree_within_five_millimetres_after_twenty_steps(name: str) -> No
     assert max(heading) <= math.pi / 240  # a collision is noticed at 240 Hz
 
 
-def towards_goal(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+def towards_goal(setup: Setup) -> ActFunction:
     """Drive at the goal, whatever stands there: some arrive, some collide."""
-    actions = np.ones((len(observations), 2), dtype=np.float32)
-    actions[:, 1] = np.clip(2 * observations[:, 1], -1, 1)
-    return actions
+
+    def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        goal = np.arctan2(observations[:, 4], observations[:, 3]) / np.pi if setup.solids else observations[:, 1]
+        return np.stack([np.ones(len(goal)), np.clip(2 * goal, -1, 1)], axis=1).astype(np.float32)
+
+    return act
+
+
+@pytest.mark.parametrize("name", DEMONSTRATION_SETUPS)
+def test_the_environments_of_chapter_2_are_the_same_in_both_engines(name: str) -> None:
+    setup, scenes = SETUPS[name], draw_scenes(name, range(6))
+    act = towards_goal(setup)
+    for fast, reference in zip(rollout(setup, act, scenes), rollout_reference(setup, act, scenes), strict=True):
+        assert (fast.outcome, len(fast.actions)) == (reference.outcome, len(reference.actions))
+        assert np.abs(fast.poses[:-1, :2] - reference.poses[:-1, :2]).max() < 0.005
+        assert np.abs(fast.observations - reference.observations).max() < 0.02
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_drives_end_at_the_same_step_in_the_same_way(name: str) -> None:
     setup, scenes = SETUPS[name], draw_scenes(name, range(SCENES))
-    fast, reference = rollout(setup, towards_goal, scenes), rollout_reference(setup, towards_goal, scenes)
+    act = towards_goal(setup)
+    fast, reference = rollout(setup, act, scenes), rollout_reference(setup, act, scenes)
     later = [abs(len(a.actions) - len(b.actions)) for a, b in zip(fast, reference, strict=True)]
     ends = [math.dist(a.poses[-1, :2], b.poses[-1, :2]) for a, b in zip(fast, reference, strict=True)]
     gained = [abs(float(a.rewards.sum() - b.rewards.sum())) for a, b in zip(fast, reference, strict=True)]

@@ -1,0 +1,57 @@
+"""The scenes of chapter 2: two environments with four position-orientation pairs each.
+
+Everything that is drawn from a seed lives in `scenes.py`; here stand the places that every participant sees.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from backend.simulation.scene import Person, Pose, Scene, SceneError
+from backend.simulation.scenes import check_scene, draw_scene
+from backend.simulation.setups import DEMONSTRATION_SETUPS
+
+FURNITURE_SEED = 0  # furniture stands where it stands in every scene of an environment
+
+# (robot start, goal, person), ours: the thesis shows its places in figure 2.4 only. The robot comes from either side;
+# the person faces it, turns their back to it, or stands across its way.
+_PAIRS: dict[str, tuple[tuple[Pose, Pose, Pose], ...]] = {
+    "corridor": (
+        (Pose(-3.2, 0.0, 0.0), Pose(3.2, 0.0), Pose(0.0, -0.6, math.pi)),
+        (Pose(-3.2, 0.0, 0.0), Pose(3.2, 0.0), Pose(0.2, 0.6, 0.0)),
+        (Pose(3.2, 0.0, math.pi), Pose(-3.2, 0.0), Pose(0.4, -0.7, math.pi / 2)),
+        (Pose(3.2, 0.0, math.pi), Pose(-3.2, 0.0), Pose(-0.3, 0.5, 0.0)),
+    ),
+    "room": (
+        (Pose(-2.9, 0.1, 0.0), Pose(2.5, -0.1), Pose(-0.1, 0.0, math.pi)),
+        (Pose(-2.9, 0.1, 0.0), Pose(2.5, -0.1), Pose(0.2, 0.4, math.pi / 2)),
+        (Pose(2.5, -0.1, math.pi), Pose(-2.9, 0.1), Pose(0.0, -0.2, 0.0)),
+        (Pose(-2.8, -1.7, math.pi / 4), Pose(2.2, 1.6), Pose(-0.2, 0.2, -math.pi / 2)),
+    ),
+}
+PAIRS = 4
+
+
+def demonstration_scene(setup: str, pair: int) -> Scene:
+    """The scene of that environment (`corridor`, `room`) and pair 0..3. Raises SceneError for any other."""
+    if setup not in DEMONSTRATION_SETUPS:
+        raise SceneError("setup", setup, f"has no demonstration pairs; known: {', '.join(DEMONSTRATION_SETUPS)}")
+    if not 0 <= pair < PAIRS:
+        raise SceneError("pair", pair, f"must lie in 0..{PAIRS - 1}")
+    start, goal, person = _PAIRS[setup][pair]
+    towards = math.atan2(goal.y - start.y, goal.x - start.x)
+    scene = replace(
+        draw_scene(setup, FURNITURE_SEED),
+        seed=pair,
+        start=start,
+        goal=replace(goal, yaw=towards),
+        person=Person(person),
+    )
+    check_scene(scene)
+    return scene
+
+
+def demonstration_scenes(setup: str) -> list[Scene]:
+    """All pairs of an environment, in order."""
+    return [demonstration_scene(setup, pair) for pair in range(PAIRS)]
