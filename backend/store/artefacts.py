@@ -32,7 +32,15 @@ from backend.store.models import (
 )
 from backend.store.models import Session as SessionRow
 
-ARTEFACT_KINDS = ("policy", "conditioned_policy", "reward_model", "query_set", "snapshot", "evaluation")
+ARTEFACT_KINDS = (
+    "policy",
+    "conditioned_policy",
+    "reward_model",
+    "query_set",
+    "snapshot",
+    "demonstrations",
+    "evaluation",
+)
 SYNC_ALL_FROM = 8  # files; measured: about 20 ms a file one by one on a busy disk
 SHA256 = re.compile(r"[0-9a-f]{64}")
 QUARANTINED = "answers it was made from were erased or withdrawn; make it again from a new snapshot"

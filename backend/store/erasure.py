@@ -27,15 +27,18 @@ from backend.store.models import (
     Artefact,
     ArtefactAnswer,
     ArtefactParent,
+    Audit,
     Erasing,
     Event,
     Job,
     JobMetric,
+    Note,
     Participant,
     ProblemReport,
     RecruitingId,
     Response,
     Setting,
+    StrokeRow,
     Tombstone,
     TrajectoryRow,
     Trial,
@@ -78,6 +81,7 @@ class _Doomed:
     jobs: set[str] = field(default_factory=set)
     opened: set[str] = field(default_factory=set)  # pooled ones whose file holds the answers themselves
     trajectories: set[str] = field(default_factory=set)
+    demonstrations: set[str] = field(default_factory=set)  # files made of their strokes
 
 
 def erase_participant(
@@ -103,13 +107,14 @@ def erase_participant(
             "sessions": len(doomed.sessions),
             "artefacts": len(doomed.artefacts),
             "trajectories": len(doomed.trajectories),
+            "demonstrations": len(doomed.demonstrations),
             "jobs": len(doomed.jobs),
         }
         s.add(Erasing(participant_id=participant.id))
         s.flush()
         taken_apart = _quarantine(s, doomed)
         counts |= _delete_rows(s, participant, doomed)
-        for sha in sorted(doomed.trajectories | doomed.artefacts | doomed.opened):
+        for sha in sorted(doomed.trajectories | doomed.demonstrations | doomed.artefacts | doomed.opened):
             files.delete(sha)
         counts["orphans"] = _sweep_orphans(s, files)
         counts["job_files"] = _delete_job_files(data, doomed.jobs)
@@ -141,6 +146,12 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     own = {t for row in s.execute(drives.where(Trial.session_id.in_(sessions))) for t in row}
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
     used = {t for row in s.execute(drives.where(Trial.session_id.not_in(sessions))) for t in row}
+    driven: dict[bool, set[str]] = {True: set(), False: set()}
+    for session_id, *hashes in s.execute(select(StrokeRow.session_id, StrokeRow.trajectory, StrokeRow.demonstration)):
+        driven[session_id in sessions] |= {one for one in hashes if one}
+    doomed.demonstrations = driven[True] - driven[False]  # two may have drawn the very same, if they are programs
+    own |= driven[True]
+    used |= driven[False]
     for job in s.execute(select(Job.id, Job.session_id, Job.study_id, Job.params, Job.result)):
         payload = [job.params, job.result]
         # Another study may have a participant of the same code.
@@ -195,7 +206,7 @@ def _quarantine(s: Session, doomed: _Doomed) -> dict[str, list[str]]:
             others[artefact.id] = list(s.scalars(answers))
         artefact.quarantined_at = artefact.quarantined_at or utc_now()
         artefact.card = _without(artefact.card, {*doomed.ids, doomed.code})
-        if artefact.kind in ("snapshot", "evaluation"):
+        if artefact.kind in ("snapshot", "demonstrations", "evaluation"):
             doomed.opened.add(artefact.id)
     return others
 
@@ -214,6 +225,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     """Delete everything that refers to the participant, children first. Returns how many of what."""
     of_sessions = doomed.sessions
     answers = select(Response.id).where(Response.session_id.in_(of_sessions))
+    strokes = _count(s, delete(StrokeRow).where(StrokeRow.session_id.in_(of_sessions)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.response_id.in_(answers)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(doomed.artefacts)))
     edges = or_(ArtefactParent.artefact_id.in_(doomed.artefacts), ArtefactParent.parent_id.in_(doomed.artefacts))
@@ -222,6 +234,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     s.execute(delete(JobMetric).where(JobMetric.job_id.in_(doomed.jobs)))
     s.execute(delete(Job).where(Job.id.in_(doomed.jobs)))
     counts = {
+        "strokes": strokes,
         "responses": _count(s, delete(Response).where(Response.session_id.in_(of_sessions))),
         "trials": _count(s, delete(Trial).where(Trial.session_id.in_(of_sessions))),
         "events": _count(s, delete(Event).where(Event.session_id.in_(of_sessions))),
@@ -234,6 +247,10 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
         if mentions(event.data, names)
     ]
     counts["events"] += _count(s, delete(Event).where(Event.id.in_(about)))
+    in_audit = s.scalars(select(Audit).where(Audit.study_id == participant.study_id))
+    about = [entry.id for entry in in_audit if mentions(entry.data, names)]
+    s.execute(delete(Audit).where(or_(Audit.id.in_(about), Audit.participant_id == participant.id)))
+    s.execute(delete(Note).where(Note.participant_id == participant.id))
     s.execute(delete(TrajectoryRow).where(TrajectoryRow.id.in_(doomed.trajectories)))
     s.execute(delete(RecruitingId).where(RecruitingId.participant_id == participant.id))
     s.flush()
@@ -264,6 +281,7 @@ def _without(data: Any, names: set[str]) -> Any:
 def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
     """Delete files without a row that a crash left behind: they may be drives or models of anybody."""
     known = set(s.scalars(select(TrajectoryRow.id))) | set(s.scalars(select(Artefact.id)))
+    known |= {sha for sha in s.scalars(select(StrokeRow.demonstration)) if sha}
     now = time.time()
     orphans = [name for name in files.names() if name not in known and files.age_s(name, now) > ORPHAN_AGE_S]
     for name in orphans:

@@ -305,11 +305,50 @@ class TrajectoryRow(Base):
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
 
 
+class StrokeRow(Base):
+    """One path that a participant drew, kept whatever came of it. One of a step is `kept` at most, by its response.
+
+    `drawn`: {"points": [[x, y]...] m, "speeds": [...] m/s, "times_s": [...]}, never updated. `state`: refused (by
+    `problem`), drawn (can be driven), watched, kept or redone. `demonstration`: sha256 of its file in the
+    artefact store.
+    `walk`: {"points": [[x, y, yaw]...], "times_s": [...]}, how the participant walked while the robot drove.
+    """
+
+    __tablename__ = "stroke"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    session_id: Mapped[str] = mapped_column(ForeignKey("session.id"), index=True)
+    step_key: Mapped[str] = mapped_column(String(80))
+    attempt: Mapped[int] = mapped_column(Integer)  # counts from 1 within its step
+    environment: Mapped[str] = mapped_column(String(40))
+    pair: Mapped[int] = mapped_column(Integer)
+    view: Mapped[str] = mapped_column(String(20))
+    pointer: Mapped[str] = mapped_column(String(40))  # mouse, touch, pen, keys, bot, or several joined by +
+    drawn: Mapped[dict[str, Any]] = mapped_column(JSON)
+    state: Mapped[str] = mapped_column(String(16))
+    # refused only: {"code", "message", "at": [x, y] | null, "thing": ... | null, and numbers with units in their names}
+    problem: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    demonstration: Mapped[str | None] = mapped_column(String(64))
+    trajectory: Mapped[str | None] = mapped_column(ForeignKey("trajectory.id"))
+    walk: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    shown_since: Mapped[datetime | None]  # the robot drives it since then; None: not now
+    watched_at: Mapped[datetime | None]
+    request_id: Mapped[str] = mapped_column(String(64), unique=True)
+    client_time: Mapped[datetime | None]
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    left_out_at: Mapped[datetime | None]  # an analyst does not want to learn from it
+    left_out_by: Mapped[str | None] = mapped_column(String(80))
+    left_out_reason: Mapped[str | None] = mapped_column(Text)
+    __table_args__ = (
+        UniqueConstraint("session_id", "step_key", "attempt"),
+        CheckConstraint("state in ('refused', 'drawn', 'watched', 'kept', 'redone')", name="state"),
+    )
+
+
 class Artefact(Base):
     """A learned or collected thing with its card; id is the sha256 of its content in the artefact store.
 
-    `kind`: policy, conditioned_policy, reward_model, query_set, snapshot, evaluation. `card` as datasets/README.md
-    describes.
+    `kind`: policy, conditioned_policy, reward_model, query_set, snapshot, demonstrations, evaluation. `card` as
+    datasets/README.md describes.
     """
 
     __tablename__ = "artefact"
@@ -408,7 +447,7 @@ class Note(Base):
 
 class Audit(Base):
     """Who of those who sign in did what, and when. Append-only (triggers), save that an erasure takes the entries about
-    the participant. `outcome`: done, refused (the role does not allow it). `data`: plain JSON, no content of answers."""
+    the participant. `outcome`: done, or refused by the role. `data`: plain JSON without content of answers."""
 
     __tablename__ = "audit"
     id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)

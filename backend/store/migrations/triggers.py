@@ -101,7 +101,13 @@ SECOND_REFUSALS = (
 ERASING_ABOUT = "EXISTS (SELECT 1 FROM erasing WHERE erasing.participant_id = OLD.participant_id)"
 THIRD_REFUSALS = (
     Refusal("audit_never_updated", "audit", "UPDATE", "the audit log is append-only"),
-    Refusal("audit_never_deleted", "audit", "DELETE", "the audit log is append-only", ERASING_ABOUT),
+    Refusal(
+        "audit_never_deleted",
+        "audit",
+        "DELETE",
+        "the audit log is append-only",
+        f"{ERASING_ABOUT} OR {ERASING_STUDY}",
+    ),
     Refusal(
         "participant_pilot_fixed",
         "participant",
@@ -109,4 +115,8 @@ THIRD_REFUSALS = (
         "participant.pilot is set at creation",
         "OLD.pilot = NEW.pilot",
     ),
+)
+FOURTH_REFUSALS = (
+    Refusal("stroke_drawn_never_updated", "stroke", "UPDATE OF drawn", "what was drawn is never changed"),
+    Refusal("stroke_never_deleted", "stroke", "DELETE", "a stroke is never deleted", ERASING_SESSION),
 )
