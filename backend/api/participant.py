@@ -92,6 +92,7 @@ def consent_copy(token: str, request: Request) -> Response:
         given = s.scalar(select(Answer).where(Answer.session_id == session.id, Answer.kind == "consent"))
         language = _consented_in(frozen, given) or session.language
         given_at = given.created_at if given else None
+        agreed = dict(given.value.get("purposes") or {}) if given else None
         code = s.get_one(Participant, session.participant_id).code
     return page(
         request,
@@ -100,6 +101,7 @@ def consent_copy(token: str, request: Request) -> Response:
         study_title=frozen.title(language),
         payload=payload_of(frozen, step, language),
         given_at=given_at,
+        purposes=agreed,
         code=code,
         contact=frozen.protocol.contact or contact(request),
     )

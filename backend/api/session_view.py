@@ -13,6 +13,7 @@ from backend.api.dependencies import House, contact, stage_origin
 from backend.api.stage_bridge import bridge_of, stage_token
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.study import machine, personalisation
+from backend.study.planning import Step
 from backend.study.protocol import thaw
 from backend.study.refusals import Refused, log_refusal
 from backend.study.sessions import acting, find_session
@@ -30,9 +31,16 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "code": s.get_one(Participant, session.participant_id).code,
         "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
         "step": view,
+        "next_kind": next_kind(session.plan, session.position),
         "state": state_of(request, session, view),
         "expires_at": session.expires_at,
     }
+
+
+def next_kind(plan: list[Step], position: int) -> str:
+    """What kind of page follows, "other" where that depends on answers or there is none."""
+    following = plan[position + 1] if position + 1 < len(plan) else {}
+    return "other" if not following or following.get("when") else str(following["kind"])
 
 
 def state_of(request: Request, session: Session, view: machine.StepView) -> dict[str, Any]:

@@ -43,11 +43,19 @@ _ITEMS: list[dict[str, Any]] = [
     _scale("four"),
     {"key": "remark", "text": "Anything else?", "type": "text", "required": False},
 ]
-_VIEWS = [{"value": name, "label": label} for name, label in (("above", "From above"), ("eyes", "Eyes"), ("room", "Room"))]
+_VIEWS = [{"value": label.lower(), "label": label} for label in ("Above", "Eyes", "Room")]
+_PURPOSES = [{"key": "training", "text": "Robots may learn from them?"}, {"key": "open_data", "text": "Publish them?"}]
+_TIMES = {"opens_at": "2026-11-28T09:00:00+00:00", "expires_at": "2026-12-05T09:00:00+00:00"}
 
 STEPS: dict[str, dict[str, Any]] = {
     "information": {"title": TITLE, "text": "Two *short* paragraphs.\n\n## What you do\n\n- watch\n- choose"},
-    "consent": {"title": "Consent", "text": "Of my own free will.", "points": ["I am 18.", "I agree."], "version": "1"},
+    "consent": {
+        "title": "Consent",
+        "text": "Of my own free will.",
+        "points": ["I am 18.", "I agree."],
+        "purposes": _PURPOSES,
+        "version": "1",
+    },
     "questionnaire": {"title": "About you", "text": "A few questions.", "items": _ITEMS},
     "ranking": {
         "title": "The three views",
@@ -57,6 +65,25 @@ STEPS: dict[str, dict[str, Any]] = {
             for key in ("useful", "easy")
         ],
     },
+    "comprehension": {
+        "title": "Is it clear?",
+        "text": "Watch **both** drives.",
+        "items": [_ITEMS[1]],
+        "attempt": 2,
+        "attempts": 2,
+        "time_limit_s": 90,
+    },
+    "break": {"title": "A short break", "text": "Look out of the window.", "at_least_s": 2},
+    "attention": {"instructed": "b"},
+    "appointment": {
+        "title": "See you again",
+        "text": "Thank you.",
+        **_TIMES,
+        "return_code": "R-7KX2",
+        "return_path": "/p/next",
+    },
+    "too_soon": _TIMES,
+    "screened_out": {"title": "Thank you", "text": "That was all.", "completion_code": None, "return_url": None},
     "instruction": {"title": "How it works", "text": "Imagine that you are the person."},
     "trial": {"role": "learning", "view": "top_down", "number": 1, "of": 15},
     "comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 3},
@@ -119,7 +146,7 @@ def example_application() -> FastAPI:
 
     @application.get("/copy")
     def copy(request: Request, language: str = "en") -> Response:
-        context = {"payload": STEPS["consent"], "given_at": WHEN, "code": "P-4F7K"}
+        context = {"payload": STEPS["consent"], "given_at": WHEN, "purposes": {"training": True}, "code": "P-4F7K"}
         return page(request, "participant/consent_copy.html", language, study_title=TITLE, **context)
 
     @application.get("/help")
@@ -131,7 +158,7 @@ def example_application() -> FastAPI:
     def step(request: Request, kind: str, language: str = "en") -> Response:
         shown = ExampleStep(KINDS.get(kind, kind), f"05-{kind}", 5, 24, STEPS[kind])
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
-        context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"]}
+        context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"], "next_kind": "questionnaire"}
         return page(request, "participant/session.html", language, study_title=TITLE, **context)
 
     @application.get("/api/session/{kind}")

@@ -242,10 +242,39 @@ def test_consent_wants_every_point_ticked(opened: Open) -> None:
     page.get_by_role("button", name="I agree and take part").click()
     assert page.get_by_text("Some points are not ticked yet.").is_visible()
     assert sent == []
-    page.get_by_label("I agree.").check()
+    page.get_by_label("I agree.", exact=True).check()
+    page.get_by_role("button", name="I agree and take part").click()
+    assert page.locator("[data-missing]").count() == 2  # the other uses are decided one by one, either way
+    assert sent == []
+    page.get_by_role("group", name="Robots may learn from them?").get_by_label("Yes, I agree").check()
+    page.get_by_role("group", name="Publish them?").get_by_label("No, I do not agree").check()
     with page.expect_request("**/steps/05-consent") as request:
         page.get_by_role("button", name="I agree and take part").click()
-    assert request.value.post_data_json["value"] == {"given": True, "version": "1"}
+    purposes = {"training": True, "open_data": False}
+    assert request.value.post_data_json["value"] == {"given": True, "version": "1", "purposes": purposes}
+
+
+def test_a_break_rests_as_long_as_the_protocol_says(opened: Open) -> None:
+    page = opened("/step/break")
+    assert page.get_by_role("button", name="Continue").is_disabled()
+    assert page.get_by_text("You can go on in").is_visible()
+    page.get_by_role("button", name="Continue", disabled=False).wait_for()
+    assert page.get_by_text("Go on whenever you are ready.").is_visible()
+
+
+def test_a_page_with_a_time_limit_says_what_is_left_and_sends_what_there_is(chromium: Browser, pages: str) -> None:
+    context = chromium.new_context(viewport={"width": 1024, "height": 640})
+    page = context.new_page()
+    page.clock.install()
+    page.goto(f"{pages}/step/comprehension")
+    assert page.get_by_text("There are 1.5 minutes for this page.").or_(page.get_by_text("Time left")).is_visible()
+    page.get_by_label("Badly").check()
+    page.clock.run_for(40_000)
+    assert page.get_by_text("Time left for this page: 0 min").is_visible()
+    with page.expect_request("**/steps/05-comprehension") as request:
+        page.clock.run_for(60_000)
+    assert request.value.post_data_json["value"] == {"vision": "badly", "timed_out": True}
+    context.close()
 
 
 def test_the_welcome_page_lets_a_good_device_in(opened: Open) -> None:

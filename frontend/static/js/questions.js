@@ -3,6 +3,9 @@
 
 import { ranked, readyRanking, rerank } from "./ranking.js";
 
+/** The last seconds of a time limit are said one by one, before that the full minutes. */
+const SAID_S = 60;
+
 /**
  * @typedef {object} FormNeeds
  * @property {(key: string, values?: Record<string, string | number>) => string} say
@@ -27,7 +30,8 @@ export function readyForm(step, kind, needs) {
   let busy = false;
 
   // resting until here: pressed before the scripts have come, it would only load the page again
-  step.querySelector(".bottombar .main")?.removeAttribute("disabled");
+  restFor(step, form, needs);
+  if (form.dataset.limit) limitTo(step, Number(form.dataset.limit), needs, () => collect(form));
   if (needs.kept) fill(form, needs.kept);
   for (const item of rankings(form)) readyRanking(item, needs.say);
   form.addEventListener("input", (event) => {
@@ -94,9 +98,48 @@ export function readyForm(step, kind, needs) {
 
   /** @returns {Record<string, unknown>} */
   function value() {
-    if (kind === "consent") return { given: true, version: new FormData(/** @type {HTMLFormElement} */ (form)).get("version") };
+    if (kind === "consent") {
+      const version = new FormData(/** @type {HTMLFormElement} */ (form)).get("version");
+      const purposes = Object.entries(collect(/** @type {HTMLFormElement} */ (form))).map(([key, said]) => [key, said === "yes"]);
+      return { given: true, version, ...(purposes.length ? { purposes: Object.fromEntries(purposes) } : {}) };
+    }
     return collect(/** @type {HTMLFormElement} */ (form));
   }
+}
+
+/** The button of a break rests as long as the protocol says. @param {HTMLElement} step @param {HTMLElement} form @param {FormNeeds} needs */
+function restFor(step, form, needs) {
+  const button = step.querySelector(".bottombar .main");
+  const left = step.querySelector("#rest-left");
+  const words = left?.textContent ?? "";
+  const until = performance.now() + Number(form.dataset.atLeast ?? 0) * 1000;
+  const look = () => {
+    const seconds = Math.ceil((until - performance.now()) / 1000);
+    if (!form.isConnected) return;
+    if (left) left.textContent = seconds > 0 ? needs.say("rest_left", { count: seconds }) : words;
+    if (seconds > 0) setTimeout(look, 1000);
+    else button?.removeAttribute("disabled");
+  };
+  look();
+}
+
+/**
+ * A page with a time limit: says how much is left, and sends what there is when the time is over.
+ * @param {HTMLElement} step @param {number} seconds @param {FormNeeds} needs @param {() => Record<string, unknown>} collected
+ */
+function limitTo(step, seconds, needs, collected) {
+  const place = step.querySelector("#time-left");
+  const until = performance.now() + seconds * 1000;
+  const look = () => {
+    if (!place?.isConnected) return;
+    const left = Math.ceil((until - performance.now()) / 1000);
+    if (left <= 0) void needs.answer({ ...collected(), timed_out: true });
+    else {
+      if (left <= SAID_S || left % 60 === 0) place.textContent = needs.say("time_left", { minutes: Math.floor(left / 60), seconds: left % 60 });
+      setTimeout(look, 1000);
+    }
+  };
+  look();
 }
 
 /** The items of `scope` that still want an answer, pointed out. @param {HTMLElement} scope @param {FormNeeds["say"]} say */

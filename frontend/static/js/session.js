@@ -157,8 +157,8 @@ function mount() {
     });
   }
   tellMore(kind);
-  const link = step.querySelector("[data-own-link]");
-  if (link) link.textContent = `${location.origin}/p/${data.token}`;
+  const link = /** @type {HTMLElement | null} */ (step.querySelector("[data-own-link]"));
+  if (link) link.textContent = `${location.origin}${link.dataset.ownLink || `/p/${data.token}`}`;
 }
 
 /** Long texts: the bar says that there is more below, until the end has come into sight. @param {string} kind */
