@@ -1,0 +1,154 @@
+"""Frechet distances against answers known by hand and a decision procedure written another way."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import LineString
+from shapely import frechet_distance as shapely_discrete
+
+from backend.analysis.frechet import deviation, frechet_distance, prefix_distances
+
+STRAIGHT = np.stack([np.linspace(0, 10, 21), np.zeros(21)], axis=1)
+
+
+def interval(p: np.ndarray, a: np.ndarray, b: np.ndarray, reach: float) -> tuple[float, float] | None:
+    """The part of segment a-b within reach of p, found through the foot of the perpendicular."""
+    length = float(np.linalg.norm(b - a))
+    if length == 0:
+        return (0.0, 1.0) if np.linalg.norm(p - a) <= reach else None
+    along = float((p - a) @ (b - a)) / length
+    aside = float(np.linalg.norm(p - a - along * (b - a) / length))
+    if aside > reach:
+        return None
+    half = math.sqrt(reach * reach - aside * aside)
+    low, high = max(0.0, (along - half) / length), min(1.0, (along + half) / length)
+    return (low, high) if low <= high else None
+
+
+def within(a: np.ndarray, b: np.ndarray, reach: float, *, whole: bool) -> bool:
+    """The reference decision: can one walk a to its end beside b (to its end if `whole`) within reach?
+
+    By dictionaries of reachable intervals and a plain recursion over edges, nothing shared with the product's loop.
+    """
+    if np.linalg.norm(a[0] - b[0]) > reach:
+        return False
+    n, m = len(a) - 1, len(b) - 1
+
+    def vertical(i: int, j: int) -> tuple[float, float] | None:  # a at vertex i, along segment j of b
+        free = interval(a[i], b[j], b[j + 1], reach)
+        if free is None:
+            return None
+        if i == 0:
+            if j == 0:
+                return free if free[0] == 0 else None
+            below = vertical(0, j - 1)
+            return free if below and below[1] == 1 and free[0] == 0 else None
+        if known_h.get((i - 1, j)):
+            return free
+        entry = known_v.get((i - 1, j))
+        return (max(free[0], entry[0]), free[1]) if entry and max(free[0], entry[0]) <= free[1] else None
+
+    def horizontal(i: int, j: int) -> tuple[float, float] | None:  # b at vertex j, along segment i of a
+        free = interval(b[j], a[i], a[i + 1], reach)
+        if free is None:
+            return None
+        if j == 0:
+            if i == 0:
+                return free if free[0] == 0 else None
+            before = known_h.get((i - 1, 0))
+            return free if before and before[1] == 1 and free[0] == 0 else None
+        if known_v.get((i, j - 1)):
+            return free
+        entry = known_h.get((i, j - 1))
+        return (max(free[0], entry[0]), free[1]) if entry and max(free[0], entry[0]) <= free[1] else None
+
+    known_v: dict[tuple[int, int], tuple[float, float] | None] = {}
+    known_h: dict[tuple[int, int], tuple[float, float] | None] = {}
+    for total in range(n + m + 1):
+        for i in range(n + 1):
+            j = total - i
+            if 0 <= j < m:
+                known_v[i, j] = vertical(i, j)
+            if i < n and 0 <= j <= m:
+                known_h[i, j] = horizontal(i, j)
+    if whole:
+        last = known_v[n, m - 1]
+        return last is not None and last[1] == 1 and bool(np.linalg.norm(a[-1] - b[-1]) <= reach)
+    return any(known_v.get((n, j)) is not None for j in range(m))
+
+
+def paths(points: int) -> st.SearchStrategy[np.ndarray]:
+    numbers = st.floats(-3, 3).map(lambda x: round(x, 3))
+    return st.lists(st.tuples(numbers, numbers), min_size=2, max_size=points, unique=True).map(np.array)
+
+
+@settings(max_examples=60, deadline=None)
+@given(paths(7), paths(7))
+def test_every_distance_lies_where_the_reference_decision_turns(a: np.ndarray, b: np.ndarray) -> None:
+    exact = frechet_distance(a, b)
+    assert within(a, b, exact + 1e-9, whole=True)
+    assert exact < 2e-9 or not within(a, b, exact - 1e-9, whole=True)
+    prefixes = prefix_distances(a, b)
+    for i in range(1, len(a)):
+        assert within(a[: i + 1], b, prefixes[i] + 1e-9, whole=False)
+        assert prefixes[i] < 2e-9 or not within(a[: i + 1], b, prefixes[i] - 1e-9, whole=False)
+    assert (np.diff(prefixes) >= -1e-9).all()
+    assert frechet_distance(b, a) == pytest.approx(exact, abs=1e-9)
+    assert prefixes[-1] <= exact + 1e-9
+
+
+@settings(max_examples=30, deadline=None)
+@given(paths(7), paths(7))
+def test_the_discrete_distance_is_shapelys_and_never_smaller(a: np.ndarray, b: np.ndarray) -> None:
+    discrete = frechet_distance(a, b, discrete=True)
+    assert discrete == pytest.approx(shapely_discrete(LineString(a), LineString(b)), abs=1e-12)
+    assert discrete >= frechet_distance(a, b) - 1e-9
+    whole = [min(frechet_distance(a[: i + 1], b[: j + 1], discrete=True) for j in range(len(b))) for i in range(len(a))]
+    assert prefix_distances(a, b, discrete=True) == pytest.approx(whole, abs=1e-12)
+
+
+def test_cases_that_are_known_by_hand() -> None:
+    assert frechet_distance(STRAIGHT, STRAIGHT + np.array([0.0, 2.0])) == pytest.approx(2.0, abs=1e-9)
+    assert frechet_distance(STRAIGHT, STRAIGHT[[0, -1]]) == pytest.approx(0.0, abs=1e-9)
+    assert frechet_distance(STRAIGHT, STRAIGHT[[0, -1]], discrete=True) == pytest.approx(5.0)
+    # Forth, back by 2 and forth again: who never turns back is at best 1 m off.
+    forth_and_back = np.array([[0, 0], [6, 0], [4, 0], [10, 0]], dtype=float)
+    assert frechet_distance(forth_and_back, STRAIGHT) == pytest.approx(1.0, abs=1e-9)
+    # A triangle's apex against the straight line below it.
+    assert frechet_distance([[0, 0], [5, 3], [10, 0]], STRAIGHT) == pytest.approx(3.0, abs=1e-9)
+    assert frechet_distance([[1.0, 2.0]], STRAIGHT) == pytest.approx(math.hypot(9, 2), abs=1e-9)
+
+
+def test_a_path_that_is_followed_perfectly_deviates_at_its_end() -> None:
+    found = deviation(STRAIGHT, STRAIGHT[::4])
+    assert (found.t_star, found.backwards) == (1.0, False)
+    assert found.distance_m == pytest.approx(0, abs=1e-3)
+    # The demonstration may go on further than the drive.
+    assert deviation(STRAIGHT[:11], STRAIGHT).t_star == 1.0
+
+
+def test_the_deviation_point_is_where_the_driven_path_turns_off() -> None:
+    turned = np.concatenate([STRAIGHT[:15], STRAIGHT[14] + np.stack([np.zeros(12), np.linspace(0.5, 6, 12)], axis=1)])
+    found = deviation(turned, STRAIGHT + np.array([0.0, 0.1]))
+    assert found.t_star == pytest.approx(7.0 / 13.0, abs=0.05)
+    assert found.point == pytest.approx((7.0, 0.1), abs=0.6)
+    assert 0.09 < found.distance_m < 0.3
+
+
+def test_where_the_ends_meet_both_paths_are_read_backwards() -> None:
+    late = np.concatenate([np.stack([np.full(10, 3.0), np.linspace(-5, -0.5, 10)], axis=1), STRAIGHT[6:]])
+    found = deviation(late, STRAIGHT)
+    assert found.backwards
+    assert found.t_star == pytest.approx(7 / 12, abs=0.08)
+
+
+def test_what_is_no_path_is_refused() -> None:
+    with pytest.raises(ValueError, match="b has shape"):
+        frechet_distance(STRAIGHT, np.zeros((0, 2)))
+    with pytest.raises(ValueError, match="driven has shape"):
+        deviation([[0.0, math.nan]], STRAIGHT)
