@@ -92,13 +92,14 @@ def check_open(s: DatabaseSession, study: Study) -> None:
 
 
 def _taken(s: DatabaseSession, study: Study) -> int:
-    """People who count: in or done, not excluded, withdrawn, expired or simulated."""
+    """People who count: in or done, not excluded, withdrawn, expired or simulated; a pilot's only while it is one."""
     counted = (
         select(func.count(func.distinct(Participant.id)))
         .join(Session, Session.participant_id == Participant.id)
         .where(
             Participant.study_id == study.id,
             Participant.simulated.is_(False),
+            Participant.pilot.is_(study.pilot),
             Participant.excluded_at.is_(None),
             Participant.withdrawn_at.is_(None),
             or_(
@@ -138,6 +139,7 @@ def join_study(
         study_id=study.id,
         code=code,
         simulated=simulated,
+        pilot=study.pilot,
         oracle=dict(oracle) if oracle and simulated else None,
     )
     s.add(participant)
