@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from backend.commands import benchmark, data, figures, jobs, reproduce, science, serve, study
+from backend.commands import benchmark, data, figures, jobs, report, reproduce, science, serve, study
 
 app = typer.Typer(
     name="desirepath",
@@ -16,6 +16,7 @@ serve.register(app)
 data.register(app)
 science.register(app)
 figures.register(app)
+report.register(app)
 app.add_typer(study.commands, name="study")
 app.add_typer(jobs.commands, name="jobs")
 app.add_typer(benchmark.commands, name="benchmark")

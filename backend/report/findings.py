@@ -382,7 +382,7 @@ def _disagreement(
     """
     transitions = list(combinations(conditions, 2))
     shown = sorted({trajectory for one in regular for trajectory in (one.first, one.second)})
-    if not shown or not transitions:
+    if not (shown and transitions and metrics):
         return {}
     measured = measure([load(trajectory) for trajectory in shown])
     values = np.stack([np.asarray(getattr(measured, name), dtype=float) for name in metrics], axis=1)

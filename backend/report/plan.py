@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from backend.analysis.tested import Correction
 
@@ -69,3 +71,14 @@ def _told(value: object) -> str:
     if value is None:
         return "the default"
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+
+
+def read_plan(file: Path) -> AnalysisPlan:
+    """A plan written by itself as YAML. Raises ValueError naming the field, what it holds and what would work."""
+    try:
+        return AnalysisPlan.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")) or {})
+    except (OSError, yaml.YAMLError) as problem:
+        raise ValueError(f"plan = {file.name!r}: cannot be read ({problem})") from None
+    except ValidationError as wrong:
+        told = "; ".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in wrong.errors())
+        raise ValueError(f"plan = {file.name!r}: {told}; known: {', '.join(AnalysisPlan.model_fields)}") from None

@@ -1,0 +1,181 @@
+"""People made up with stated effects: what they rate, rank and how steadily they choose. Simulated, and marked as such.
+
+The same made-up people walk through the state machine (`study/in_process.py`, `study/bots.py`) and, by themselves,
+make whole data sets here, so that what a report must find is known. Their answers depend only on seed, number and what
+is asked, not on the order of asking.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from backend.report.data import Choice, Comparison, Person, Rating, StudyData
+from backend.simulation.trajectory import Trajectory
+
+PERSONAL_SHARE = 0.4  # ours: share of a rating's variance that belongs to the person
+ALIKE = 4.0  # ours: of the beta distribution of people's shares; small: people differ much
+CONDITIONS = ("first_person", "immersive", "top_down")
+ITEMS = (
+    *("ease", "confidence", "mental_effort", "clarity", "naturalness"),
+    *("spatial_understanding", "realism", "presence", "fun", "boredom"),
+)
+RANKINGS = ("usefulness", "ease_of_use", "intention_to_use")
+QUERIES = 25
+
+
+class CohortError(ValueError):
+    """Effects that no cohort can have; names the field and what would work."""
+
+
+@dataclass(frozen=True)
+class Cohort:
+    """What is put into a cohort; the default is nothing: conditions differ in nothing (a null cohort).
+
+    ratings: item -> condition -> shift in standard deviations of the ratings behind the scale's steps (people and
+    moments together have 1). first_choice: ranking -> condition -> share of people who put it first; the others share
+    the rest. consistency: condition -> chance of the same answer when the same query is asked again; missing: `steady`.
+    tastes: condition -> oracle whose taste decides, where it is not everybody's own. second_shown: chance that the
+    second drive is taken whatever is asked. own: mean chance that the own policy is preferred to another.
+    """
+
+    ratings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    first_choice: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    consistency: Mapping[str, float] = field(default_factory=dict)
+    steady: float = 0.8  # ours
+    tastes: Mapping[str, str] = field(default_factory=dict)
+    second_shown: float = 0.0
+    own: float = 0.5
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        steadiness = {"steady": self.steady, **{f"consistency.{c}": v for c, v in self.consistency.items()}}
+        for name, value in steadiness.items():
+            if not 0.5 <= value <= 1:
+                raise CohortError(f"{name} = {value}: the chance of the same answer lies between 0.5 (guessing) and 1")
+        for name, value in {"second_shown": self.second_shown, "own": self.own}.items():
+            if not 0 <= value <= 1:
+                raise CohortError(f"{name} = {value}: a chance lies between 0 and 1")
+        for ranking, shares in self.first_choice.items():
+            if any(not 0 < share < 1 for share in shares.values()) or sum(shares.values()) >= 1:
+                raise CohortError(
+                    f"first_choice.{ranking} = {dict(shares)}: shares lie between 0 and 1 and leave some to the others"
+                )
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+    def person(self, number: int) -> MadeUpPerson:
+        """The made-up person of that number."""
+        return MadeUpPerson(self, number)
+
+    def mistakes(self, condition: str) -> float:
+        """Chance that one answer is not what the person would usually say: c = (1 - e)^2 + e^2, solved for e."""
+        return (1 - math.sqrt(2 * self.consistency.get(condition, self.steady) - 1)) / 2
+
+
+@dataclass(frozen=True)
+class MadeUpPerson:
+    """One of a cohort; knows only what is asked."""
+
+    cohort: Cohort
+    number: int
+
+    def _random(self, *about: str) -> np.random.Generator:
+        words = int.from_bytes(hashlib.sha256("\0".join(about).encode()).digest()[:8], "big")
+        return np.random.default_rng([self.cohort.seed, self.number, words])
+
+    def rate(self, item: str, condition: str | None, points: int = 7) -> int:
+        """1 to points: the person's own level, the moment, and the condition's shift."""
+        own = self._random("level", item).normal(0, math.sqrt(PERSONAL_SHARE))
+        moment = self._random("rating", item, condition or "").normal(0, math.sqrt(1 - PERSONAL_SHARE))
+        shift = self.cohort.ratings.get(item, {}).get(condition or "", 0.0)
+        # One standard deviation is a quarter of the scale: answers use all of it, few at the ends.
+        step = (points + 1) / 2 + (points - 1) / 4 * (own + moment + shift)
+        return int(min(points, max(1, math.floor(step + 0.5))))
+
+    def rank(self, ranking: str, options: Sequence[str]) -> list[str]:
+        """All options, best first, by Luce's rule: each place goes to one that is left, by shares of first choices."""
+        given = self.cohort.first_choice.get(ranking, {})
+        rest = (1 - sum(given.values())) / max(1, sum(option not in given for option in options))
+        shares = np.array([given.get(option, rest) for option in options])
+        worth = np.log(shares) + self._random("ranking", ranking).gumbel(size=len(options))
+        return [options[k] for k in np.argsort(-worth)]
+
+    def slips(self, condition: str, query: str, role: str) -> bool:
+        """Whether this answer is not what the person would usually say."""
+        return bool(self._random("slip", condition, query, role).random() < self.cohort.mistakes(condition))
+
+    def takes_second(self, condition: str, query: str, role: str) -> bool:
+        """Whether the second drive is taken whatever it is."""
+        return bool(self._random("second", condition, query, role).random() < self.cohort.second_shown)
+
+    def usual(self, query: str) -> int:
+        """Which of a query's two drives the person usually prefers where no taste decides: 0 or 1."""
+        return int(self._random("usual", query).integers(2))
+
+    def prefers_own(self, scene: str, against: str) -> bool:
+        """Whether the own policy's drive is preferred in this comparison. People differ in how much they like theirs,
+        so that answers of one person depend on each other."""
+        share = self.cohort.own
+        if 0 < share < 1:
+            share = self._random("own").beta(share * ALIKE, (1 - share) * ALIKE)
+        return bool(self._random("own", scene, against).random() < share)
+
+
+def made_up_study(
+    cohort: Cohort,
+    participants: int,
+    *,
+    first: int = 0,
+    items: Sequence[str] = ITEMS,
+    rankings: Sequence[str] = RANKINGS,
+    conditions: Sequence[str] = CONDITIONS,
+    queries: int = QUERIES,
+    repeats: int = 0,
+    comparisons: int = 0,
+    protocol: Mapping[str, Any] | None = None,
+) -> StudyData:
+    """A data set of the cohort's people `first`, `first` + 1, ..., as the interface study would leave it.
+
+    repeats: queries asked again in every condition. comparisons: of the own policy against base, and as many against
+    another's. Drives have names only, so nothing that measures them can be computed.
+    """
+    people: list[Person] = []
+    choices: list[Choice] = []
+    ratings: list[Rating] = []
+    compared: list[Comparison] = []
+    for number in range(first, first + participants):
+        made_up, code = cohort.person(number), f"S{number + 1:03d}"
+        people.append(Person(code, True, None, False, "completed", tuple(conditions), {}))
+        for condition in conditions:
+            ratings += [Rating(code, condition, "interface_items", i, made_up.rate(i, condition)) for i in items]
+            asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
+            choices += [_choice(made_up, code, condition, role, f"{code}-{k}") for role, k in asked]
+        ratings += [Rating(code, None, "view_ranking", r, made_up.rank(r, conditions)) for r in rankings]
+        for against in ("base", "other") if comparisons else ():
+            for k in range(comparisons):
+                won = made_up.prefers_own(str(k), against)
+                compared.append(Comparison(code, *(("own", against) if won else (against, "own")), look_alike=False))
+    return StudyData("made up", "made up", protocol or {}, "", [], people, choices, ratings, compared)
+
+
+def _choice(person: MadeUpPerson, code: str, condition: str, role: str, query: str) -> Choice:
+    drives = f"{query}-a", f"{query}-b"
+    prefers = person.usual(query) ^ person.slips(condition, query, role)
+    if person.takes_second(condition, query, role):
+        prefers = 1
+    return Choice(code, condition, condition, query, role, *drives, chosen=drives[prefers], decision_s=None)
+
+
+def worth_by_taste(oracle: str, drives: tuple[Trajectory, Trajectory]) -> int | None:
+    """Which drive an oracle's taste prefers, 0 or 1; None where both are worth the same to it."""
+    from backend.learning.oracles import TASTES  # heavy, and only needed where drives are seen
+
+    a, b = TASTES[oracle].value(drives)
+    return None if a == b else int(b > a)

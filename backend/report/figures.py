@@ -1,0 +1,262 @@
+"""A study's findings in pictures like the thesis's figures 7.2 to 7.4, each beside a CSV with exactly what is drawn.
+
+Importing this loads matplotlib, which is slow.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+
+from backend.analysis.tested import Mean
+from backend.explain.drawing import DATA, INK, PAPER, SOFT, STYLE
+from backend.explain.pictures import Picture, Rows, blank, quiet
+from backend.report.findings import Findings, ItemResult, Pair
+from backend.report.plan import METRICS
+
+PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
+BAR = 0.26
+
+
+def pictures(found: Findings) -> list[Picture]:
+    """All figures of the report that the data allow, in its order."""
+    drawn = []
+    if found.items:
+        drawn.append(items_picture(found))
+    if found.rankings:
+        drawn.append(ranking_picture(found))
+    if found.between:
+        drawn.append(agreement_picture(found))
+    if any(any(of.n for of in metrics.values()) for metrics in found.disagreement.values()):
+        drawn.append(disagreement_picture(found))
+    if found.personalised:
+        drawn.append(personalised_picture(found))
+    return drawn
+
+
+def told(name: str) -> str:
+    """A key in words."""
+    return name.replace("_", " ")
+
+
+def pair_words(pair: Pair, between: str = " – ") -> str:
+    """Two conditions in words."""
+    return between.join(told(name) for name in pair)
+
+
+def items_picture(found: Findings) -> Picture:
+    """Figure 7.2: means and standard errors of every item per condition, brackets over pairs that differ."""
+    columns = min(5, len(found.items))
+    lines = math.ceil(len(found.items) / columns)
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(columns, 1.55 * columns + 0.4, 2.1 * lines + 0.5, rows=lines)
+        for ax, item in zip(axes, found.items, strict=False):
+            _item(ax, item, found)
+        for ax in axes[len(found.items) :]:
+            ax.set_visible(False)
+        for ax in axes[::columns]:
+            ax.set_ylabel("mean rating")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(found.conditions), frameon=False)
+    rows: Rows = [
+        {
+            "item": item.item.key,
+            "text": item.item.text,
+            "reversed": item.item.reversed,
+            "condition": name,
+            **_mean_row(item.means[name]),
+            "friedman_chi2": item.test.statistic,
+            "friedman_p": item.test.p,
+            "friedman_p_corrected": item.test.p_corrected,
+        }
+        for item in found.items
+        for name in found.conditions
+    ]
+    caption = (
+        "Mean ratings with standard errors over people. Brackets: pairs of conditions that differ (Wilcoxon, "
+        "Bonferroni over the pairs) in items where the conditions differ (Friedman); * p ≤ 0.05, ** 0.01, *** 0.001."
+    )
+    return Picture("items", "Questionnaire after each block", caption, figure, rows)
+
+
+def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
+    heights = []
+    for k, name in enumerate(found.conditions):
+        mean = item.means[name]
+        ax.bar(k, mean.mean - 1, bottom=1, width=0.7, color=DATA[k % len(DATA)], label=told(name))
+        ax.errorbar(k, mean.mean, yerr=mean.se, color=INK, linewidth=0.9, capsize=2)
+        heights.append(mean.mean + mean.se)
+    top = item.item.points
+    level = max(top, max(heights) + 0.3)
+    pairs = [(i, j) for i in range(len(found.conditions)) for j in range(i + 1, len(found.conditions))]
+    for (i, j), test in zip(pairs, item.pairs, strict=False):
+        if test.significant(found.plan.alpha):
+            ax.plot([i, i, j, j], [level, level + 0.12, level + 0.12, level], color=INK, linewidth=0.7)
+            ax.text((i + j) / 2, level + 0.1, test.stars, ha="center", va="bottom", fontsize=7)
+            level += 0.6
+    ax.set(title=told(item.item.key), xticks=[], ylim=(1, max(top, level) + 0.2))
+    ax.set_yticks(range(1, top + 1))
+    quiet(ax)
+
+
+def ranking_picture(found: Findings) -> Picture:
+    """Figure 7.3: how many people put each condition first, second, third."""
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(len(found.rankings), 2.4 * len(found.rankings) + 0.4, 2.6)
+        for ax, ranking in zip(axes, found.rankings, strict=True):
+            bottom = np.zeros(len(ranking.places))
+            shares = np.array(list(ranking.places.values()), dtype=float)
+            shares /= shares.sum(axis=1, keepdims=True)
+            for place in range(shares.shape[1]):
+                colour = PLACES[min(place, len(PLACES) - 1)]
+                ax.bar(
+                    range(len(shares)), shares[:, place], bottom=bottom, width=0.7, color=colour, edgecolor=PAPER,
+                    label=f"place {place + 1}",
+                )  # fmt: skip
+                bottom += shares[:, place]
+            ax.set_xticks(range(len(shares)), [told(name).replace(" ", "\n") for name in ranking.places])
+            ax.set(title=told(ranking.item.key), ylim=(0, 1))
+            ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+            quiet(ax)
+        axes[0].set_ylabel("share of people")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+    rows: Rows = [
+        {
+            "ranking": ranking.item.key,
+            "condition": name,
+            "place": place + 1,
+            "people": count,
+            "share": count / ranking.test.n,
+        }
+        for ranking in found.rankings
+        for name, counts in ranking.places.items()
+        for place, count in enumerate(counts)
+    ]
+    caption = "Share of people who put each condition first, second, third; ties were not possible."
+    return Picture("rankings", "Ranking of the conditions", caption, figure, rows)
+
+
+def agreement_picture(found: Findings) -> Picture:
+    """Table 7.2 as a figure: agreement between conditions, beside what people agree with themselves."""
+    lines: list[tuple[str, str, Mean]] = [("between", pair_words(pair), of.share) for pair, of in found.between.items()]
+    for name, of_condition in found.of_condition.items():
+        for role, words in (("repeat", "asked again"), ("swap", "asked again, sides exchanged")):
+            again = getattr(of_condition, role).share
+            if again.n:
+                lines.append(("within", f"{told(name)}, {words}", again))
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(1, 5.2, 0.7 + 0.3 * len(lines))
+        ax = axes[0]
+        for k, (kind, _, mean) in enumerate(lines):
+            colour = DATA[0] if kind == "between" else DATA[2]
+            ax.errorbar(
+                mean.mean, -k, xerr=[[mean.mean - mean.low], [mean.high - mean.mean]], fmt="o", color=colour,
+                markersize=4, linewidth=1.2,
+            )  # fmt: skip
+        ax.axvline(0.5, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
+        ax.set_yticks([-k for k in range(len(lines))], [words for _, words, _ in lines])
+        ax.set(xlim=(0.4, 1.0), xlabel="share of the same answers, mean over people")
+        ax.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+        quiet(ax)
+    rows: Rows = [{"kind": kind, "what": words, **_mean_row(mean)} for kind, words, mean in lines]
+    caption = (
+        "Share of a person's answers that are the same for the same queries, mean over people with 95 % intervals "
+        "(Student's t). Dotted line: guessing. Agreement between conditions can hardly be higher than that of people "
+        "with themselves within one."
+    )
+    return Picture("agreement", "Agreement between and within conditions", caption, figure, rows)
+
+
+def disagreement_picture(found: Findings) -> Picture:
+    """Figure 7.4: what changes in the preferred trajectory where a choice flips between conditions."""
+    metrics = found.plan.metrics
+    columns = min(3, len(metrics))
+    lines = math.ceil(len(metrics) / columns)
+    pairs = list(found.disagreement)
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(columns, 2.3 * columns + 0.3, 1.9 * lines + 0.5, rows=lines)
+        for letter, ax, metric in zip("abcdefghij", axes, metrics, strict=False):
+            for k, pair in enumerate(pairs):
+                of = found.disagreement[pair][metric]
+                ax.bar(k, of.mean, width=0.7, color=DATA[k % len(DATA)], label=pair_words(pair, " → "))
+                ax.errorbar(k, of.mean, yerr=of.se, color=INK, linewidth=0.9, capsize=2)
+            ax.axhline(0, color=SOFT, linewidth=0.7)
+            ax.set(title=f"{letter}  {METRICS[metric][0]}", xticks=[])
+            quiet(ax)
+        for ax in axes[len(metrics) :]:
+            ax.set_visible(False)
+        for ax in axes[::columns]:
+            ax.set_ylabel("change (z)")
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)), frameon=False)
+    rows: Rows = [
+        {"from": pair[0], "to": pair[1], "metric": metric, "unit": "z within person", **_mean_row(of)}
+        for pair, metrics_of in found.disagreement.items()
+        for metric, of in metrics_of.items()
+    ]
+    caption = (
+        "Where a person chose differently under two conditions: the preferred trajectory under the second minus that "
+        "under the first, z-scored over all trajectories shown to that person, averaged within people; mean and "
+        "standard error over people. Descriptive, no test: what the two trajectories of a query differ in was made, "
+        "not observed."
+    )
+    return Picture("disagreement", "Change of the preferred trajectory where choices differ", caption, figure, rows)
+
+
+def personalised_picture(found: Findings) -> Picture:
+    """How often the own policy was preferred."""
+    words = {"base": "base policy", "other": "another participant's"}
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(1, 4.6, 0.7 + 0.35 * len(found.personalised))
+        ax = axes[0]
+        for k, one in enumerate(found.personalised):
+            mean = one.share
+            ax.errorbar(
+                mean.mean, -k, xerr=[[mean.mean - mean.low], [mean.high - mean.mean]], fmt="o", color=DATA[0],
+                markersize=4, linewidth=1.2,
+            )  # fmt: skip
+        ax.axvline(0.5, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
+        ax.set_yticks(
+            [-k for k in range(len(found.personalised))], [f"own, not {words[o.against]}" for o in found.personalised]
+        )
+        ax.set(xlim=(0, 1), ylim=(-len(found.personalised) + 0.5, 0.5), xlabel="share of a person's choices")
+        ax.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+        quiet(ax)
+    rows: Rows = [
+        {"own_against": one.against, **_mean_row(one.share), "p": one.test.p, "p_corrected": one.test.p_corrected}
+        for one in found.personalised
+    ]
+    caption = (
+        "Blind comparisons: share of a person's choices that went to the own policy, mean and 95 % interval over "
+        "people (Student's t)."
+    )
+    return Picture("personalised", "The own policy against others", caption, figure, rows)
+
+
+def power_picture(name: str, title: str, rows: Sequence[Mapping[str, object]], caption: str) -> Picture:
+    """Power against participants. rows: test, participants, power, low, high."""
+    tests = list(dict.fromkeys(str(row["test"]) for row in rows))
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(1, 5.4, 3.4)
+        ax = axes[0]
+        for k, test in enumerate(tests):
+            line = [row for row in rows if row["test"] == test]
+            x, y, low, high = ([float(str(row[c])) for row in line] for c in ("participants", "power", "low", "high"))
+            colour = DATA[k % len(DATA)]
+            ax.plot(x, y, color=colour, marker=".", linewidth=1.4, label=test)
+            ax.fill_between(x, low, high, color=colour, alpha=0.13, linewidth=0)
+        ax.axhline(0.8, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
+        ax.set(xlabel="participants", ylabel="power", ylim=(0, 1.02))
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+        quiet(ax)
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    return Picture(name, title, caption, figure, [dict(row) for row in rows])
+
+
+def _mean_row(mean: Mean) -> dict[str, object]:
+    return {"people": mean.n, "mean": mean.mean, "sd": mean.sd, "se": mean.se, "low": mean.low, "high": mean.high}

@@ -1,0 +1,86 @@
+"""Writes a study's report into a folder: one HTML file, figures as PNG and SVG, a CSV beside each, all tests as CSV."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from backend.analysis.tested import Tested
+from backend.explain.printed import page
+from backend.report.data import Load, StudyData
+from backend.report.findings import Findings, Who, analyse
+from backend.report.plan import AnalysisPlan
+from backend.report.words import brief, facts, sections
+
+REPORT_FILE = "report.html"
+TESTS_FILE = "tests.csv"
+FINDINGS_FILE = "findings.json"
+FIGURES_FOLDER = "figures"
+
+
+def write_study_report(
+    data: StudyData, load: Load, out: Path, *, who: Who = "people", plan: AnalysisPlan | None = None, command: str = ""
+) -> dict[str, Any]:
+    """Analyse the study and write its report into `out` (made if missing).
+
+    Returns {"report", "participants", "answers", "simulated", "tests", "significant", "deviations", "figures"}.
+    Raises NothingToReport if nobody of `who` has answers that count.
+    """
+    from backend.explain.pictures import write_csv  # loads matplotlib, which is slow
+    from backend.report.figures import pictures
+
+    found = analyse(data, load, who, plan)
+    out.mkdir(parents=True, exist_ok=True)
+    drawn = pictures(found)
+    files = [path for picture in drawn for path in picture.save(out / FIGURES_FOLDER)]
+    if found.tests:
+        write_csv(out / TESTS_FILE, [_row(test, found.plan.alpha) for test in found.tests])
+    (out / FINDINGS_FILE).write_text(json.dumps(findings_dict(found), indent=1) + "\n", encoding="utf-8")
+    protocol = f"{data.protocol.get('protocol', 'unknown')}, version {data.protocol.get('version', '–')}"
+    html = page(
+        __package__,
+        "study_report.html",
+        name=data.name,
+        simulated=found.simulated,
+        analysed=found.flow.analysed,
+        brief=brief(found),
+        deviations=found.deviations,
+        sections=sections(found, drawn, out / FIGURES_FOLDER),
+        facts=facts(found, study=data.study, protocol=protocol, protocol_hash=data.protocol_hash, command=command),
+    )
+    (out / REPORT_FILE).write_text(html, encoding="utf-8")
+    return {
+        "report": str(out / REPORT_FILE),
+        "participants": found.flow.analysed,
+        "answers": sum(of.answers for of in found.of_condition.values()),
+        "simulated": found.simulated,
+        "tests": len(found.tests),
+        "significant": [test.about for test in found.tests if test.significant(found.plan.alpha)],
+        "deviations": list(found.deviations),
+        "figures": [str(path) for path in files],
+    }
+
+
+def _row(test: Tested, alpha: float) -> dict[str, object]:
+    return {**test.as_dict(), "significant": test.significant(alpha), "sentence": test.sentence(alpha)}
+
+
+def findings_dict(found: Findings) -> dict[str, Any]:
+    """The findings as plain JSON: pairs as "a, b", numbers that are not known as null."""
+    plain: dict[str, Any] = _plain({field.name: getattr(found, field.name) for field in dataclasses.fields(found)})
+    return plain
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, AnalysisPlan):
+        return value.model_dump(mode="json")
+    if dataclasses.is_dataclass(value):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {", ".join(key) if isinstance(key, tuple) else str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
