@@ -293,7 +293,8 @@ def _fit(model: str, reduction: Reduction, seed: int, symmetry: str = "none") ->
         config = PosteriorConfig(left_right_symmetry=symmetry == "left_right")
         return lambda preferences: fit_weights(preferences, config)
     if model == "auto":
-        return lambda preferences: choose_reward_model(preferences, seed=seed).model
+        mirrored = symmetry == "left_right"
+        return lambda preferences: choose_reward_model(preferences, seed=seed, left_right_symmetry=mirrored).model
     if model == "linear":
         return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
     return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))

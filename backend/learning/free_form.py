@@ -14,10 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.mirroring import ACTION_SIGNS, mirror_of
+from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference, usable
 from backend.learning.reward_mlp import MlpConfig, MlpRewardModel, fit_mlp
 from backend.learning.reward_model import Reduction, RewardModel, bradley_terry_loss, log_odds
 from backend.learning.reward_weights import fit_weights
+from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -82,16 +85,34 @@ def _within(advantage: float) -> float:
     return max(-30.0, min(30.0, advantage))
 
 
-def fit_mlp_ensemble(preferences: Sequence[Preference], config: EnsembleConfig | None = None) -> MlpEnsembleRewardModel:
-    """Raises LearningError for fewer than two usable answers, SetupError for mixed setups."""
+def fit_mlp_ensemble(
+    preferences: Sequence[Preference], config: EnsembleConfig | None = None, *, left_right_symmetry: bool = False
+) -> MlpEnsembleRewardModel:
+    """left_right_symmetry: every answer counts in the mirrored world, too; only where the protocol declares that.
+
+    Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
+    """
     config = config or EnsembleConfig()
     seeds = [config.seed * 100 + k for k in range(config.members)]
+    if left_right_symmetry:
+        preferences = [*preferences, *map(_mirrored, preferences)]
     return MlpEnsembleRewardModel(tuple(fit_mlp(preferences, replace(config.member, seed=seed)) for seed in seeds))
+
+
+def _mirrored(preference: Preference) -> Preference:
+    """The answer as the networks see it with left and right exchanged; they read neither poses nor scene."""
+    order, signs = mirror_of(get_setup(preference.setup))
+
+    def turned(drive: Trajectory) -> Trajectory:
+        seen, then = (part[:, order] * signs for part in (drive.observations, drive.next_observations))
+        return replace(drive, observations=seen, next_observations=then, actions=drive.actions * ACTION_SIGNS)
+
+    return replace(preference, chosen=turned(preference.chosen), rejected=turned(preference.rejected))
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """name: `weights` or `mlp_ensemble`, fitted to all answers as `model`.
+    """name: `weights`, `mlp_ensemble_sum` or `mlp_ensemble_mean`, fitted to all answers as `model`.
 
     log_likelihoods: mean natural log-likelihood of a held-out answer under each kind that was tried; a coin has -0.69.
     """
@@ -102,7 +123,7 @@ class Chosen:
     answers: int
 
 
-FEWEST_FOR_FREE_FORM = 60  # ours: below, they are not tried; with up to 400 answers they did not win either
+FEWEST_FOR_FREE_FORM = 60  # ours: below, they are not tried
 MARGIN = 0.02  # nats per answer by which the networks must be better: of two alike, the one that can be read
 
 
@@ -113,18 +134,31 @@ def choose_reward_model(
     seed: int = 0,
     networks: EnsembleConfig | None = None,
     fewest: int = FEWEST_FOR_FREE_FORM,
+    left_right_symmetry: bool = False,
 ) -> Chosen:
     """The kind of model that predicts held-out answers better, fitted to all of them.
 
-    Cross-validated log-likelihood; the networks must win by MARGIN. Raises LearningError for fewer than two usable
-    answers, SetupError for mixed setups.
+    Cross-validated log-likelihood of the vocabulary's model and of networks whose outputs are summed or averaged over a
+    drive; networks must win by MARGIN. Tastes that the vocabulary holds stay with it. Of one that it has no word for,
+    looking towards the person, 400 answers to varied queries let the averaging networks predict 86 % of 200 others, the
+    summing ones 76 % and the vocabulary 66 %; of another, passing at a certain distance, none learns much (60 to 65 %).
+
+    Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """
     _, kept = usable(preferences)
+    posterior, networks = PosteriorConfig(left_right_symmetry=left_right_symmetry), networks or EnsembleConfig()
+
+    def of_networks(reduction: Reduction) -> Fit:
+        config = replace(networks, member=replace(networks.member, reduction=reduction))
+        return lambda given: fit_mlp_ensemble(given, config, left_right_symmetry=left_right_symmetry)
+
+    fits: dict[str, Fit] = {"weights": lambda given: fit_weights(given, posterior)}
     if len(kept) < fewest:
-        return Chosen("weights", fit_weights(kept), {}, len(kept))
-    fits: dict[str, Fit] = {"weights": fit_weights, "mlp_ensemble": lambda given: fit_mlp_ensemble(given, networks)}
+        return Chosen("weights", fits["weights"](kept), {}, len(kept))
+    fits |= {"mlp_ensemble_sum": of_networks("sum"), "mlp_ensemble_mean": of_networks("mean")}
     likelihoods = {name: held_out_log_likelihood(kept, fit, folds=folds, seed=seed) for name, fit in fits.items()}
-    name = "mlp_ensemble" if likelihoods["mlp_ensemble"] > likelihoods["weights"] + MARGIN else "weights"
+    best = max(likelihoods, key=lambda name: likelihoods[name])
+    name = best if likelihoods[best] > likelihoods["weights"] + MARGIN else "weights"
     return Chosen(name, fits[name](kept), likelihoods, len(kept))
 
 

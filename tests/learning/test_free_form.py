@@ -1,0 +1,70 @@
+"""Which kind of reward model some answers deserve, and that mirrored answers teach the mirrored world."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.learning.free_form import EnsembleConfig, choose_reward_model, fit_mlp_ensemble
+from backend.learning.mirroring import ACTION_SIGNS, mirror_of
+from backend.learning.oracles import make_oracle
+from backend.learning.preferences import Preference
+from backend.learning.reward_mlp import MlpConfig
+from backend.learning.reward_model import reward_model_from_bytes, reward_model_to_bytes, trajectory_reward
+from backend.learning.shipped import load_queries
+from backend.simulation.setups import get_setup
+from backend.simulation.trajectory import Trajectory
+
+QUICK = EnsembleConfig(members=1, member=MlpConfig(epochs=12, learning_rate=3e-3, pairs_per_step=16))
+LEFT_SECTORS = slice(16, 26)  # of a study-room observation: lidar around straight left
+
+
+def answers(oracle: str, n: int) -> list[Preference]:
+    return make_oracle(oracle, seed=3).answer(load_queries("study_room/queries_varied_200").queries[:n])
+
+
+def space_on_the_left() -> list[Preference]:
+    """Answers by how much free space a drive has to its left on average: nothing of the vocabulary."""
+
+    def worth(drive: Trajectory) -> float:
+        return float(drive.observations[:, LEFT_SECTORS].mean())
+
+    queries = load_queries("study_room/queries_varied_200").queries
+    return [Preference.of(q, int(worth(q.trajectory_b) > worth(q.trajectory_a))) for q in queries]
+
+
+def test_a_taste_that_the_vocabulary_has_no_word_for_goes_to_the_networks() -> None:
+    given = space_on_the_left()
+    chosen = choose_reward_model(given, folds=2, networks=QUICK)
+    assert chosen.name == "mlp_ensemble_mean"
+    assert chosen.log_likelihoods["mlp_ensemble_mean"] > chosen.log_likelihoods["weights"] + 0.2
+    again = reward_model_from_bytes(reward_model_to_bytes(chosen.model))
+    assert trajectory_reward(again, given[0].chosen) == pytest.approx(
+        trajectory_reward(chosen.model, given[0].chosen), rel=1e-5
+    )
+
+
+def test_a_taste_of_the_vocabulary_stays_there() -> None:
+    chosen = choose_reward_model(answers("clearance", 80), folds=2, networks=QUICK)
+    assert chosen.name == "weights"
+    assert len(chosen.log_likelihoods) == 3
+
+
+def test_few_answers_are_not_given_to_networks() -> None:
+    assert choose_reward_model(answers("faces-person", 20)).log_likelihoods == {}
+
+
+def test_mirrored_answers_teach_the_mirrored_world() -> None:
+    given = answers("person-on-left", 40)
+    order, signs = mirror_of(get_setup("study_room"))
+    drives = [drive for answer in given for drive in (answer.chosen, answer.rejected)]
+    gaps = {}
+    for symmetric in (False, True):
+        model = fit_mlp_ensemble(given, QUICK, left_right_symmetry=symmetric)
+        worth = [
+            model.rewards(d.observations, d.actions, d.next_observations)
+            - model.rewards(d.observations[:, order] * signs, d.actions * ACTION_SIGNS, d.next_observations)
+            for d in drives
+        ]
+        gaps[symmetric] = float(np.abs(np.concatenate(worth)).mean())
+    assert gaps[True] < 0.7 * gaps[False]
