@@ -21,13 +21,14 @@ Points = Sequence[tuple[float, float]]
 class Paper:
     """One sheet. id: comes back with the stroke. kept: paths of the same situation, drawn thin, metres.
 
-    drawn, speeds: a stroke that is on it already, metres and m/s.
+    drawn, speeds: a stroke that is on it already, metres and m/s. resting: nothing can be drawn now.
     """
 
     id: str
     kept: Sequence[Points] = ()
     drawn: Points = ()
     speeds: Sequence[float] = ()
+    resting: bool = False
 
     def as_message(self, scene: Scene, view: View) -> dict[str, Any]:
         """Plain data for the page."""
@@ -60,4 +61,5 @@ class Paper:
             "drawn": {"points": [list(point) for point in self.drawn], "speeds": list(self.speeds)}
             if len(self.drawn)
             else None,
+            "resting": self.resting,
         }

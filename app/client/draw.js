@@ -34,6 +34,7 @@
    * @property {number[]} speeds slowest, fastest
    * @property {number[][][]} kept
    * @property {{points: number[][], speeds: number[]} | null} drawn a stroke that is there already
+   * @property {boolean} resting nothing can be drawn now
    */
 
   /** @type {Order | null} */
@@ -113,6 +114,7 @@
       length_m: length,
       seconds,
       speed,
+      speeds: order.speeds,
       near: near && { name: near.name, metres: near.metres },
       tight: worst && { name: worst.near.name, metres: worst.near.metres },
       keys: cursor !== null,
@@ -334,6 +336,7 @@
       lastFrame = performance.now();
       if (another) requestAnimationFrame(frame);
       tell();
+      if (given.resting) this.rest();
     },
 
     /** The robot drives: the pen rests, what was drawn stays in sight. */

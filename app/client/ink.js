@@ -236,12 +236,9 @@
     pen.lineTo(there[0], there[1]);
     pen.stroke();
     pen.setLineDash([]);
-    const thing = say(`things.${near.name}`);
     const tone = near.metres < 0 ? RED : near.metres < window.desirePath.clearance.TIGHT_M ? AMBER : INK;
-    let text = say("room_left", { metres: number(Math.max(0, near.metres), 2), thing });
-    if (near.metres < 0) text = say("would_hit", { thing });
-    else if (tone === AMBER) text = say("too_close", { thing });
-    note(here, text, tone);
+    const kind = tone === RED ? "would_hit" : tone === AMBER ? "too_close" : "room_left";
+    note(here, say(`${kind}.${near.name}`, { metres: number(near.metres, 2) }), tone);
   }
 
   window.desirePath.ink = {
@@ -295,10 +292,9 @@
         }
         note(at, picture.problem.text, RED);
       } else if (worst && !picture.pen) {
-        const thing = say(`things.${worst.near.name}`);
         const at = picture.points[worst.worst];
         const hit = worst.near.metres < 0;
-        note(project(at[0], at[1]), say(hit ? "would_hit" : "too_close", { thing }), hit ? RED : AMBER);
+        note(project(at[0], at[1]), say(`${hit ? "would_hit" : "too_close"}.${worst.near.name}`), hit ? RED : AMBER);
       }
       if (picture.pen) {
         room(project, picture.pen);

@@ -16,7 +16,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api import participant_stream, participant_trials, recruiting
+from backend.api import drawing, participant_stream, participant_trials, recruiting
 from backend.api.dependencies import TheHouse, contact, house, page
 from backend.api.participant_requests import (
     Json,
@@ -216,6 +216,6 @@ def _change(
     return reply
 
 
-for part in (recruiting, participant_trials, participant_stream):
+for part in (recruiting, participant_trials, drawing, participant_stream):
     router.include_router(part.router)
 exception_handlers = {Refused: refusal_page}

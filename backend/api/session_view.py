@@ -17,7 +17,7 @@ from backend.study.planning import Step
 from backend.study.protocol import thaw
 from backend.study.refusals import Refused, log_refusal
 from backend.study.sessions import acting, find_session
-from backend.study.words import TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 
 def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def state_of(request: Request, session: Session, view: machine.StepView) -> dict
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
     if session.simulated and view.kind == "questionnaire":  # bots read no pages
         state["step"]["items"] = [item for block in view.payload["blocks"] for item in block["items"]]
-    if view.kind in TRIAL_KINDS:
+    if view.kind in (*TRIAL_KINDS, *DRAWN_KINDS):
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state
 

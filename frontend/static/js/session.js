@@ -6,6 +6,7 @@
 
 import { copyText, localTimes } from "./copy.js";
 import { readyDialogs } from "./dialogs.js";
+import { Drawing } from "./drawing.js";
 import { keeper } from "./keep.js";
 import { noticer } from "./notice.js";
 import { readyForm } from "./questions.js";
@@ -31,7 +32,7 @@ const banner = $("banner");
 
 /** @type {SessionState} */
 let current = data.state;
-/** @type {Trial | null} */
+/** What is on the stage. @type {Trial | Drawing | null} */
 let trial = null;
 /** @type {ReturnType<typeof readyWait> | null} */
 let wait = null;
@@ -123,7 +124,7 @@ function mount() {
   localTimes(step);
   notice("viewed", { step: body?.dataset.key, kind });
 
-  const onStage = Boolean(step.querySelector("#trial")) && current.state === "active";
+  const onStage = Boolean(step.querySelector("#trial, #drawing")) && current.state === "active";
   document.body.dataset.layout = onStage ? "stage" : "text";
   $("stage").hidden = !onStage;
   // Changing the language loads the page anew, which no pair may suffer.
@@ -132,10 +133,10 @@ function mount() {
 
   if (onStage && current.step) {
     const key = current.step.key;
-    trial = new Trial($("trial"), current.step.trial ?? { phase: "ready" }, {
+    const state = current.step.trial ?? { phase: "ready" };
+    const needs = {
       key,
-      post: (path, body) => send(`${api}/trials/${encodeURIComponent(key)}/${path}`, body),
-      answer: (value) => answer(key, value),
+      answer: (/** @type {object} */ value) => answer(key, value),
       refresh,
       say,
       announce,
@@ -143,7 +144,14 @@ function mount() {
       reloadStage: () => stage.reload(),
       moveOut,
       notice,
-    });
+    };
+    /** @param {string} kind @returns {(path: string, body: object) => Promise<any>} */
+    const poster = (kind) => (path, body) => send(`${api}/${kind}/${encodeURIComponent(key)}/${path}`, body);
+    trial = step.querySelector("#drawing")
+      ? new Drawing($("drawing"), state, {
+          ...needs, post: poster("drawing"), tell: (order) => stage.draw(order), language: data.language,
+        })
+      : new Trial($("trial"), state, { ...needs, post: poster("trials") });
     stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
   } else if (kind === "wait") {
     wait = readyWait(step, say);

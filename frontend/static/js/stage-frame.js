@@ -51,6 +51,11 @@ export class StageFrame {
     this.frame?.contentWindow?.postMessage({ type: "hello" }, this.origin);
   }
 
+  /** Orders for the stage's pen (app/client/draw.js). @param {object} order */
+  draw(order) {
+    this.frame?.contentWindow?.postMessage({ type: "draw", ...order }, this.origin);
+  }
+
   /** Loads the stage anew, after its picture was lost. */
   reload() {
     const frame = this.frame;

@@ -2,7 +2,7 @@
 /**
  * Shapes that the server and the scripts share; no code lives here.
  *
- * @typedef {"ready" | "playing_a" | "playing_b" | "choosing" | "answered"} Phase
+ * @typedef {"ready" | "playing_a" | "playing_b" | "choosing" | "answered" | "drawing" | "driving" | "watched"} Phase
  *
  * @typedef {object} TrialState
  * @property {Phase} phase
@@ -12,6 +12,8 @@
  * @property {number} [restarts] how often this trial had to begin again
  * @property {"a" | "b"} [next_drive] which drive Start plays: B where only B was cut short
  * @property {string | null} [playback_id] what is playing now
+ * @property {number | null} [duration_s] of the drive of a drawn path
+ * @property {string | null} [stroke] the drawn path that can be kept
  *
  * @typedef {object} StepState
  * @property {string} key

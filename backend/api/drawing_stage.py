@@ -1,0 +1,56 @@
+"""What a stage shows at a drawing: the paper with what was kept there, or the drive of the path that was drawn.
+
+The routes that change a drawing live in `drawing.py`; `stage_bridge.py` asks here when a stage has connected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+from app.drawing import Paper
+from app.views import View
+from backend.api.dependencies import House
+from backend.store.artefacts import load_trajectory
+from backend.store.models import Session, StrokeRow
+from backend.study import drawing, machine
+from backend.study.words import DRAWN_KINDS
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+
+SPECK_M = 0.03  # kept paths are shown in steps of this; finer is not to be seen
+
+
+def play_stroke(parts: House, stage: Stage, session_id: str, shown: drawing.Showing) -> None:
+    """Show a stroke's drive, unless the session went on meanwhile."""
+    with parts.database.session() as s:
+        step = machine.step_of(s.get_one(Session, session_id))
+        latest = drawing.latest_stroke(s, session_id, step["key"])
+    if step["kind"] not in DRAWN_KINDS or drawing.showing(latest) != shown:
+        return
+    # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
+    drive = replace(load_trajectory(parts.files, shown.trajectory), scene=drawing.scene_of(step))
+    stage.play(drive, label="", view=cast("View", shown.view), playback_id=shown.playback_id, goal=True)
+
+
+def present(parts: House, stage: Stage, session_id: str) -> None:
+    """Bring a stage to the drawing that its session stands at: the scene, what was kept there, what is drawn."""
+    with parts.database.session() as s:
+        session = s.get_one(Session, session_id)
+        step = machine.step_of(session)
+        kept = [_thinned(one) for one in drawing.kept_strokes(s, session_id, step)]
+        latest = drawing.latest_stroke(s, session_id, step["key"])
+        phase = drawing.state_of(s, session, step)["phase"]
+    on_it = latest is not None and latest.state in ("drawn", "watched", "refused")
+    drawn = latest.drawn if on_it and latest is not None else {"points": [], "speeds": []}
+    paper = Paper(step["key"], kept, drawn["points"], drawn["speeds"], resting=phase != "drawing")
+    stage.draw(drawing.scene_of(step), step["view"], paper)
+
+
+def _thinned(stroke: StrokeRow) -> list[tuple[float, float]]:
+    points: list[tuple[float, float]] = []
+    for x, y in stroke.drawn["points"]:
+        if not points or (x - points[-1][0]) ** 2 + (y - points[-1][1]) ** 2 >= SPECK_M**2:
+            points.append((x, y))
+    return points
