@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from typing import Literal
 
 import numpy as np
 import viser
@@ -19,6 +20,11 @@ from app.shapes import Shape, disc, merged
 from app.views import Camera, View
 from backend.simulation.scene import Scene
 
+Detail = Literal["full", "light"]
+"""`light` is for slow machines: a plain floor with the 1 m grid instead of a material with shadows."""
+
+PLAIN_FLOOR = {"wood": (216, 188, 154), "concrete": (208, 202, 192)}  # the middle of the materials in surfaces.py
+GRID_LINE_M = 0.025  # width of a line of the plain floor
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
 FIELD_RADIUS_M = 26.0  # and gone here
 
@@ -38,12 +44,19 @@ class Nodes:
 
 
 def build(
-    api: viser.SceneApi, root: str, scene: Scene, view: View, camera: Camera, robots: tuple[figures.RobotColours, ...]
+    api: viser.SceneApi,
+    root: str,
+    scene: Scene,
+    view: View,
+    camera: Camera,
+    robots: tuple[figures.RobotColours, ...],
+    detail: Detail = "full",
 ) -> Nodes:
     """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_goal`."""
     meshes = [f"{root}/place"]
     with _drawing:
-        place = _place(scene, _floor_bounds(scene, camera), cut=scene.room is not None and view == "top_down")
+        cut = scene.room is not None and view == "top_down"
+        place = _place(scene, _floor_bounds(scene, camera), detail, cut=cut)
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
     person = scene.person
@@ -110,13 +123,13 @@ def _about_z(yaw: float) -> tuple[float, float, float, float]:
 
 
 @lru_cache(maxsize=KEPT_PLACES)
-def _place(scene: Scene, bounds: Bounds, *, cut: bool) -> bytes:
+def _place(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> bytes:
     """Floor, furniture and walls; `cut` low for the view from above. Kept, as participants share their queries."""
     shapes = [furniture.piece(obstacle, index) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
     standing = [Surface(merged(shapes))] if shapes else []
-    return to_glb([*_ground(scene, bounds), *standing])
+    return to_glb([*(_ground(scene, bounds) if detail == "full" else _plain_ground(scene, bounds)), *standing])
 
 
 def _floor_bounds(scene: Scene, camera: Camera) -> Bounds:
@@ -137,6 +150,26 @@ def _ground(scene: Scene, bounds: Bounds) -> list[Surface]:
         uv = (around.positions[:, :2] * [1, -1] / surfaces.TILE_M).astype(np.float32)
         ground.append(Surface(around, uv=uv, image=surfaces.concrete_tile(), repeat=True, translucent=True))
     return ground
+
+
+def _plain_ground(scene: Scene, bounds: Bounds) -> list[Surface]:
+    """The floor in one colour with a line every metre."""
+    colour = PLAIN_FLOOR["wood" if scene.room is not None else "concrete"]
+    x_min, y_min, x_max, y_max = bounds
+    half = GRID_LINE_M / 2
+    lines = [(x - half, y_min, x + half, y_max) for x in range(math.ceil(x_min), math.floor(x_max) + 1)]
+    lines += [(x_min, y - half, x_max, y + half) for y in range(math.ceil(y_min), math.floor(y_max) + 1)]
+    darker = tuple(round(0.88 * part) for part in colour)
+    grid = [_coloured(line, darker, height=0.003) for line in lines]
+    return [Surface(merged([_coloured(bounds, colour), *grid]))]
+
+
+def _coloured(bounds: Bounds, colour: tuple[int, ...], height: float = 0.0) -> Shape:
+    """A rectangle of one colour (0 to 255) so high (m) above the floor."""
+    white = _rectangle(bounds)
+    tint = np.asarray([*(part / 255 for part in colour), 1.0], np.float32)
+    raised = white.positions + np.asarray([0.0, 0.0, height], np.float32)
+    return replace(white, positions=raised, colours=white.colours * tint)
 
 
 _RECTANGLE_UV = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)  # glTF counts rows from the top

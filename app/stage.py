@@ -24,6 +24,7 @@ from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
 LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
+SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
 HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
 
 
@@ -42,6 +43,7 @@ class Stage:
     def __init__(self, key: str, client: viser.ClientHandle, close: Callable[[], None]) -> None:
         """key: what the connection's path said. close: drops the connection."""
         self.key = key
+        self.detail: scene_nodes.Detail = "full"  # of every scene shown from now on
         self._client = client
         client.scene.configure_default_lights(False, cast_shadow=False)  # light is baked into the colours
         client.scene.configure_environment_map(None)
@@ -193,7 +195,9 @@ class Stage:
             self._shown += 1
             with self._client.atomic():
                 self._client.scene.reset()
-                self._nodes = scene_nodes.build(self._client.scene, self._root, scene, view, camera, robots)
+                self._nodes = scene_nodes.build(
+                    self._client.scene, self._root, scene, view, camera, robots, self.detail
+                )
                 if goal:
                     meshes = (
                         *self._nodes.meshes,
@@ -207,6 +211,7 @@ class Stage:
                         "meshes": self._nodes.meshes,
                         "robots": self._nodes.robots,
                         "start": [scene.start.x, scene.start.y, scene.start.yaw],
+                        "sharpness": SHARPNESS[self.detail],
                     }
                 )
             self._showing = showing

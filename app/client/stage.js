@@ -23,7 +23,7 @@
         requestAnimationFrame(whenStanding);
         return;
       }
-      viser.plainPicture();
+      viser.plainPicture(order.sharpness);
       camera.use(order.camera);
       for (const robot of order.robots) viser.pose(robot, ...order.start);
       // Two more frames, so that what is called ready has been drawn.

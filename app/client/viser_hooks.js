@@ -135,12 +135,17 @@
       mutable().cameraControl.maxPolarAngle = free ? 1.45 : Math.PI;
     },
 
-    /** Colours as they were baked, without any conversion; and not the empty background that viser draws over all. */
-    plainPicture() {
+    /**
+     * Colours as they were baked, without any conversion; and not the empty background that viser draws over all.
+     * @param {number} sharpness pixels drawn per pixel of the screen, in each direction
+     */
+    plainPicture(sharpness) {
       const { scene, backgroundMaterial } = mutable();
       let root = scene;
       while (root.parent) root = root.parent;
-      const renderer = root.__r3f?.root?.getState().gl;
+      const drawing = root.__r3f?.root?.getState();
+      drawing?.setDpr(sharpness * window.devicePixelRatio);
+      const renderer = drawing?.gl;
       if (renderer) Object.assign(renderer, { toneMapping: 0, outputColorSpace: "srgb-linear" });
       root.traverse((/** @type {any} */ part) => {
         if (part.material?.map?.colorSpace) {

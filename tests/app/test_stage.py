@@ -51,6 +51,19 @@ def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(house: StageHouse, vi
     assert len(visitor.events("ready")) == 1, "playing in the scene that stands must not rebuild it"
 
 
+def test_a_slow_machine_gets_a_plain_floor_and_fewer_pixels(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.show(study_room(), "top_down")
+    visitor.wait_for("ready")
+    full = visitor.frame.evaluate("document.querySelector('canvas').width")
+    stage.detail = "light"
+    stage.show(study_room(), "first_person")
+    visitor.wait_for("ready", count=2)
+    light = visitor.frame.evaluate("document.querySelector('canvas').width")
+    assert light == pytest.approx(0.6 * full, abs=1)
+
+
 def test_a_and_b_share_one_frame_in_the_open(house: StageHouse, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
