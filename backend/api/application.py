@@ -10,7 +10,7 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.dependencies import House
+from backend.api.dependencies import House, route_of
 from backend.api.prose import prose
 from backend.api.texts import Texts
 from backend.api.throttle import TooLarge
@@ -43,7 +43,7 @@ def build_house(settings: Settings) -> House:
 def create_application(house: House) -> FastAPI:
     """The pages and their API. Everything a route needs hangs on `app.state.house`."""
     from backend.api import analyst, auth, experimenter, learnt_pages, participant
-    from backend.api.guard import Guard, route_of, trouble
+    from backend.api.guard import Guard, trouble
 
     application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None)
     application.state.house = house

@@ -17,6 +17,7 @@ from starlette.datastructures import FormData
 from starlette.responses import RedirectResponse, Response
 
 from backend.api import figures
+from backend.api.auditing import audit_details
 from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, house
 from backend.api.job_pages import csv_response, posted
@@ -63,6 +64,7 @@ def take(
             return _snapshots_page(
                 request, s, problem=str(problem), study=study_id, participant=code, whose=whose, status=422
             )
+    audit_details(request, study_id=study_id, snapshot=taken.id)
     return RedirectResponse(f"/lab/snapshots/{taken.id}", status_code=303)
 
 
@@ -116,7 +118,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 @router.get("/lab/policies")
 def policies(request: Request, database: Db) -> Response:
     with database.session() as s:
-        kinds = ("policy", "reward_model", "query_set")
+        kinds = ("policy", "conditioned_policy", "reward_model", "query_set")
         chosen = select(Artefact).where(Artefact.kind.in_(kinds)).order_by(Artefact.created_at.desc())
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}
         for artefact in s.scalars(chosen):

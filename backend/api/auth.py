@@ -1,7 +1,8 @@
 """Who may use the signed-in pages: accounts, sign-in, cookies, CSRF. What those pages show lives elsewhere.
 
 A signed-in browser holds a random token in an HttpOnly cookie; the database holds its sha256 only. Every signed-in
-page takes `SignedIn`; every router of such pages is made with `dependencies=[Depends(checked_csrf)]`.
+page takes `SignedIn`; every router of such pages is made with `dependencies=[Depends(checked_csrf)]`, which also holds
+the roles (`roles.py`) and the audit log (`auditing.py`).
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from limits import parse
 from sqlalchemy import delete, select
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
-from backend.api.dependencies import Db, public_url
+from backend.api.auditing import audited
+from backend.api.dependencies import Db, public_url, route_of
 from backend.api.lab import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
+from backend.api.roles import ROLES, may, rule_of
 from backend.api.throttle import address_of, count, exhausted, limiter
 from backend.store.database import Database
 from backend.store.events import log_event
@@ -64,24 +67,38 @@ def ensure_first_user(database: Database, *, must_change: bool = True) -> str | 
         if s.scalar(select(User.id).limit(1)) is not None:
             return None
         password = new_password()
-        s.add(User(name=FIRST_USER, password_hash=_hasher.hash(password), must_change_password=must_change))
+        hashed = _hasher.hash(password)
+        s.add(User(name=FIRST_USER, password_hash=hashed, must_change_password=must_change, role="owner"))
         return password
 
 
-def add_user(database: Database, name: str) -> str:
+def add_user(database: Database, name: str, role: str) -> str:
     """Make another account; returns the password to hand over, which its owner changes at first use.
 
-    Raises AccountError for a name that is taken or not 2-40 of a-z, 0-9, dot, dash, underscore.
+    Raises AccountError for a name that is taken or not 2-40 of a-z, 0-9, dot, dash, underscore, or an unknown role.
     """
     name = name.strip().lower()
+    if role not in ROLES:
+        raise AccountError("role_unknown", role=role, roles=", ".join(ROLES))
     if not USER_NAME.fullmatch(name):
         raise AccountError("name_form", name=name)
     with database.transaction() as s:
         if s.scalar(select(User.id).where(User.name == name)) is not None:
             raise AccountError("name_taken", name=name)
         password = new_password()
-        s.add(User(name=name, password_hash=_hasher.hash(password), must_change_password=True))
+        s.add(User(name=name, password_hash=_hasher.hash(password), must_change_password=True, role=role))
         return password
+
+
+def set_role(database: Database, name: str, role: str) -> None:
+    """Give an account another role, from the next request on. Raises AccountError for an unknown name or role."""
+    if role not in ROLES:
+        raise AccountError("role_unknown", role=role, roles=", ".join(ROLES))
+    with database.transaction() as s:
+        user = s.scalar(select(User).where(User.name == name))
+        if user is None:
+            raise AccountError("name_unknown", name=name)
+        user.role = role
 
 
 def reset_password(database: Database, name: str) -> str:
@@ -147,7 +164,7 @@ def signed_in(request: Request, database: Db) -> User:
             raise NotSignedIn
         user, csrf = found
         s.expunge(user)
-    request.state.sign_in = SignInState(user.name, csrf, user.must_change_password)
+    request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password)
     if user.must_change_password and request.url.path not in ("/lab/password", "/lab/sign-out"):
         raise PasswordMustChange
     return user
@@ -157,7 +174,14 @@ SignedIn = Annotated[User, Depends(signed_in)]
 
 
 async def checked_csrf(request: Request, user: SignedIn) -> User:
-    """Refuse any changing request without this sign-in's CSRF token, or from another origin. Returns the user."""
+    """Refuse what the role does not allow, and any changing request without this sign-in's CSRF token or from another
+    origin. Returns the user."""
+    rule = rule_of(request.method, route_of(request))
+    allowed = rule is not None and may(user.role, rule.right)
+    if rule is not None and rule.action:
+        audited(request, rule.action, by=user.name, role=user.role, outcome="done" if allowed else "refused")
+    if not allowed:
+        raise LabRefusal(403, "role", role=user.role)
     if request.method in ("GET", "HEAD", "OPTIONS"):
         return user
     _refuse_foreign_origin(request)
@@ -233,6 +257,7 @@ def sign_in(
         with database.transaction() as s:
             log_event(s, "sign_in_refused")
         return again(401, "wrong")
+    audited(request, "signed_in", by=name)
     token, now = secrets.token_urlsafe(32), utc_now()
     with database.transaction() as s:
         s.execute(delete(SignIn).where(SignIn.expires_at < now))

@@ -61,6 +61,11 @@ Db = Annotated[Database, Depends(_database)]
 Files = Annotated[ArtefactStore, Depends(_files)]
 
 
+def route_of(request: Request) -> str:
+    """The route's pattern (`/p/{token}`), never the path itself: a path can hold somebody's token."""
+    return getattr(request.scope.get("route"), "path", "(no route)")
+
+
 def public_url(request: Request) -> str:
     """Address of the pages without a trailing slash: the setting, else the environment's, else as the browser asked."""
     parts = house(request)

@@ -14,8 +14,8 @@ from starlette.datastructures import MutableHeaders
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from backend.api import auth
-from backend.api.dependencies import house, page, stage_origin
+from backend.api import auditing, auth
+from backend.api.dependencies import house, page, route_of, stage_origin
 from backend.api.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
 
 READING = ("GET", "HEAD", "OPTIONS")
@@ -44,6 +44,7 @@ class Guard:
             nonlocal answered
             if message["type"] == "http.response.start":
                 answered = True
+                await auditing.write(request, message["status"])
                 _finish(request, message, began)
             await send(message)
 
@@ -122,8 +123,3 @@ def trouble(request: Request, status: int, code: str, message: str) -> Response:
     language = parts.texts.best(request.headers.get("Accept-Language"))
     contact = parts.settings.contact
     return page(request, "participant/refusal.html", language=language, status=status, code=code, contact=contact)
-
-
-def route_of(request: Request) -> str:
-    """The route's pattern (`/p/{token}`), never the path itself: a path can hold somebody's token."""
-    return getattr(request.scope.get("route"), "path", "(no route)")

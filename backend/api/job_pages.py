@@ -21,6 +21,7 @@ from starlette.datastructures import FormData
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from backend.api import figures
+from backend.api.auditing import audit_details
 from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, TheHouse, house
 from backend.api.job_forms import form_fields, typed_values
@@ -130,6 +131,7 @@ def launch(
             study_id=study_id if study_id and s.get(Study, study_id) else None,
             created_by=user.name,
         )
+    audit_details(request, job_id=job.id)
     return RedirectResponse(f"/lab/jobs/{job.id}", status_code=303)
 
 
@@ -177,7 +179,7 @@ def cancel(job_id: str, database: Db, user: CheckedCsrf) -> Response:
 
 
 @router.post("/lab/jobs/{job_id}/retry")
-def retry(job_id: str, database: Db, user: CheckedCsrf) -> Response:
+def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Response:
     """The same job once more, as a new one that names the old one. A session that waited for the old one goes on
     without it, so the new one belongs to the study only."""
     with database.transaction() as s:
@@ -185,6 +187,7 @@ def retry(job_id: str, database: Db, user: CheckedCsrf) -> Response:
         if old.state not in FINAL_STATES:
             raise LabRefusal(409, "job_not_ended")
         new = enqueue_job(s, old.kind, old.params, study_id=old.study_id, created_by=user.name, retry_of=old.id)
+    audit_details(request, new_job=new.id)
     return RedirectResponse(f"/lab/jobs/{new.id}", status_code=303)
 
 

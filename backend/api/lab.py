@@ -12,6 +12,7 @@ from fastapi import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from backend.api.dependencies import house, page
+from backend.api.roles import may
 
 LANGUAGES = ("en", "de")
 LANGUAGE_COOKIE = "desirepath_lab_language"
@@ -22,8 +23,13 @@ class SignInState:
     """What templates may know of the sign-in: `request.state.sign_in`."""
 
     name: str
+    role: str
     csrf: str
     must_change_password: bool = False
+
+    def may(self, right: str) -> bool:
+        """Whether the role has this right (`roles.Right`)."""
+        return may(self.role, right)
 
 
 class LabRefusal(Exception):

@@ -13,9 +13,9 @@ from starlette.responses import Response
 from backend.api import figures
 from backend.api.auth import checked_csrf
 from backend.api.dependencies import Db, Files, house
-from backend.api.experimenter import TABS, the_participant, the_study
 from backend.api.job_pages import csv_response
 from backend.api.lab import LabRefusal, lab_language, lab_page
+from backend.api.study_tabs import TABS, the_participant, the_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Participant, Session
 from backend.study.learnt import Learnt, learnt_in

@@ -11,9 +11,11 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.auth import AccountError, CheckedCsrf, add_user, checked_csrf, reset_password
+from backend.api.auditing import audit_details
+from backend.api.auth import AccountError, CheckedCsrf, add_user, checked_csrf, reset_password, set_role
 from backend.api.dependencies import Db, contact, public_url
 from backend.api.lab import LabRefusal, lab_page
+from backend.api.roles import ROLES
 from backend.store.events import log_event
 from backend.store.models import Setting, SignIn, Study, User
 
@@ -69,12 +71,34 @@ def save_settings(
 
 
 @router.post("/lab/settings/accounts")
-def add_account(request: Request, database: Db, user: CheckedCsrf, name: Annotated[str, Form()] = "") -> Response:
+def add_account(
+    request: Request,
+    database: Db,
+    user: CheckedCsrf,
+    name: Annotated[str, Form()] = "",
+    role: Annotated[str, Form()] = "",
+) -> Response:
     try:
-        password = add_user(database, name)
+        password = add_user(database, name, role)
     except AccountError as problem:
         return _settings_page(request, database, status=422, account_problem=problem)
+    audit_details(request, name=name.strip().lower(), as_role=role)
     return _settings_page(request, database, made=NewPassword(name.strip().lower(), password))
+
+
+@router.post("/lab/settings/accounts/{name}/role")
+def change_role(
+    request: Request, name: str, database: Db, user: CheckedCsrf, role: Annotated[str, Form()] = ""
+) -> Response:
+    """Give a colleague another role. Nobody changes their own, so an owner is always left."""
+    if name == user.name:
+        raise LabRefusal(422, "own_account")
+    try:
+        set_role(database, name, role)
+    except AccountError as problem:
+        return _settings_page(request, database, status=422, account_problem=problem)
+    audit_details(request, as_role=role)
+    return RedirectResponse("/lab/settings?done=role_changed#accounts", status_code=303)
 
 
 @router.post("/lab/settings/accounts/{name}/reset")
@@ -134,5 +158,6 @@ def _settings_page(request: Request, database: Db, *, status: int = 200, **conte
         used_address=public_url(request),
         used_contact=contact(request),
         accounts=accounts,
+        roles=list(ROLES),
         **(given | context),
     )

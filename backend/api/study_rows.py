@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import (
     Event,
+    Note,
     Participant,
     ProblemReport,
     Response,
@@ -23,7 +24,9 @@ from backend.store.models import (
     Study,
     Tombstone,
     Trial,
+    utc_now,
 )
+from backend.store.retention import is_overdue
 
 HERE = timedelta(seconds=90)  # (ours) an open page is heard of far more often
 SILENT = timedelta(minutes=30)  # (ours) silent for longer without pausing: counted as dropped out until they return
@@ -47,6 +50,11 @@ class StudyLine:
     answers: int
     last_answer_at: datetime | None
 
+    @property
+    def overdue(self) -> bool:
+        """Whether the data were to be erased by now."""
+        return is_overdue(self.study, utc_now())
+
 
 @dataclass(frozen=True)
 class Person:
@@ -58,6 +66,7 @@ class Person:
     id: str
     code: str
     simulated: bool
+    pilot: bool
     oracle: Mapping[str, Any] | None
     joined_at: datetime
     excluded_at: datetime | None
@@ -203,6 +212,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
                 id=participant.id,
                 code=participant.code,
                 simulated=participant.simulated,
+                pilot=participant.pilot,
                 oracle=participant.oracle,
                 joined_at=participant.created_at,
                 excluded_at=participant.excluded_at,
@@ -255,8 +265,12 @@ def _fits(p: Person, kind: str, value: str) -> bool:
             return p.excluded_at is not None
         case "kept":
             return p.excluded_at is None and p.presence != "withdrawn"
-        case "simulated" | "people":
-            return p.simulated == (kind == "simulated")
+        case "simulated":
+            return p.simulated
+        case "people":  # pilot participants stand apart, as in every number of the study
+            return not (p.simulated or p.pilot)
+        case "pilot":
+            return p.pilot and not p.simulated
         case "flagged":
             return bool(p.flags)
         case "stage":
@@ -363,7 +377,7 @@ def events(
     if participant:
         query = query.where(Participant.code == participant)
     total = s.scalar(select(func.count()).select_from(query.subquery())) or 0
-    page, pages = _page(page, total)
+    page, pages = page_of(page, total)
     rows = s.execute(query.order_by(Event.id.desc()).offset((page - 1) * ROWS_PER_PAGE).limit(ROWS_PER_PAGE)).all()
     return Page(rows, total, page, pages)
 
@@ -394,6 +408,11 @@ def problems(s: DatabaseSession, study_id: str, *, participant: str | None = Non
     return [(report, code) for report, code in s.execute(query)]
 
 
+def notes(s: DatabaseSession, participant_id: str) -> list[Note]:
+    """What was noted about a participant, oldest first."""
+    return list(s.scalars(select(Note).where(Note.participant_id == participant_id).order_by(Note.created_at, Note.id)))
+
+
 def tombstones(s: DatabaseSession, study_id: str) -> list[Tombstone]:
     """What is left of erased participants, newest first."""
     return list(s.scalars(select(Tombstone).where(Tombstone.study_id == study_id).order_by(Tombstone.erased_at.desc())))
@@ -401,7 +420,7 @@ def tombstones(s: DatabaseSession, study_id: str) -> list[Tombstone]:
 
 def cut(rows: Sequence[Any], page: int) -> Page:
     """One page of rows that are in memory already."""
-    page, pages = _page(page, len(rows))
+    page, pages = page_of(page, len(rows))
     return Page(rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE], len(rows), page, pages)
 
 
@@ -416,7 +435,7 @@ def _presence(participant: Participant, session: Session, now: datetime) -> str:
     return "here" if silent_for <= HERE else "away" if silent_for <= SILENT else "silent"
 
 
-def _page(page: int, total: int) -> tuple[int, int]:
+def page_of(page: int, total: int) -> tuple[int, int]:
     pages = max(1, -(-total // ROWS_PER_PAGE))
     return min(max(1, page), pages), pages
 

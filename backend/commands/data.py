@@ -24,13 +24,14 @@ def register(app: typer.Typer) -> None:
 def export(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     out: Annotated[Path, typer.Option(help="Folder to write; made if missing, must be empty.")],
+    pilots: Annotated[bool, typer.Option("--pilots", help="With the pilot participants, marked.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
     from backend.store.export import export_study
 
     database, files = open_store()
-    say(dict(export_study(database, files, study, out)), as_json)
+    say(dict(export_study(database, files, study, out, pilots=pilots)), as_json)
 
 
 @plain_errors

@@ -99,6 +99,10 @@ def password(
     """Give an account a new password, to be changed at the next sign-in; signs it out everywhere."""
     from backend.api.auth import reset_password
     from backend.commands.study import open_store
+    from backend.store.audit import record
 
     database, _ = open_store()
-    say({"name": name, "password": reset_password(database, name)}, as_json)
+    made = reset_password(database, name)
+    with database.transaction() as s:
+        record(s, "password_reset", by="command line", name=name)
+    say({"name": name, "password": made}, as_json)

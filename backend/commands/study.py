@@ -114,14 +114,21 @@ def simulate(
     indifference: IndifferenceOption = 0.0,
     myopia: MyopiaOption = None,
     seed: Annotated[int, typer.Option(help="Seed of the oracle's mistakes.")] = 0,
+    cohort: Annotated[
+        Path | None, typer.Option(help="YAML: what they rate and rank, and how conditions change their answers.")
+    ] = None,
     url: Annotated[str | None, typer.Option(help="A running server; default one of the command's own.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
     from backend.learning.oracles import Habits
+    from backend.report.cohorts import read_cohort
     from backend.store.models import Study
-    from backend.study.bots import simulate_study
+    from backend.study.bots import Character, simulate_study
 
+    character = Character(
+        oracle, Habits(noise, indifference, myopia), seed, read_cohort(cohort) if cohort is not None else None
+    )
     database, _ = open_store()
     with database.session() as s:
         row = s.get(Study, study)
@@ -130,8 +137,7 @@ def simulate(
         token = row.recruiting_token
 
     def walk(base_url: str) -> None:
-        habits = Habits(noise, indifference, myopia)
-        say(simulate_study(base_url, token, participants, oracle=oracle, habits=habits, seed=seed), as_json)
+        say(simulate_study(base_url, token, participants, character), as_json)
 
     if url:
         walk(url.rstrip("/"))
@@ -151,6 +157,7 @@ def erase(
     """Erase a participant: answers, drives made for them, models made from them alone. Cannot be undone."""
     from sqlalchemy import select
 
+    from backend.store.audit import record
     from backend.store.erasure import erase_participant
     from backend.store.models import Participant
 
@@ -162,4 +169,25 @@ def erase(
         raise LookupError(f"no participant {participant!r} in study {study!r}")
     if not yes:
         typer.confirm(f"Erase everything of participant {participant}? This cannot be undone.", abort=True, err=True)
-    say(erase_participant(database, files, identity, by="command line", data=get_settings().data), as_json)
+    erased = erase_participant(database, files, identity, by="command line", data=get_settings().data)
+    with database.transaction() as s:
+        record(s, "participant_erased", by="command line", study_id=study)
+    say(erased, as_json)
+
+
+@commands.command("erase-overdue")
+@plain_errors
+def erase_overdue(
+    study: Annotated[str, typer.Argument(help="Id of the study.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Erase every participant of a study whose date of keeping is over (set on its Data tab). Cannot be undone."""
+    from backend.store.models import utc_now
+    from backend.store.retention import erase_overdue as erase_all
+
+    database, files = open_store()
+    if not yes:
+        typer.confirm(f"Erase every participant of study {study}? This cannot be undone.", abort=True, err=True)
+    data = get_settings().data
+    say(erase_all(database, files, study, by="command line", now=utc_now(), data=data), as_json)

@@ -80,6 +80,9 @@ PARTICIPANTS = Table(
     (
         _PARTICIPANT,
         *_MARKS,
+        Column(
+            "pilot", YES_NO, "true: joined while the study was a pilot; in the data set only where it was asked for"
+        ),
         Column("withdrawn", YES_NO, "true: the participant withdrew; nothing else of theirs is in the data set"),
         Column("oracle", TEXT, "simulated only: the oracle's name and settings", json=True),
         Column("created_at", MOMENT, "when they followed the recruiting link"),

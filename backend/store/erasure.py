@@ -85,13 +85,14 @@ class _Doomed:
 
 
 def erase_participant(
-    db: Database, files: ArtefactStore, participant_id: str, by: str, *, data: Path | None = None
+    db: Database, files: ArtefactStore, participant_id: str, by: str, *, data: Path | None = None, compact: bool = True
 ) -> dict[str, Any]:
     """Erase everything of a participant; returns `Erased.as_dict()`. Cannot be undone.
 
     by: who does it, for the tombstone. data: the data folder, where job logs and checkpoints lie; may be left out where
-    the database is a file in it. Files go before the rows commit, so an erasure that is cut short can be repeated.
-    Backups and exports made earlier are not reached. Raises LookupError if there is no such participant.
+    the database is a file in it. compact: False where another erasure follows at once, which rewrites the file. Files
+    go before the rows commit, so an erasure that is cut short can be repeated. Backups and exports made earlier are not
+    reached. Raises LookupError if there is no such participant.
     """
     if data is None:
         if db.file is None:
@@ -129,7 +130,7 @@ def erase_participant(
         counts=counts,
         quarantined=tuple(sorted(doomed.pooled)),
         replaced=replaced,
-        compacted=db.compact(),
+        compacted=compact and db.compact(),
     ).as_dict()
 
 

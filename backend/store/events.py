@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -30,6 +30,15 @@ def mentions(data: Any, names: Collection[str]) -> bool:
     return isinstance(data, str) and data in names
 
 
+def checked_keys(kind: str, data: Mapping[str, Any]) -> None:
+    """Raises ValueError if a key of a log entry names something that must not be logged (FORBIDDEN_KEYS)."""
+    forbidden = sorted(FORBIDDEN_KEYS & {key.lower() for key in data})
+    if forbidden:
+        raise ValueError(
+            f"event {kind!r}: {', '.join(forbidden)} must not be logged; leave it out or log a neutral word"
+        )
+
+
 def log_event(
     s: Session,
     kind: str,
@@ -44,11 +53,7 @@ def log_event(
 
     data: plain JSON values. Raises ValueError if a key names something that must not be logged (FORBIDDEN_KEYS).
     """
-    forbidden = sorted(FORBIDDEN_KEYS & {key.lower() for key in data})
-    if forbidden:
-        raise ValueError(
-            f"event {kind!r}: {', '.join(forbidden)} must not be logged; leave it out or log a neutral word"
-        )
+    checked_keys(kind, data)
     if session_id is not None and study_id is None:
         session = s.get(SessionRow, session_id)
         study_id = session.study_id if session else None

@@ -80,11 +80,14 @@ class ExportError(ValueError):
     """The data set cannot be written as asked."""
 
 
-def export_study(db: Database, files: ArtefactStore, study_id: str, out_dir: Path) -> dict[str, Any]:
+def export_study(
+    db: Database, files: ArtefactStore, study_id: str, out_dir: Path, *, pilots: bool = False
+) -> dict[str, Any]:
     """Write the study's data set into `out_dir` (made if missing, must be empty); the same data give the same bytes.
 
-    Returns {"study": id, "files": [{"path", "rows" (None where a file has none), "sha256"}]}, paths relative.
-    Raises LookupError for an unknown study, ExportError if the folder is not empty, ArtefactError if a drive is gone.
+    pilots: with the pilot participants, marked; without them nothing tells of them. Returns {"study": id, "files":
+    [{"path", "rows" (None where a file has none), "sha256"}]}, paths relative. Raises LookupError for an unknown study,
+    ExportError if the folder is not empty, ArtefactError if a drive is gone.
     """
     if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
         raise ExportError(f"out = {str(out_dir)!r}: is not an empty folder; choose another one")
@@ -96,7 +99,7 @@ def export_study(db: Database, files: ArtefactStore, study_id: str, out_dir: Pat
             if study is None:
                 raise LookupError(f"no study with id {study_id!r}; `desirepath study list` shows them")
             partial.mkdir(parents=True)
-            rows = _write_all(s, files, study, partial)
+            rows = _write_all(s, files, study, partial, pilots)
         listed = _checksums(partial, rows)
         if out_dir.exists():
             out_dir.rmdir()
@@ -106,9 +109,12 @@ def export_study(db: Database, files: ArtefactStore, study_id: str, out_dir: Pat
     return {"study": study_id, "files": listed}
 
 
-def answers_of(s: Session, study: Study) -> dict[str, list[Row]]:
-    """The tables of participants, sessions, trials and responses by name, as they would be exported, JSON unpacked."""
-    content = _Content(s, study)
+def answers_of(s: Session, study: Study, *, pilots: bool = False) -> dict[str, list[Row]]:
+    """The tables of participants, sessions, trials and responses by name, as they would be exported, JSON unpacked.
+
+    pilots: with the pilot participants.
+    """
+    content = _Content(s, study, pilots=pilots)
     tables = {
         PARTICIPANTS: content.participants(),
         SESSIONS: content.sessions(),
@@ -118,9 +124,9 @@ def answers_of(s: Session, study: Study) -> dict[str, list[Row]]:
     return {table.name: [table.unpacked(row) for row in rows] for table, rows in tables.items()}
 
 
-def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path) -> dict[str, int]:
+def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, pilots: bool) -> dict[str, int]:
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
-    content = _Content(s, study)
+    content = _Content(s, study, pilots=pilots)
     trials = list(content.trials())
     shown = sorted({t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
@@ -147,18 +153,20 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path) -> dic
 class _Content:
     """The rows of every table, in a fixed order, marked, scrubbed."""
 
-    def __init__(self, s: Session, study: Study) -> None:
+    def __init__(self, s: Session, study: Study, *, pilots: bool) -> None:
         self.s, self.study = s, study
-        people = s.scalars(select(Participant).where(Participant.study_id == study.id).order_by(Participant.code))
-        self.people = {person.id: person for person in people}
+        everyone = list(
+            s.scalars(select(Participant).where(Participant.study_id == study.id).order_by(Participant.code))
+        )
+        self.people = {person.id: person for person in everyone if pilots or not person.pilot}
         sessions = s.scalars(
             select(SessionRow).where(SessionRow.study_id == study.id).order_by(SessionRow.created_at, SessionRow.id)
         ).all()
-        gone = {person.id for person in self.people.values() if person.withdrawn_at is not None}
+        gone = {one.id: one.code for one in everyone if one.withdrawn_at is not None or one.id not in self.people}
         kept = [row for row in sessions if row.participant_id not in gone]
         self.by_id = {row.id: row for row in sorted(kept, key=lambda row: self.people[row.participant_id].code)}
-        # what an event may call somebody who withdrew
-        self.gone = gone | {self.people[one].code for one in gone} | {row.id for row in sessions} - self.by_id.keys()
+        # what an event may call somebody who withdrew or is left out
+        self.gone = {*gone, *gone.values()} | {row.id for row in sessions} - self.by_id.keys()
         order = {session_id: k for k, session_id in enumerate(self.by_id)}
         in_study = SessionRow.study_id == study.id
         trials = s.scalars(select(Trial).join(SessionRow, SessionRow.id == Trial.session_id).where(in_study))
@@ -179,6 +187,7 @@ class _Content:
             withdrawn = person.withdrawn_at is not None
             yield {
                 **self._of_participant(person),
+                "pilot": person.pilot,
                 "withdrawn": withdrawn,
                 "oracle": None if withdrawn else _json(person.oracle),
                 "created_at": person.created_at,

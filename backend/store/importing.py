@@ -52,7 +52,7 @@ from backend.store.models import Session as SessionRow
 
 Row = dict[str, Any]
 # Columns that are called as in the database.
-PARTICIPANT_FIELDS = ("simulated", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
+PARTICIPANT_FIELDS = ("simulated", "pilot", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
 SESSION_FIELDS = (
     *("state", "language", "simulated", "seed", "plan", "position", "device", "personalisation"),
     *("created_at", "started_at", "finished_at", "last_seen_at", "expires_at"),

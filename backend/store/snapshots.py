@@ -128,8 +128,8 @@ def take_snapshot(
 ) -> Artefact:
     """Freeze the usable answers of a session, or of a study (or some of its participants) as a snapshot artefact.
 
-    whose: of a study's participants only people (default), only simulated ones, or all; a session's own snapshot holds
-    its answers, whoever gave them. Raises SnapshotError if fewer than two usable answers are left, LookupError if the
+    whose: of a study's participants only people (default), only simulated ones, or all; pilot participants are left out
+    of it. A session's own snapshot holds its answers, whoever gave them. Raises SnapshotError if fewer than two usable answers are left, LookupError if the
     session or study is unknown.
     """
     if (session_id is None) == (study_id is None):
@@ -203,7 +203,7 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
 def _freeze(
     s: Session, files: ArtefactStore, study: Study, rows: Sequence[Any], whose: str, session_id: str | None
 ) -> Artefact:
-    left_out = dict.fromkeys(("learning", "excluded", "withdrawn", "no_choice", "people", "simulated"), 0)
+    left_out = dict.fromkeys(("pilot", "learning", "excluded", "withdrawn", "no_choice", "people", "simulated"), 0)
     answers: list[Answer] = []
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
@@ -275,6 +275,8 @@ def _reason_to_leave_out(response: Response, trial: Trial, participant: Particip
     kind = "simulated" if participant.simulated else "people"
     if whose not in (kind, "all", "session"):
         return kind
+    if participant.pilot and whose != "session":
+        return "pilot"
     if participant.excluded_at is not None:
         return "excluded"
     if participant.withdrawn_at is not None:

@@ -198,10 +198,11 @@ def test_colleagues_get_accounts_new_passwords_and_lose_them(lab, lab_house):
     def password_in(text: str) -> str:
         return text.split('id="made" value="')[1].split('"')[0]
 
-    assert post("", name="No Spaces Please")[0] == 422
-    status, text = post("", name="Ada")
+    assert post("", name="No Spaces Please", role="viewer")[0] == 422
+    assert post("", name="Ada", role="")[0] == 422
+    status, text = post("", name="Ada", role="viewer")
     assert status == 200
-    assert post("", name="ada")[0] == 422
+    assert post("", name="ada", role="viewer")[0] == 422
     first = password_in(text)
     with TestClient(create_application(lab_house), follow_redirects=False) as ada:
         sign_in(ada, "ada", first)
@@ -215,6 +216,7 @@ def test_colleagues_get_accounts_new_passwords_and_lose_them(lab, lab_house):
         assert ada.post("/lab/sign-in", data={"name": "ada", "password": second}).status_code == 401
     assert post("/ada/remove")[0] == 404
     assert post("/experimenter/remove")[0] == 422
+    assert post("/experimenter/role", role="viewer")[0] == 422
 
 
 def test_pages_speak_german_where_it_is_asked_for(visitor):

@@ -102,6 +102,7 @@ class SmallStudy:
         choices: str = "abab",
         *,
         simulated: bool = False,
+        pilot: bool = False,
         secret: str = "fine",
         drives: int = 0,
     ) -> tuple[str, str]:
@@ -115,6 +116,7 @@ class SmallStudy:
                 study_id=self.id,
                 code=code,
                 simulated=simulated,
+                pilot=pilot,
                 oracle={"name": "min-human-distance", "noise": 0.0} if simulated else None,
                 created_at=STARTED,
             )

@@ -198,6 +198,7 @@ def test_who_withdrew_is_one_row_without_content(full: SmallStudy, exported: Pat
         "participant": "P3",
         "simulated": False,
         "excluded": False,
+        "pilot": False,
         "withdrawn": True,
         "oracle": None,
         "created_at": person.created_at,
@@ -215,6 +216,24 @@ def test_who_withdrew_is_one_row_without_content(full: SmallStudy, exported: Pat
     assert not [drive for drive in drives if (exported / "trajectories" / f"{drive}.npz").exists()]
     for path in exported.rglob("*"):
         assert not path.is_file() or "told in confidence" not in path.read_bytes().decode(errors="replace"), path
+
+
+def test_pilot_participants_are_in_a_data_set_only_where_they_are_asked_for(study: SmallStudy, tmp_path: Path):
+    study.participant("P1")
+    _, session = study.participant("P2", pilot=True, drives=100, secret="from the pilot")
+    with study.database.transaction() as s:
+        log_event(s, "participant_excluded", study_id=study.id, participant="P2")
+    export_study(study.database, study.files, study.id, tmp_path / "live")
+    rows = [str(row) for table in TABLES for row in parquet_rows(tmp_path / "live", table.name)]
+    assert not [row for row in rows for trace in (session, "P2", "from the pilot") if trace in row]
+    export_study(study.database, study.files, study.id, tmp_path / "all", pilots=True)
+    marked = {row["participant"]: row["pilot"] for row in parquet_rows(tmp_path / "all", "participants")}
+    assert marked == {"P1": False, "P2": True}
+    there = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
+    there.migrate()
+    import_dataset(there, ArtefactStore((tmp_path / "files").as_uri()), tmp_path / "all")
+    with there.session() as s:
+        assert dict(s.execute(select(Participant.code, Participant.pilot)).all()) == marked
 
 
 def test_recruiting_ids_are_removed_from_free_text_and_from_nothing_else(study: SmallStudy, tmp_path: Path):

@@ -1,0 +1,147 @@
+"""Roles and the audit log: who may do what on the signed-in pages, and what is kept of it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+
+from backend.api.application import create_application
+from backend.api.auth import add_user, change_password
+from backend.api.dependencies import House
+from backend.api.roles import CHANGING, ROLES, SHOWING, Right, may, rule_of
+from backend.store.models import Audit, Note, Participant, Session, Study, User
+from tests.api.lab_house import PASSWORD, csrf, sign_in
+
+
+@pytest.fixture
+def as_role(lab_house: House) -> Callable[[str], TestClient]:
+    """A signed-in browser of somebody who has only this role."""
+
+    def enter(role: str) -> TestClient:
+        printed = add_user(lab_house.database, f"a-{role}", role)
+        with lab_house.database.session() as s:
+            user_id = s.scalars(select(User.id).where(User.name == f"a-{role}")).one()
+        change_password(lab_house.database, user_id, printed, PASSWORD)
+        client = TestClient(create_application(lab_house), follow_redirects=False)
+        return sign_in(client, f"a-{role}")
+
+    return enter
+
+
+def entries(house: House, **where: str) -> list[Audit]:
+    with house.database.session() as s:
+        return list(s.scalars(select(Audit).filter_by(**where).order_by(Audit.id)))
+
+
+def test_every_route_that_changes_something_stands_in_the_table(visitor):
+    paths = visitor.app.openapi()["paths"]
+    lab = {
+        (m.upper(), path) for path, methods in paths.items() if path.startswith(("/lab", "/api/lab")) for m in methods
+    }
+    known = {("POST", route) for route in CHANGING} | {("GET", route) for route in SHOWING}
+    assert known <= lab
+    assert [one for one in sorted(lab) if rule_of(*one) is None] == [("POST", "/lab/sign-in")]  # open to everybody
+
+
+@pytest.mark.parametrize("role", sorted(ROLES))
+def test_a_role_reaches_what_its_rights_say_and_nothing_else(role, as_role, walked):
+    client = as_role(role)
+    token = csrf(client)
+    for method, table in (("POST", CHANGING), ("GET", SHOWING)):
+        for route, rule in table.items():
+            if route == "/lab/sign-out":
+                continue  # tried last: it ends the sign-in
+            address = re.sub(r"\{study_id\}", walked.id, re.sub(r"\{(?!study_id)[^}]*\}", "none", route))
+            answered = client.request(method, address, data={"csrf": token} if method == "POST" else None)
+            refused = answered.status_code == 403 and "Your role does not allow this" in answered.text
+            assert refused != may(role, rule.right), (method, route, answered.status_code)
+    assert client.get(f"/lab/studies/{walked.id}/now").status_code == 200
+    assert client.post("/lab/sign-out", data={"csrf": token}).headers["location"] == "/lab/sign-in"
+
+
+def test_pages_offer_only_what_the_role_may_do(as_role, lab, walked):
+    person = f"/lab/studies/{walked.id}/people/{walked.finished}"
+    viewer, analyst, experimenter = (as_role(role) for role in ("viewer", "analyst", "experimenter"))
+    assert "<form" not in viewer.get(person).text.partition("<main")[2]
+    assert "/recruit" not in viewer.get(f"/lab/studies/{walked.id}/now").text
+    assert "/lab/settings" not in analyst.get("/lab/studies").text
+    assert f"{person}/exclude" in experimenter.get(person).text
+    assert f"{person}/erase" in lab.get(person).text
+    assert "/export" in analyst.get(f"/lab/studies/{walked.id}/data").text
+    assert "/export" not in viewer.get(f"/lab/studies/{walked.id}/data").text
+
+
+def test_a_new_role_holds_from_the_next_click_on(lab, lab_house, as_role):
+    ada = as_role("viewer")
+    assert ada.get("/lab/new").status_code == 403
+    token = csrf(lab)
+    assert lab.post("/lab/settings/accounts/a-viewer/role", data={"csrf": token, "role": "king"}).status_code == 422
+    given = lab.post("/lab/settings/accounts/a-viewer/role", data={"csrf": token, "role": "experimenter"})
+    assert given.status_code == 303
+    assert ada.get("/lab/new").status_code == 200
+    changed = entries(lab_house, action="role_changed")
+    assert [(e.by, e.role, e.outcome, e.data) for e in changed] == [
+        ("experimenter", "owner", "done", {"name": "a-viewer", "as_role": "experimenter"})
+    ]
+
+
+def test_the_audit_log_keeps_who_did_what_and_what_was_refused(lab, lab_house, as_role, walked):
+    person = f"/lab/studies/{walked.id}/people/{walked.half_way}"
+    viewer = as_role("viewer")
+    assert viewer.post(f"{person}/exclude", data={"csrf": csrf(viewer), "reason": "no"}).status_code == 403
+    token = csrf(lab)
+    assert lab.post(f"{person}/exclude", data={"csrf": token, "reason": ""}).status_code == 422
+    assert lab.post(f"{person}/exclude", data={"csrf": token, "reason": "asleep"}).status_code == 303
+    assert lab.post(f"/lab/studies/{walked.id}/state", data={"csrf": token, "state": "closed"}).status_code == 303
+    told = [(e.by, e.action, e.outcome, e.data) for e in entries(lab_house) if e.action != "signed_in"]
+    assert told == [
+        ("a-viewer", "participant_excluded", "refused", {}),
+        ("experimenter", "participant_excluded", "done", {}),
+        ("experimenter", "study_state_changed", "done", {"state": "closed"}),
+    ]
+    page = lab.get("/lab/audit?action=participant_excluded").text
+    assert page.count(f"/people/{walked.half_way}") == 2
+    assert "refused by the role" in page
+    assert "No" in lab.get("/lab/audit?by=nobody").text
+
+
+def test_an_erasure_takes_the_notes_and_the_entries_about_the_person(lab, lab_house, walked):
+    person = f"/lab/studies/{walked.id}/people/{walked.half_way}"
+    token = csrf(lab)
+    assert lab.post(f"{person}/notes", data={"csrf": token, "text": "  "}).status_code == 422
+    assert lab.post(f"{person}/notes", data={"csrf": token, "text": "came late"}).status_code == 303
+    with lab_house.database.session() as s:
+        session_id = s.scalars(select(Session.id).join(Participant).where(Participant.code == walked.half_way)).one()
+    about = {"csrf": token, "text": "second try", "session": session_id}
+    assert lab.post(f"{person}/notes", data=about).status_code == 303
+    foreign = f"/lab/studies/{walked.id}/people/{walked.finished}/notes"
+    assert lab.post(foreign, data=about).status_code == 404  # that session is somebody else's
+    with lab_house.database.session() as s:
+        first, second = s.scalars(select(Note).order_by(Note.created_at)).all()
+    assert [(n.text, n.written_by, n.session_id) for n in (first, second)] == [
+        ("came late", "experimenter", None),
+        ("second try", "experimenter", session_id),
+    ]
+    assert lab.post(f"{person}/notes/{first.id}/remove", data={"csrf": token}).status_code == 303
+    assert "came late" not in lab.get(person).text
+    assert "second try" in lab.get(person).text
+    assert len(entries(lab_house, action="note_written")) == 2
+    with lab_house.database.session() as s:
+        typed = s.get_one(Study, walked.id).name
+    assert lab.post(f"{person}/erase", data={"csrf": token, "typed": typed}).status_code == 303
+    with lab_house.database.session() as s:
+        assert s.scalars(select(Note)).all() == []
+    assert entries(lab_house, action="note_written") == []
+    assert [(e.by, e.participant_id, e.data) for e in entries(lab_house, action="participant_erased")] == [
+        ("experimenter", None, {})
+    ]
+
+
+def test_owner_has_every_right_and_viewer_only_looks():
+    assert all(may("owner", right) for right in Right)
+    assert [right for right in Right if may("viewer", right)] == [Right.LOOK]
+    assert not may("nobody", Right.LOOK)
