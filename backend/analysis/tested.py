@@ -58,7 +58,7 @@ class Tested:
     def numbers(self) -> str:
         """`chi2(2, N = 31) = 12.34, p = 0.002 (Holm), Kendall's W = 0.20`."""
         df = "" if self.df is None else f"{self.df:g}, "
-        told_n = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} of them without ties"
+        told_n = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} used"
         p = "" if self.correction == "uncorrected" else f" ({self.correction})"
         return (
             f"{self.symbol}({df}{told_n}) = {self.statistic:.2f}, {told_p(self.p_corrected)}{p}, "

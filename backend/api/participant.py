@@ -128,7 +128,7 @@ def help_page(token: str, request: Request) -> Response:
 def state(token: str, request: Request) -> dict[str, Any]:
     """Where the session stands."""
     with looking(house(request), token) as (s, session):
-        return state_of(request, session, machine.current(s, session))
+        return state_of(request, s, session, machine.current(s, session))
 
 
 @router.post("/api/session/{token}/steps/{key}")
@@ -149,7 +149,7 @@ def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]
             client_time=client_time,
             now=now,
         )
-        reply = state_of(request, session, machine.current(s, session))
+        reply = state_of(request, s, session, machine.current(s, session))
     if not submitted.duplicate:
         bridge_of(parts).show(session.id)
         bridge_of(parts).changed(session.id)
@@ -210,7 +210,7 @@ def _change(
     now = utc_now()
     with acting(parts.database, token, request=asked, now=now) as (s, session):
         act(s, session, now)
-        reply = state_of(request, session, machine.current(s, session))
+        reply = state_of(request, s, session, machine.current(s, session))
     bridge_of(parts).show(session.id, afresh=True)
     bridge_of(parts).changed(session.id)
     return reply

@@ -83,7 +83,7 @@ def _on_trial(
     now = utc_now()
     with acting(parts.database, token, request=asked, now=now) as (s, session):
         playback = act(s, session, now)
-        reply = state_of(request, session, machine.current(s, session))
+        reply = state_of(request, s, session, machine.current(s, session))
     bridge = bridge_of(parts)
     if playback is not None:
         bridge.play(session.id, playback)

@@ -13,6 +13,7 @@ from backend.api.dependencies import House, contact, stage_origin
 from backend.api.stage_bridge import bridge_of, stage_token
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.study import machine, personalisation
+from backend.study.bot_view import told_to_bots
 from backend.study.planning import Step
 from backend.study.protocol import thaw
 from backend.study.refusals import Refused, log_refusal
@@ -32,7 +33,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
         "step": view,
         "next_kind": next_kind(session.plan, session.position),
-        "state": state_of(request, session, view),
+        "state": state_of(request, s, session, view),
         "expires_at": session.expires_at,
     }
 
@@ -43,11 +44,11 @@ def next_kind(plan: list[Step], position: int) -> str:
     return "other" if not following or following.get("when") else str(following["kind"])
 
 
-def state_of(request: Request, session: Session, view: machine.StepView) -> dict[str, Any]:
+def state_of(request: Request, s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:
     """What `GET /api/session/{token}` answers."""
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
-    if session.simulated and view.kind == "questionnaire":  # bots read no pages
-        state["step"]["items"] = [item for block in view.payload["blocks"] for item in block["items"]]
+    if session.simulated:  # bots read no pages
+        state["step"] |= told_to_bots(s, session, view)
     if view.kind in (*TRIAL_KINDS, *DRAWN_KINDS):
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state

@@ -207,3 +207,35 @@ def _short(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _short(item) for key, item in value.items()}
     return [_short(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+@commands.command("null-cohorts")
+@plain_errors
+def null_cohorts_command(
+    cohorts: Annotated[int, typer.Option(min=1, help="Studies in which nothing differs.")] = 1_000,
+    participants: Annotated[int, typer.Option(min=2)] = 31,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how often the analysis of the interface study finds something where there is nothing."""
+    from dataclasses import asdict
+
+    from backend.report.plan import AnalysisPlan
+    from backend.report.power import null_cohorts
+
+    plan = AnalysisPlan()
+    rates = null_cohorts(cohorts, participants, seed=seed, plan=plan)
+    result = {
+        "simulated": True,
+        "cohorts": cohorts,
+        "participants": participants,
+        "seed": seed,
+        "alpha": plan.alpha,
+        "correction": plan.correction,
+        "rates": [asdict(rate) for rate in rates],
+    }
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    say(result, as_json)

@@ -10,13 +10,14 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 
 from backend.report.data import Choice, Comparison, Person, Rating, StudyData
-from backend.simulation.trajectory import Trajectory
 
 PERSONAL_SHARE = 0.4  # ours: share of a rating's variance that belongs to the person
 ALIKE = 4.0  # ours: of the beta distribution of people's shares; small: people differ much
@@ -41,7 +42,8 @@ class Cohort:
     moments together have 1). first_choice: ranking -> condition -> share of people who put it first; the others share
     the rest. consistency: condition -> chance of the same answer when the same query is asked again; missing: `steady`.
     tastes: condition -> oracle whose taste decides, where it is not everybody's own. second_shown: chance that the
-    second drive is taken whatever is asked. own: mean chance that the own policy is preferred to another.
+    second drive is taken whatever is asked. own: mean chance that the own policy is preferred to another; only of data
+    sets made here, since bots that see drives decide by their taste.
     """
 
     ratings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -173,9 +175,13 @@ def _choice(person: MadeUpPerson, code: str, condition: str, role: str, query: s
     return Choice(code, condition, condition, query, role, *drives, chosen=drives[prefers], decision_s=None)
 
 
-def worth_by_taste(oracle: str, drives: tuple[Trajectory, Trajectory]) -> int | None:
-    """Which drive an oracle's taste prefers, 0 or 1; None where both are worth the same to it."""
-    from backend.learning.oracles import TASTES  # heavy, and only needed where drives are seen
-
-    a, b = TASTES[oracle].value(drives)
-    return None if a == b else int(b > a)
+def read_cohort(file: Path) -> Cohort:
+    """A cohort written as YAML, its keys those of `Cohort`. Raises CohortError naming what cannot be."""
+    try:
+        given = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+        return Cohort(**given)
+    except (OSError, yaml.YAMLError) as problem:
+        raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None
+    except (TypeError, AttributeError):
+        known = ", ".join(field.name for field in fields(Cohort))
+        raise CohortError(f"cohort = {file.name!r}: must be a mapping with some of the keys {known}") from None

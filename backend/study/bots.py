@@ -1,14 +1,17 @@
-"""Simulated participants: programs that walk whole sessions over HTTP, as a browser would, but need not watch.
+"""Simulated participants: programs that walk whole sessions, as a browser would, but need not watch.
 
 Their sessions are marked as simulated when they are created; the server lets only these be fast and read the drives.
+How a bot reaches its session is a `Way`: over HTTP here, in this process in `in_process.py`; what it answers depends on
+its seed and number alone, so both ways leave the same data.
 """
 
 from __future__ import annotations
 
 import base64
 import time
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 from uuid import uuid4
 
 import httpx
@@ -16,15 +19,33 @@ import numpy as np
 
 from backend.learning.oracles import ALWAYS_RIGHT, Habits, Oracle, make_oracle
 from backend.learning.queries import Query
+from backend.report.cohorts import Cohort, MadeUpPerson
 from backend.simulation.trajectory import Trajectory
 
 POLL_S = 0.5  # how often a waiting bot looks
 BUSY_TRIES = 20  # of a request that a busy server put off (503); nothing of it was stored, so it is simply sent again
 PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
 
+State = Mapping[str, Any]
+"""Where a session stands, as the API tells a bot: {"state", "step": {...}}."""
+
 
 class BotError(OSError):
     """A session that a bot could not finish; says at which step and what the server answered."""
+
+
+class Way(Protocol):
+    """How one bot reaches its session."""
+
+    def join(self, told: Mapping[str, Any]) -> str:
+        """Take part as a simulated participant; told: the oracle's name and settings. Returns the code."""
+        ...
+
+    def state(self) -> State: ...
+    def start(self, key: str) -> State: ...
+    def seen(self, key: str, drive: str, playback_id: str) -> State: ...
+    def drives(self) -> tuple[Trajectory, Trajectory]: ...
+    def submit(self, key: str, value: Mapping[str, Any]) -> State: ...
 
 
 @dataclass(frozen=True)
@@ -37,25 +58,64 @@ class Walk:
     comparisons: int
 
 
+@dataclass(frozen=True)
+class Character:
+    """What all bots of a study are like. oracle, habits: their taste and how answers stray from it; seed: of their
+    random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers; None: they
+    have no opinion on anything but drives.
+    """
+
+    oracle: str = "min-human-distance"
+    habits: Habits = ALWAYS_RIGHT
+    seed: int = 0
+    cohort: Cohort | None = None
+
+    def check(self) -> None:
+        """Raises LearningError for an unknown oracle or habits that cannot be."""
+        for name in {self.oracle, *(self.cohort.tastes.values() if self.cohort else ())}:
+            make_oracle(name, **asdict(self.habits), seed=self.seed)
+
+    def told(self, number: int) -> dict[str, Any]:
+        """What is stored of a bot's making."""
+        cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
+        return {"name": self.oracle, **asdict(self.habits), "seed": self.seed, "number": number, **cohort}
+
+
 def put_off_s(response: httpx.Response) -> float | None:
     """How long a busy server asks to wait before the same request is sent again; None: it has answered."""
     return float(response.headers.get("Retry-After", 1)) if response.status_code == 503 else None
 
 
-def any_answer(step: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
-    """A valid answer to any step that is no trial, as the API tells it: bots have no opinion on anything but drives."""
+def any_answer(
+    step: Mapping[str, Any], random: np.random.Generator, person: MadeUpPerson | None = None
+) -> dict[str, Any]:
+    """A valid answer to any step without drives, as the API tells it to bots. Without a made-up person, bots have no
+    opinion on anything but drives."""
     if step["kind"] == "guess":
         return {"choice": "ab"[int(random.integers(2))]}
+    if step["kind"] == "attention":
+        return {"choice": step["instructed"]}
     if step["kind"] == "consent":
         return {"given": True}
-    return {item["key"]: _any_value(item, random) for item in step.get("items", [])}
+    return {item["key"]: _value(item, step.get("block"), random, person) for item in step.get("items", [])}
 
 
-def _any_value(item: dict[str, Any], random: np.random.Generator) -> Any:
+def _value(
+    item: Mapping[str, Any], condition: str | None, random: np.random.Generator, person: MadeUpPerson | None
+) -> Any:
+    if item.get("answer") is not None:  # a comprehension or attention check
+        return int(item["answer"]) if item["type"] == "scale" else item["answer"]
+    options = [option["value"] for option in item.get("options", [])]
     if item["type"] == "scale":
-        return int(random.integers(1, item["points"] + 1))
+        return (
+            person.rate(item["key"], condition, item["points"])
+            if person
+            else int(random.integers(1, item["points"] + 1))
+        )
+    if item["type"] == "ranking":
+        return person.rank(item["key"], options) if person else [options[k] for k in random.permutation(len(options))]
     if item["type"] == "choice":
-        return item["options"][int(random.integers(len(item["options"])))]["value"]
+        return options[int(random.integers(len(options)))]
     if item["type"] == "number":
         low = item["min"] if item["min"] is not None else 0
         high = item["max"] if item["max"] is not None else low + 100
@@ -67,29 +127,34 @@ def simulate_study(
     base_url: str,
     recruiting_token: str,
     participants: int,
+    character: Character | None = None,
     *,
-    oracle: str = "min-human-distance",
-    habits: Habits = ALWAYS_RIGHT,
-    seed: int = 0,
     client: httpx.Client | None = None,
 ) -> dict[str, Any]:
     """Walk `participants` bots one after another through the study behind the recruiting link.
 
-    oracle, habits, seed: the taste, how answers stray from it, and their random stream (every bot its own).
     client: for tests, one that reaches the application without a network.
-    Returns {"participants", "completed", "responses", "comparisons", "seconds"}. Raises LearningError for an unknown
-    oracle, BotError if the server does not let a bot go on.
+    Returns what `walk_all` does. Raises LearningError for an unknown oracle, BotError if the server does not let a bot
+    go on.
     """
-    make_oracle(oracle, **asdict(habits), seed=seed)  # refuse a wrong name before anybody joins
-    began = time.monotonic()
     own = client or httpx.Client(base_url=base_url, timeout=60.0)
     try:
-        walks = [_Bot(own, recruiting_token, oracle, habits, seed, number).walk() for number in range(participants)]
+        return walk_all((HttpWay(own, recruiting_token) for _ in range(participants)), character or Character())
     finally:
         if client is None:
             own.close()
+
+
+def walk_all(ways: Iterable[Way], character: Character) -> dict[str, Any]:
+    """One bot per way, one after another.
+
+    Returns {"participants", "completed", "responses", "comparisons", "codes", "seconds"}. Raises as `simulate_study`.
+    """
+    character.check()  # before anybody joins
+    began = time.monotonic()
+    walks = [Bot(way, character, number).walk() for number, way in enumerate(ways)]
     return {
-        "participants": participants,
+        "participants": len(walks),
         "completed": sum(walk.completed for walk in walks),
         "responses": sum(walk.responses for walk in walks),
         "comparisons": sum(walk.comparisons for walk in walks),
@@ -98,22 +163,24 @@ def simulate_study(
     }
 
 
-class _Bot:
+class Bot:
     """One simulated participant."""
 
-    def __init__(self, client: httpx.Client, link: str, oracle: str, habits: Habits, seed: int, number: int) -> None:
-        self._client = client
-        self._random = np.random.default_rng([seed, number, 11])
-        self._oracle: Oracle = make_oracle(oracle, **asdict(habits), seed=int(self._random.integers(2**31)))
-        told = {"name": oracle, **asdict(habits), "seed": seed, "number": number}
-        joined = self._post(f"/join/{link}", {"simulated": True, "language": "en", "oracle": told})
-        self._participant: str = joined["participant"]
-        self._api = f"/api/session/{joined['token']}"
+    def __init__(self, way: Way, character: Character, number: int) -> None:
+        self._way, self._cohort = way, character.cohort
+        self._random = np.random.default_rng([character.seed, number, 11])
+        self._person = character.cohort.person(number) if character.cohort else None
+        stream = int(self._random.integers(2**31))
+        names = {character.oracle, *(character.cohort.tastes.values() if character.cohort else ())}
+        habits = asdict(character.habits)
+        self._oracles: dict[str, Oracle] = {name: make_oracle(name, **habits, seed=stream) for name in names}
+        self._usual = character.oracle
+        self._participant = way.join(character.told(number))
         self._responses = self._comparisons = 0
 
     def walk(self) -> Walk:
         """From the first page to the last."""
-        state = self._get(self._api)
+        state = self._way.state()
         stood_since = time.monotonic()
         while state["state"] == "active":
             step = state["step"]
@@ -121,32 +188,61 @@ class _Bot:
                 if time.monotonic() - stood_since > PATIENCE_S:
                     raise BotError(f"participant {self._participant} waited {PATIENCE_S:.0f} s at step {step['key']!r}")
                 time.sleep(POLL_S)
-                state = self._get(self._api)
+                state = self._way.state()
                 continue
-            value = self._trial(step) if step["trial"] else any_answer(step, self._random)
-            state = self._submit(step["key"], value)
+            value = self._watched(step) if step["trial"] else any_answer(step, self._random, self._person)
+            state = self._way.submit(step["key"], value)
+            self._responses += not state["duplicate"]
             stood_since = time.monotonic()
         return Walk(self._participant, state["state"] == "completed", self._responses, self._comparisons)
 
-    def _trial(self, step: dict[str, Any]) -> dict[str, Any]:
-        """The way a page goes: start, A seen, B seen, then the oracle's choice between the two drives."""
-        here = f"{self._api}/trials/{step['key']}"
-        state = self._post(f"{here}/start", {"request_id": uuid4().hex})
+    def _watched(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        """The way a page goes: start, A seen, B seen, then the choice between the two drives."""
+        state = self._way.start(step["key"])
         for drive in ("a", "b"):
-            shown = state["step"]["trial"]["playback_id"]
-            state = self._post(f"{here}/seen", {"drive": drive, "playback_id": shown})
-        drives = self._get(f"{self._api}/trial-data")
-        a, b = (Trajectory.from_bytes(base64.b64decode(drives[name])) for name in ("a", "b"))
+            state = self._way.seen(step["key"], drive, state["step"]["trial"]["playback_id"])
         self._comparisons += step["kind"] == "comparison"
-        return {"choice": "ab"[self._oracle.choose(Query(a.scene, a, b, (0, 1)))]}
+        return {"choice": "ab"[self._choice(step, *self._way.drives())]}
 
-    def _submit(self, key: str, value: dict[str, Any]) -> dict[str, Any]:
-        state = self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": value})
-        self._responses += not state["duplicate"]
-        return state
+    def _choice(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> int:
+        """The taste's, then what the cohort makes of it. 0 for A, 1 for B."""
+        condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
+        taste = self._cohort.tastes.get(condition, self._usual) if self._cohort else self._usual
+        choice = self._oracles[taste].choose(Query(a.scene, a, b, (0, 1)))
+        if self._person is None or step["kind"] == "comparison":
+            return choice
+        if self._person.takes_second(condition, query, role):
+            return 1
+        return choice ^ self._person.slips(condition, query, role)
 
-    def _get(self, path: str) -> dict[str, Any]:
-        return self._answered("GET", path)
+
+class HttpWay:
+    """Over HTTP, as a page would."""
+
+    def __init__(self, client: httpx.Client, recruiting_token: str) -> None:
+        self._client, self._link, self._api = client, recruiting_token, ""
+
+    def join(self, told: Mapping[str, Any]) -> str:
+        joined = self._post(f"/join/{self._link}", {"simulated": True, "language": "en", "oracle": dict(told)})
+        self._api = f"/api/session/{joined['token']}"
+        return str(joined["participant"])
+
+    def state(self) -> State:
+        return self._answered("GET", self._api)
+
+    def start(self, key: str) -> State:
+        return self._post(f"{self._api}/trials/{key}/start", {"request_id": uuid4().hex})
+
+    def seen(self, key: str, drive: str, playback_id: str) -> State:
+        return self._post(f"{self._api}/trials/{key}/seen", {"drive": drive, "playback_id": playback_id})
+
+    def drives(self) -> tuple[Trajectory, Trajectory]:
+        told = self._answered("GET", f"{self._api}/trial-data")
+        a, b = (Trajectory.from_bytes(base64.b64decode(told[name])) for name in ("a", "b"))
+        return a, b
+
+    def submit(self, key: str, value: Mapping[str, Any]) -> State:
+        return self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": dict(value)})
 
     def _post(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
         return self._answered("POST", path, body)

@@ -24,7 +24,7 @@ from backend.settings import Settings
 from backend.store.artefacts import load_trajectory
 from backend.store.export import export_study
 from backend.store.models import Event, Job, Participant, ProblemReport, RecruitingId, Response, Session, Study, Trial
-from backend.study.bots import BotError, simulate_study
+from backend.study.bots import BotError, Character, simulate_study
 from backend.study.protocol import freeze_text
 from backend.study.studies import create_study
 from tests.study import walking
@@ -331,7 +331,7 @@ def failing_worker(house: House) -> Iterator[None]:
 
 def test_bots_walk_to_the_end_and_are_marked(client, house, link):
     with failing_worker(house):
-        done = simulate_study("", link, 2, oracle="shortest", client=client)
+        done = simulate_study("", link, 2, Character("shortest"), client=client)
     assert (done["participants"], done["completed"]) == (2, 2)
     assert done["responses"] == 2 * (4 + 4 + 1)
     with house.database.session() as s:
@@ -348,7 +348,7 @@ def test_bots_walk_to_the_end_and_are_marked(client, house, link):
 
 def test_the_oracle_decides_from_the_drives(client, house, link):
     with failing_worker(house):
-        simulate_study("", link, 1, oracle="shortest", client=client)
+        simulate_study("", link, 1, Character("shortest"), client=client)
     with house.database.session() as s:
         pairs = s.execute(select(Trial, Response.value).join(Response, Response.trial_id == Trial.id)).all()
     assert len(pairs) == 4
@@ -359,7 +359,7 @@ def test_the_oracle_decides_from_the_drives(client, house, link):
 
 def test_an_unknown_oracle_is_refused_before_anybody_joins(client, house, link):
     with pytest.raises(LearningError, match="min-human-distance"):
-        simulate_study("", link, 1, oracle="nearest", client=client)
+        simulate_study("", link, 1, Character("nearest"), client=client)
     with house.database.session() as s:
         assert s.scalars(select(Participant)).first() is None
 

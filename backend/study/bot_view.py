@@ -1,0 +1,34 @@
+"""What a simulated session is told of its step beside what pages show: a bot reads no pages and has to know what about.
+
+Nobody else is told this: it names queries, right answers and conditions.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.models import Session, Study
+from backend.study import machine
+from backend.study.protocol import thaw
+from backend.study.words import TRIAL_KINDS
+
+FIELDS = ("block", "view", "role", "questionnaire", "instructed")
+
+
+def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:
+    """The current step's condition, role and query, and its items with their right answers (`answer`), for a bot."""
+    if session.state != "active":
+        return {}
+    step = machine.step_of(session)
+    told: dict[str, Any] = {name: step[name] for name in FIELDS if name in step}
+    if view.kind in TRIAL_KINDS:
+        trial = machine.trial_of(s, session)
+        return told | {"query": trial.query_id if trial is not None else None}
+    if "questionnaire" not in step:
+        return told
+    asked = thaw(s.get_one(Study, session.study_id)).questionnaires[step["questionnaire"]].items
+    right = {item.key: item.correct or item.instructed for item in asked}
+    items = [item for block in view.payload["blocks"] for item in block["items"]]
+    return told | {"items": [item | {"answer": right[item["key"]]} for item in items]}

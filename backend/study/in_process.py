@@ -1,0 +1,95 @@
+"""Bots in this process: through the real state machine and tables, without a server. For power and benchmarks.
+
+What bots answer lives in `bots.py`; over HTTP or here, the same seed leaves the same data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+from uuid import uuid4
+
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.database import Database
+from backend.store.models import Participant, Session, Study, utc_now
+from backend.study import machine
+from backend.study.bot_view import told_to_bots
+from backend.study.bots import BotError, Character, State, walk_all
+from backend.study.joining import join_study
+from backend.study.refusals import Refused
+from backend.study.sessions import acting
+
+
+def walk_in_process(
+    database: Database, files: ArtefactStore, study: Study, participants: int, character: Character | None = None
+) -> dict[str, Any]:
+    """Walk `participants` bots one after another through the study; returns what `bots.walk_all` does.
+
+    Nothing settles jobs here: in a study with a train stage, a worker must run. Raises BotError if the machine refuses
+    a bot something, LearningError for an unknown oracle.
+    """
+    drives: dict[str, Trajectory] = {}
+    ways = (_InProcess(database, files, study, drives) for _ in range(participants))
+    return walk_all(ways, character or Character())
+
+
+class _InProcess:
+    """A bot's session by direct calls, each in its own transaction, as a request would."""
+
+    def __init__(self, database: Database, files: ArtefactStore, study: Study, drives: dict[str, Trajectory]) -> None:
+        self._database, self._files, self._study, self._drives = database, files, study, drives
+        self._token = ""
+
+    def join(self, told: Mapping[str, Any]) -> str:
+        try:
+            with self._database.transaction() as s:
+                session, self._token = join_study(
+                    s, self._study, language="en", simulated=True, oracle=told, files=self._files
+                )
+                return s.get_one(Participant, session.participant_id).code
+        except Refused as refused:
+            raise BotError(f"the study refused a bot: {refused.message}") from refused
+
+    def state(self) -> State:
+        return self._do("look", lambda s, session: machine.settle(s, self._files, session, now=utc_now()))
+
+    def start(self, key: str) -> State:
+        return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
+
+    def seen(self, key: str, drive: str, playback_id: str) -> State:
+        side: machine.Drive = "a" if drive == "a" else "b"
+        return self._do("seen", lambda s, x: machine.drive_seen(s, x, key, side, playback_id, now=utc_now()))
+
+    def drives(self) -> tuple[Trajectory, Trajectory]:
+        with acting(self._database, self._token, request="drives", now=utc_now()) as (s, session):
+            trial = machine.trial_of(s, session)
+            if trial is None:
+                raise BotError("the current step is no trial")
+            shown = trial.trajectory_a, trial.trajectory_b
+        for trajectory in shown:
+            if trajectory not in self._drives:
+                self._drives[trajectory] = load_trajectory(self._files, trajectory)
+        return self._drives[shown[0]], self._drives[shown[1]]
+
+    def submit(self, key: str, value: Mapping[str, Any]) -> State:
+        def act(s: DatabaseSession, session: Session) -> bool:
+            submitted = machine.submit(
+                s, self._files, session, key, value, request_id=uuid4().hex, client_time=None, now=utc_now()
+            )
+            return submitted.duplicate
+
+        return self._do("submit", act)
+
+    def _do(self, request: str, act: Callable[[DatabaseSession, Session], object]) -> dict[str, Any]:
+        """What the API would answer after `act`."""
+        try:
+            with acting(self._database, self._token, request=request, now=utc_now()) as (s, session):
+                done = act(s, session)
+                view = machine.current(s, session)
+                told = view.as_dict() | told_to_bots(s, session, view)
+                return {"state": session.state, "step": told, "duplicate": done if isinstance(done, bool) else False}
+        except Refused as refused:
+            raise BotError(f"the machine refused {request!r}: {refused.code}, {refused.message}") from refused
