@@ -17,6 +17,7 @@ CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
 PROTOCOL_FOLDER = "protocol"
 TRAJECTORY_FOLDER = "trajectories"
+DEMONSTRATION_FOLDER = "demonstrations"
 
 TEXT, WHOLE, NUMBER, YES_NO = pa.string(), pa.int64(), pa.float64(), pa.bool_()
 MOMENT = pa.timestamp("us", tz="UTC")
@@ -217,6 +218,40 @@ PAIRS = Table(
         Column("chosen_shown", TEXT, "first or second: position of the chosen one"),
     ),
 )
+STROKES = Table(
+    "strokes",
+    "path that was drawn (every attempt, also those that were taken back)",
+    (
+        Column("stroke", TEXT, "id of the stroke; the answer that kept it names it"),
+        _SESSION,
+        _PARTICIPANT,
+        *_MARKS,
+        Column("step", TEXT, "key of the step it was drawn at"),
+        Column("attempt", WHOLE, "order within the step, from 1"),
+        Column("environment", TEXT, "setup of the scene: corridor or room"),
+        Column("pair", WHOLE, "which of the environment's places (start, goal, person), from 0"),
+        Column("view", TEXT, "view it was drawn in"),
+        Column("pointer", TEXT, "mouse, touch, pen or keys, several joined by +; bot: a programmed demonstrator"),
+        Column(
+            "drawn", TEXT, "raw: points ([x, y] m on the floor), speeds (m/s wanted there), times_s (of the hand)", True
+        ),
+        Column("state", TEXT, "kept (learned from), redone (taken back), refused (cannot be driven), drawn or watched"),
+        Column("problem", TEXT, "refused only: code, place and numbers of what was wrong", json=True),
+        Column(
+            "demonstration", TEXT, "sha256 of its file in demonstrations/: spline, commands, drive; empty if refused"
+        ),
+        Column("trajectory", TEXT, "the robot's drive along it with all transitions; see trajectories"),
+        Column(
+            "walk", TEXT, "how the participant walked meanwhile, if they did: points (x m, y m, yaw rad), times_s", True
+        ),
+        Column("watched_at", MOMENT, "when the drive had been watched to its end, server's clock"),
+        Column("client_time", MOMENT, "when it was sent, browser's clock"),
+        Column("created_at", MOMENT, "when it was stored, server's clock"),
+        Column("left_out_at", MOMENT, "when an analyst decided not to learn from it; empty if not"),
+        Column("left_out_by", TEXT, "who decided that"),
+        Column("left_out_reason", TEXT, "and why"),
+    ),
+)
 TRAJECTORIES = Table(
     "trajectories",
     "trajectory shown in the study; the arrays are in trajectories/ID.npz and in trajectory_steps.parquet",
@@ -256,7 +291,7 @@ STEPS = Table(
     ),
     csv=False,
 )
-TABLES = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, ITEMS, EVENTS, PAIRS, TRAJECTORIES, STEPS)
+TABLES = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, ITEMS, EVENTS, PAIRS, STROKES, TRAJECTORIES, STEPS)
 
 
 def data_dictionary() -> str:
@@ -290,6 +325,9 @@ def data_dictionary() -> str:
         f"| `{TRAJECTORY_FOLDER}/ID.npz` | arrays of one trajectory: `poses` (T+1, 3: x m, y m, yaw rad), "
         "`observations` and `next_observations` (T, n), `actions` (T, 2), `rewards` (T), `dones` (T); `meta`: JSON "
         "bytes with scene, outcome, dt. Read with `numpy.load(path, allow_pickle=False)` |",
+        f"| `{DEMONSTRATION_FOLDER}/ID.npz` | one demonstration, where paths were drawn: `stroke_points`, "
+        "`stroke_speeds`, `stroke_times_s` as drawn; cubic B-splines `spline_knots`, `spline_coefficients`, "
+        "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its drive's NPZ |",
         f"| `{DICTIONARY_FILE}` | this text |",
         f"| `{CHECKSUMS_FILE}` | sha256 of every other file; check with `sha256sum -c {CHECKSUMS_FILE}` |",
     ]

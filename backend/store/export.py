@@ -42,6 +42,7 @@ from backend.store.dataset import (
     RESPONSES,
     SESSIONS,
     STEPS,
+    STROKES,
     STUDY_FILE,
     TRAJECTORIES,
     TRAJECTORY_FOLDER,
@@ -61,6 +62,7 @@ from backend.store.models import (
     Trial,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.strokes import stroke_rows, strokes_of, write_demonstrations
 
 Row = dict[str, Any]
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -128,7 +130,9 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, pilots
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
     content = _Content(s, study, pilots=pilots)
     trials = list(content.trials())
-    shown = sorted({t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
+    strokes = strokes_of(s, content.by_id)
+    driven = {stroke.trajectory for stroke in strokes if stroke.trajectory}
+    shown = sorted(driven | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
     (out / TRAJECTORY_FOLDER).mkdir()
     tables: dict[Table, list[Row]] = {
@@ -139,7 +143,9 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, pilots
         ITEMS: list(content.items()),
         EVENTS: list(content.events()),
         PAIRS: list(content.pairs(stored)),
+        STROKES: list(stroke_rows(strokes, content.of_session)),
     }
+    write_demonstrations(files, strokes, out)
     tables[TRAJECTORIES], step_count = _write_trajectories(files, [stored[name] for name in shown], out)
     counted = {f"{STEPS.name}.parquet": step_count}
     for table, rows in tables.items():
@@ -199,7 +205,7 @@ class _Content:
     def sessions(self) -> Iterator[Row]:
         for row in self.by_id.values():
             yield {
-                **self._of_session(row.id),
+                **self.of_session(row.id),
                 "state": row.state,
                 "language": row.language,
                 "seed": row.seed,
@@ -218,7 +224,7 @@ class _Content:
         for trial in self.trial_rows:
             yield {
                 "trial": trial.id,
-                **self._of_session(trial.session_id),
+                **self.of_session(trial.session_id),
                 "learning": trial.role == "learning",
                 "step": trial.step_key,
                 "index": trial.index,
@@ -245,7 +251,7 @@ class _Content:
             yield {
                 "response": answer.id,
                 "trial": answer.trial_id,
-                **self._of_session(answer.session_id),
+                **self.of_session(answer.session_id),
                 "learning": trial is not None and trial.role == "learning",
                 "step": answer.step_key,
                 "kind": answer.kind,
@@ -267,7 +273,7 @@ class _Content:
                 is_number = isinstance(given, int | float) and not isinstance(given, bool)
                 yield {
                     "response": answer.id,
-                    **self._of_session(answer.session_id),
+                    **self.of_session(answer.session_id),
                     "step": answer.step_key,
                     "item": item,
                     "answer": given if isinstance(given, str) else _json(given),
@@ -283,7 +289,7 @@ class _Content:
             yield {
                 "number": number,
                 "at": event.at,
-                **(self._of_session(event.session_id) if known and event.session_id else nobody),
+                **(self.of_session(event.session_id) if known and event.session_id else nobody),
                 "trial": event.trial_id,
                 "kind": event.kind,
                 "client_time": event.client_time,
@@ -315,7 +321,7 @@ class _Content:
                 "chosen_shown": "first" if choice == "a" else "second",
             }
 
-    def _of_session(self, session_id: str) -> Row:
+    def of_session(self, session_id: str) -> Row:
         return {"session": session_id, **self._of_participant(self.people[self.by_id[session_id].participant_id])}
 
     def _of_participant(self, person: Participant) -> Row:

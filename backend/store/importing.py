@@ -31,6 +31,7 @@ from backend.store.dataset import (
     PROTOCOL_FOLDER,
     RESPONSES,
     SESSIONS,
+    STROKES,
     STUDY_FILE,
     TRAJECTORIES,
     TRAJECTORY_FOLDER,
@@ -49,6 +50,7 @@ from backend.store.models import (
     protocol_digest,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.strokes import StrokeError, add_strokes
 
 Row = dict[str, Any]
 # Columns that are called as in the database.
@@ -104,6 +106,7 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
     about = _about(folder)
     tables = {table.name: _read(folder, table) for table in (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS)}
     drives = _read(folder, TRAJECTORIES)
+    strokes = _read(folder, STROKES)
     try:
         with db.transaction() as s:
             if s.get(Study, about["study"]) is not None:
@@ -111,8 +114,11 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
             _add_study(s, folder, about)
             _add_trajectories(s, files, folder, drives)
             _add_rows(s, about["study"], tables)
+            add_strokes(s, files, folder, strokes)
     except KeyError as missing:
         raise DatasetError(f"{folder}: {missing} is missing or names nothing in the data set") from missing
+    except StrokeError as problem:
+        raise DatasetError(str(problem)) from None
     except IntegrityError as problem:
         raise DatasetError(f"{folder}: its rows do not fit together or are here already ({problem.orig})") from problem
     return {
