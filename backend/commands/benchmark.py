@@ -34,12 +34,18 @@ def train(
     keep: Annotated[
         Path | None, typer.Option(help="Keep finished trainings in this file; a broken run goes on from there.")
     ] = None,
+    ablation_seeds: Annotated[
+        int, typer.Option(min=0, help="So many seeds of our training with one thing changed, to tell causes apart.")
+    ] = 0,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
     from backend.learning.benchmark import benchmark_train
 
-    say(benchmark_train(setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep), as_json)
+    result = benchmark_train(
+        setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep, ablation_seeds=ablation_seeds
+    )
+    say(result, as_json)
 
 
 @commands.command()
@@ -236,6 +242,5 @@ def null_cohorts_command(
         "rates": [asdict(rate) for rate in rates],
     }
     if out is not None:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+        _write(out, result)
     say(result, as_json)

@@ -1,0 +1,138 @@
+"""The report's numbers from studies small enough to work out by hand."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backend.analysis.metrics import measure
+from backend.learning.shipped import load_queries
+from backend.report.data import Choice, Comparison, ItemText, Person, Rating, StudyData
+from backend.report.findings import NothingToReport, analyse
+from backend.report.plan import AnalysisPlan, declared_plan, deviations, read_plan
+
+HERE, THERE = "first_person", "top_down"
+PERSON = Person("P-1", False, None, False, "completed", (HERE, THERE), {"pointer": "fine"})
+
+
+def nothing(trajectory: str) -> None:
+    raise LookupError(trajectory)
+
+
+def choice(person: str, condition: str, query: int, chosen: str, role: str = "regular") -> Choice:
+    drives = {"a": f"{query}-a", "b": f"{query}-b"}
+    return Choice(person, condition, condition, str(query), role, drives["a"], drives["b"], drives[chosen], 2.0)
+
+
+def study(choices: list[Choice], people: list[Person] | None = None, **more: object) -> StudyData:
+    data = StudyData("By hand", "1", {}, "", [], people or [PERSON], choices, [], [])
+    return replace(data, **more)
+
+
+PLAN = AnalysisPlan(metrics=())
+
+
+def test_a_known_agreement_table() -> None:
+    """P-1 answers 3 of 4 alike, P-2 1 of 4: mean 50 %, SD sqrt(0.125). P-1's kappa: (0.75 - 0.5) / 0.5; P-2 always
+    chose the second under one condition and never under the other but once, so chance alone gives 0.25."""
+    two = [PERSON, replace(PERSON, code="P-2")]
+    answers = [choice("P-1", HERE, k, side) for k, side in enumerate("aabb")]
+    answers += [choice("P-1", THERE, k, side) for k, side in enumerate("abbb")]
+    answers += [choice("P-2", HERE, k, side) for k, side in enumerate("aaaa")]
+    answers += [choice("P-2", THERE, k, side) for k, side in enumerate("abbb")]
+    found = analyse(study(answers, two), nothing, plan=PLAN)
+    of = found.between[HERE, THERE]
+    assert (of.share.n, of.share.mean, of.share.sd) == pytest.approx((2, 0.5, math.sqrt(0.125)))
+    assert of.kappa.mean == pytest.approx((0.5 + 0.0) / 2)
+    assert found.of_condition[THERE].second_shown.mean == pytest.approx(0.75)
+    assert found.of_condition[HERE].second_shown.mean == pytest.approx(0.25)
+
+
+def test_learning_trials_and_probes_are_no_regular_answers() -> None:
+    answers = [choice("P-1", HERE, k, "a") for k in range(6)]
+    answers += [choice("P-1", HERE, 9, "b", "learning")]
+    answers += [choice("P-1", HERE, k, "ab"[k < 2], "repeat") for k in range(5)]
+    found = analyse(study(answers), nothing, plan=PLAN)
+    assert found.of_condition[HERE].answers == 6
+    assert found.of_condition[HERE].repeat.share.mean == pytest.approx(3 / 5)
+    fewer = analyse(study(answers), nothing, plan=AnalysisPlan(metrics=(), min_probes=6))
+    assert fewer.of_condition[HERE].repeat.share.n == 0
+
+
+def test_the_flow_adds_up_and_only_those_who_count_are_analysed() -> None:
+    people = [
+        PERSON,
+        replace(PERSON, code="P-2", excluded="looked away"),
+        replace(PERSON, code="P-3", withdrawn=True, state="none"),
+        replace(PERSON, code="P-4", state="active"),
+        replace(PERSON, code="S001", simulated=True),
+    ]
+    answers = [choice(one.code, HERE, 0, "a") for one in people if not one.withdrawn]
+    found = analyse(study(answers, people), nothing, plan=PLAN)
+    flow = found.flow
+    assert (flow.joined, flow.withdrawn, flow.excluded) == (4, 1, {"looked away": 1})
+    assert (flow.unfinished, flow.analysed) == ({"active": 1}, 1)
+    assert found.of_condition[HERE].answers == 1
+    assert found.simulated == 0
+    everybody = analyse(study(answers, people), nothing, "all", AnalysisPlan(metrics=(), sessions="all"))
+    assert (everybody.flow.analysed, everybody.simulated) == (3, 1)
+    with pytest.raises(NothingToReport, match="joined: 1 people"):
+        analyse(study([], [replace(PERSON, state="active")]), nothing, plan=PLAN)
+
+
+def test_what_changes_where_a_choice_flips() -> None:
+    """One person, one query: there minus here of the two drives, over the standard deviation of both."""
+    query = load_queries("study_room/queries_200").queries[3]
+    drives = {"0-a": query.trajectory_a, "0-b": query.trajectory_b}
+    people = [PERSON, replace(PERSON, code="P-2")]
+    flips = [choice("P-1", HERE, 0, "a"), choice("P-1", THERE, 0, "b")]
+    stays = [choice("P-2", HERE, 0, "a"), choice("P-2", THERE, 0, "a")]
+    found = analyse(study(flips + stays, people), drives.__getitem__)
+    lengths = measure([query.trajectory_a, query.trajectory_b]).path_length
+    changed = found.disagreement[HERE, THERE]["path_length"]
+    assert changed.n == 1  # P-2 never disagreed
+    assert changed.mean == pytest.approx((lengths[1] - lengths[0]) / np.std(lengths, ddof=1))
+    assert set(found.disagreement[HERE, THERE]) == set(AnalysisPlan().metrics)
+
+
+def test_ratings_need_everybody_under_every_condition() -> None:
+    """Three of four people rated all three conditions; who left one out does not count. Attention checks never do."""
+    conditions = ("first_person", "immersive", "top_down")
+    people = [replace(PERSON, code=f"P-{k}") for k in range(4)]
+    ratings = [Rating(one.code, c, "q", "fun", 1 + k) for one in people for k, c in enumerate(conditions)]
+    ratings.pop()
+    ratings += [Rating(one.code, None, "about", "age", 30 + k) for k, one in enumerate(people)]
+    answers = [choice(one.code, c, 0, "a") for one in people for c in conditions]
+    items = [ItemText("about", "age", "number", "How old are you?", 7, {})]
+    found = analyse(study(answers, people, ratings=ratings, items=items), nothing, plan=PLAN)
+    (fun,) = found.items
+    assert fun.test.n == 3
+    assert fun.test.statistic == pytest.approx(6.0)  # three people in full agreement: n (k - 1)
+    assert fun.test.effect == pytest.approx(1.0)
+    assert [(one.item.key, one.n, one.numbers.mean) for one in found.demographics if one.numbers] == [("age", 4, 31.5)]
+
+
+def test_look_alike_comparisons_are_counted_and_said() -> None:
+    compared = [Comparison("P-1", "own", "base", False), Comparison("P-1", "base", "own", True)]
+    found = analyse(study([choice("P-1", HERE, 0, "a")], comparisons=compared), nothing, plan=PLAN)
+    (own,) = found.personalised
+    assert (own.answers, own.look_alike, own.share.mean, own.test.used) == (2, 1, 0.5, 0)
+
+
+def test_the_declared_plan_counts_and_deviations_are_said(tmp_path: Path) -> None:
+    declared = declared_plan({"analysis": {"correction": "bonferroni"}})
+    assert declared == AnalysisPlan(correction="bonferroni")
+    assert declared.digest() != AnalysisPlan().digest()
+    file = tmp_path / "plan.yaml"
+    file.write_text("alpha: 0.01\ncorrection: bonferroni\n")
+    used = read_plan(file)
+    assert deviations(declared, used) == ["alpha: declared 0.05, used 0.01."]
+    assert deviations(declared, declared) == []
+    assert "No analysis plan was declared" in deviations(None, used)[0]
+    file.write_text("alfa: 0.01\n")
+    with pytest.raises(ValueError, match=r"alfa.*known: alpha"):
+        read_plan(file)
