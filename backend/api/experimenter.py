@@ -25,7 +25,8 @@ from backend.store.events import log_event
 from backend.store.export import export_study
 from backend.store.models import Study, utc_now
 from backend.store.retention import checked_day, is_overdue
-from backend.study.protocol import describe_stages, thaw
+from backend.study.outline import describe_stages
+from backend.study.protocol import thaw
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(audit_pages.router)

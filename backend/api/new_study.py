@@ -8,13 +8,15 @@ from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
 from starlette.responses import RedirectResponse, Response
 
 from backend.api import drafts
+from backend.api.auditing import audit_details
 from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, TheHouse, house
 from backend.api.drafts import Draft, DraftError
 from backend.api.lab import LabRefusal, lab_language, lab_page
 from backend.api.preview import first_steps
 from backend.store.query_sets import query_sets_here
-from backend.study.protocol import ProtocolError, describe_stages, expected_minutes, freeze, shipped_protocols
+from backend.study.outline import describe_stages, expected_minutes
+from backend.study.protocol import ProtocolError, freeze, shipped_protocols
 from backend.study.studies import StudyError, create_study
 
 LONGEST_NAME = 200
@@ -153,4 +155,5 @@ def open_study(
     except DraftError as problem:
         return _check_page(request, draft, status=422, problem=problem, name=name)
     draft.discard()
+    audit_details(request, study_id=study_id)
     return RedirectResponse(f"/lab/studies/{study_id}/recruit?done=study_created", status_code=303)

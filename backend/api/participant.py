@@ -30,13 +30,15 @@ from backend.api.session_view import looking, page_context, state_of
 from backend.api.stage_bridge import bridge_of, stage_cookie
 from backend.api.throttle import EVENTS_PER_SESSION, count
 from backend.store.events import log_event
-from backend.store.models import Participant, Session, Study, utc_now
+from backend.store.models import Participant, Session, utc_now
 from backend.store.models import Response as Answer
 from backend.study import machine
+from backend.study.links import token_hash
 from backend.study.pages import payload_of
-from backend.study.protocol import FrozenProtocol, thaw
+from backend.study.protocol import FrozenProtocol
 from backend.study.refusals import Refused
-from backend.study.sessions import acting, token_hash
+from backend.study.sessions import acting
+from backend.study.versions import protocol_of
 
 router = APIRouter(dependencies=[Depends(not_guessing)])
 PAGE_EVENTS = {"stage_ready", "stage_slow", "visibility", "resized", "script_error", "connection", "device", "viewed"}
@@ -87,7 +89,7 @@ def step_fragment(token: str, request: Request) -> Response:
 def consent_copy(token: str, request: Request) -> Response:
     """The participant's copy of what they consented to."""
     with looking(house(request), token) as (s, session):
-        frozen = thaw(s.get_one(Study, session.study_id))
+        frozen = protocol_of(s, session)
         step = next(step for step in session.plan if step["kind"] == "consent")
         given = s.scalar(select(Answer).where(Answer.session_id == session.id, Answer.kind == "consent"))
         language = _consented_in(frozen, given) or session.language

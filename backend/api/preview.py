@@ -58,6 +58,7 @@ class _Placeholder:
 
     id: str
     setup: str = ""
+    scene_hash: str = ""
     trajectory_a: str = ""
     trajectory_b: str = ""
     duration_a_s: float = 0.0

@@ -14,14 +14,26 @@ from backend.api.dependencies import contact, house, page
 from backend.api.participant_requests import storable, too_many
 from backend.api.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.store.models import Participant
-from backend.study.protocol import thaw
+from backend.study.joining import check_open, join_study
 from backend.study.refusals import Refused
-from backend.study.studies import check_open, join_study, study_by_link
+from backend.study.schema import DeviceGate
+from backend.study.studies import study_by_link
+from backend.study.versions import newest_protocol
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 
 PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
-DEVICE_FIELDS = ("width", "height", "pixel_ratio", "pointer", "touch", "webgl", "scheme", "reduced_motion")
+DEVICE_FIELDS = (
+    "width",
+    "height",
+    "pixel_ratio",
+    "pointer",
+    "touch",
+    "webgl",
+    "scheme",
+    "reduced_motion",
+    "frame_rate",
+)
 LONGEST_DEVICE_VALUE = 40
 
 
@@ -32,7 +44,7 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
     with parts.database.session() as s:
         study = study_by_link(s, recruiting_token)
         check_open(s, study)
-        frozen = thaw(study)
+        frozen = newest_protocol(s, study)[1]
     languages = tuple(frozen.protocol.languages)
     best = parts.texts.best(request.headers.get("Accept-Language"), languages)
     language = lang if lang in languages else best
@@ -47,6 +59,7 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         contact=frozen.protocol.contact or contact(request),
         action=here,
         join_url=here,
+        device=(frozen.protocol.device or DeviceGate()).model_dump(),
     )
 
 

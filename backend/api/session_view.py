@@ -11,18 +11,18 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.dependencies import House, contact, stage_origin
 from backend.api.stage_bridge import bridge_of, stage_token
-from backend.store.models import Participant, Session, Study, utc_now
+from backend.store.models import Participant, Session, utc_now
 from backend.study import machine, personalisation
 from backend.study.bot_view import told_to_bots
 from backend.study.planning import Step
-from backend.study.protocol import thaw
 from backend.study.refusals import Refused, log_refusal
 from backend.study.sessions import acting, find_session
+from backend.study.versions import protocol_of
 from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 
 def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
-    frozen = thaw(s.get_one(Study, session.study_id))
+    frozen = protocol_of(s, session)
     view = machine.current(s, session)
     return {
         "token": token,
@@ -75,7 +75,7 @@ def looking(parts: House, token: str) -> Iterator[tuple[DatabaseSession, Session
 def _may_settle(s: DatabaseSession, session: Session) -> bool:
     if session.state != "active" or machine.step_of(session)["kind"] != "wait":
         return False
-    protocol = thaw(s.get_one(Study, session.study_id)).protocol
+    protocol = protocol_of(s, session).protocol
     return personalisation.outcome_of(s, session, protocol, utc_now()) is not None
 
 

@@ -20,6 +20,7 @@ import structlog
 from starlette.types import ASGIApp
 
 from app.views import View
+from backend.api import drawing_stage
 from backend.api.dependencies import House
 from backend.api.replay_stages import replays
 from backend.api.stage_proxy import Origins, StageDoor, StageGrant
@@ -29,9 +30,9 @@ from backend.store.database import DatabaseBusy
 from backend.store.events import log_event
 from backend.store.models import Session, Setting, utc_now
 from backend.study import machine
+from backend.study.links import token_hash
 from backend.study.refusals import first_this_hour
-from backend.study.sessions import token_hash
-from backend.study.words import TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -112,7 +113,7 @@ class StageBridge:
                 stage.clear()
             self._present(stage, session_id)
 
-        self._tell_stage(session_id, order)
+        self.tell_stage(session_id, order)
 
     def play(self, session_id: str, playback: machine.Playback) -> None:
         """Play a drive on the session's stage."""
@@ -130,9 +131,9 @@ class StageBridge:
                 trajectories=[self._drive(one) for one in (trial.trajectory_a, trial.trajectory_b)],
             )
 
-        self._tell_stage(session_id, order)
+        self.tell_stage(session_id, order)
 
-    def _tell_stage(self, session_id: str, order: Callable[[Stage], None]) -> None:
+    def tell_stage(self, session_id: str, order: Callable[[Stage], None]) -> None:
         """Put an order for the session's stage into the line; nobody waits for it, what goes wrong is logged."""
         server = self._house.stage
         if server is None:
@@ -152,12 +153,19 @@ class StageBridge:
         with self._house.database.session() as s:
             session = s.get(Session, session_id)
             trial = None
-            if session is not None and session.state == "active" and machine.step_of(session)["kind"] in TRIAL_KINDS:
+            active = session is not None and session.state == "active"
+            kind = machine.step_of(session)["kind"] if active and session is not None else ""
+            if session is not None and kind in TRIAL_KINDS:
                 trial = machine.trial_of(s, session)
+        if kind in DRAWN_KINDS:
+            drawing_stage.present(self._house, stage, session_id)
+            return
         if trial is None:
             stage.clear()
             return
         a, b = self._drive(trial.trajectory_a), self._drive(trial.trajectory_b)
+        assert session is not None  # noqa: S101  it has a trial
+        stage.detail = "light" if session.device.get("scene_detail") == "light" else "full"
         stage.show(a.scene, cast("View", trial.view), trajectories=[a, b])
 
     def _load(self, trajectory_id: str) -> Trajectory:

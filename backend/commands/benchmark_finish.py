@@ -33,10 +33,11 @@ from backend.store.outbox import cancel_job
 from backend.store.shipped import register_shipped
 from backend.study import machine
 from backend.study.bots import any_answer
+from backend.study.joining import join_study
 from backend.study.personalisation import train_stage
 from backend.study.protocol import freeze
 from backend.study.sessions import acting
-from backend.study.studies import create_study, join_study
+from backend.study.studies import create_study
 
 POLL_S = 0.1
 PATIENCE_S = 1800.0  # for all refinements, one behind the other

@@ -35,8 +35,8 @@ from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.shipped import register_shipped
 from backend.store.snapshots import take_snapshot
 from backend.study.bots import BUSY_TRIES, any_answer, put_off_s
+from backend.study.links import token_hash
 from backend.study.protocol import freeze
-from backend.study.sessions import token_hash
 from backend.study.studies import create_study
 
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from backend.study.protocol import FrozenProtocol
 from backend.study.refusals import Refused
-from backend.study.schema import Item
+from backend.study.schema_questionnaires import Item, Questionnaire
 
-CONFIRMED = ("information", "instruction", "wait", "debriefing")  # steps that are read, with nothing to answer
+CONFIRMED = ("information", "instruction", "break", "wait", "appointment", "debriefing")  # read, nothing to answer
 
 
 class BadValue(Refused):
@@ -18,6 +19,11 @@ class BadValue(Refused):
         super().__init__(422, "bad_value", message, field=field, value=value)
 
 
+def timed_out(value: Mapping[str, Any]) -> bool:
+    """Whether the page says that the protocol's time for the step was over."""
+    return value.get("timed_out") is True
+
+
 def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> dict[str, Any]:
     """The answer to store for a step. Raises BadValue."""
     if not isinstance(value, dict):
@@ -25,39 +31,68 @@ def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> d
     kind = step["kind"]
     if kind in CONFIRMED:
         return {}
-    if kind in ("trial", "comparison", "guess"):
+    if kind == "trial" and timed_out(value) and "choice_limit_s" in step.get("viewing", {}):
+        return {"timed_out": True}
+    if kind in ("trial", "comparison", "guess", "attention"):
         if value.get("choice") not in ("a", "b"):
             raise BadValue("value.choice", value.get("choice"), "must be 'a' or 'b'")
+        if kind == "attention":
+            instructed = step["instructed"]
+            return {"choice": value["choice"], "instructed": instructed, "passed": value["choice"] == instructed}
         return {"choice": value["choice"]}
     if kind == "consent":
-        version = next(e.consent.version for e in frozen.protocol.stages if e.consent)
-        if value.get("given") is not True:
-            raise BadValue("value.given", value.get("given"), "must be true; who does not agree leaves the study")
-        if str(value.get("version", version)) != version:
-            raise BadValue("value.version", value.get("version"), f"must be {version}, the version that was shown")
-        return {"given": True, "version": version}
+        return _consent(frozen, value)
     questionnaire = frozen.questionnaires[step["questionnaire"]]
+    over = timed_out(value) and step.get("time_limit_s") is not None
+    answers = _answers(questionnaire, {key: given for key, given in value.items() if key != "timed_out"}, over=over)
+    if kind == "comprehension":
+        answers["passed"] = all(
+            str(answers.get(item.key)) == item.correct for item in questionnaire.items if item.correct is not None
+        )
+    return answers | ({"timed_out": True} if over else {})
+
+
+def _consent(frozen: FrozenProtocol, value: dict[str, Any]) -> dict[str, Any]:
+    version, asked = frozen.consent.version, frozen.consent.purposes
+    if value.get("given") is not True:
+        raise BadValue("value.given", value.get("given"), "must be true; who does not agree leaves the study")
+    if str(value.get("version", version)) != version:
+        raise BadValue("value.version", value.get("version"), f"must be {version}, the version that was shown")
+    purposes = value.get("purposes") or {}
+    if not isinstance(purposes, dict) or not set(purposes) <= set(asked):
+        raise BadValue("value.purposes", None, f"must be an object with true or false for {', '.join(asked) or 'none'}")
+    # what was not ticked was not agreed to
+    agreed = {"purposes": {key: purposes.get(key) is True for key in asked}} if asked else {}
+    return {"given": True, "version": version, **agreed}
+
+
+def _answers(questionnaire: Questionnaire, value: dict[str, Any], *, over: bool) -> dict[str, Any]:
+    """The answers by item. over: the time was over, so what is missing is left out instead of asked for."""
     known = {item.key: item for item in questionnaire.items}
     for key in value:
         if key not in known:
             raise BadValue(f"value.{key}", value[key], f"is no item of this questionnaire; items: {', '.join(known)}")
-    return {key: _item(item, value[key]) for key, item in known.items() if _given(item, value)}
-
-
-def _given(item: Item, value: dict[str, Any]) -> bool:
-    if value.get(item.key) not in (None, ""):
-        return True
-    if item.required:
-        raise BadValue(f"value.{item.key}", None, "has no answer yet")
-    return False
+    answers = {}
+    for key, item in known.items():
+        if value.get(key) not in (None, "", []):
+            answers[key] = _item(item, value[key])
+        elif item.required and not over:
+            raise BadValue(f"value.{key}", None, "has no answer yet")
+    return answers
 
 
 def _item(item: Item, given: Any) -> Any:
     field = f"value.{item.key}"
+    allowed = [option.value for option in item.options]
     if item.type == "choice":
-        allowed = [option.value for option in item.options]
         if given not in allowed:
             raise BadValue(field, given, f"must be one of {', '.join(allowed)}")
+        return given
+    if item.type == "ranking":
+        if not isinstance(given, list) or sorted(map(str, given)) != sorted(allowed):
+            raise BadValue(
+                field, str(given)[:200], f"must be a list of all of {', '.join(allowed)}, best first, no ties"
+            )
         return given
     if item.type == "text":
         if not isinstance(given, str) or len(given) > item.max_length:

@@ -15,11 +15,13 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore, load_artefact
 from backend.store.database import Database
-from backend.store.models import Response, Session, Study, Trial
+from backend.store.models import ProtocolVersion, Response, Session, Study, Trial
 from backend.store.query_sets import StoredQuery, queries_of
 from backend.study.planning import Step
 from backend.study.protocol import thaw
-from backend.study.schema import StageEntry, Trials
+from backend.study.schema_blocks import Trials
+from backend.study.schema_stages import StageEntry
+from backend.study.versions import newest_number, protocol_row, row_of
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from backend.learning.posterior import Posterior
@@ -31,11 +33,15 @@ KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 @dataclass(frozen=True)
 class Asked:
-    """What a trial shows. `why`: for the event log, None where the plan knew the query before."""
+    """What a trial shows. `turned`: the query's second drive is A. `probe_of`: the trial that is asked again. `why`:
+    for the event log, None where the plan knew the query before.
+    """
 
     query: str
     trajectory_a: str
     trajectory_b: str
+    turned: bool
+    probe_of: str | None = None
     why: dict[str, Any] | None = None
 
 
@@ -58,13 +64,13 @@ class MeasuredQueries:
 
 def asked_in(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> Asked:
     """What the trial of that step shows."""
-    if "query" in step:
-        return Asked(step["query"], step["trajectory_a"], step["trajectory_b"])
     if "again" in step:
         return _asked_again(s, session, step)
+    if "query" in step:
+        return Asked(step["query"], step["trajectory_a"], step["trajectory_b"], step["turned"])
     from backend.learning.choosing import next_query
 
-    measured = measured_queries(s, files, s.get_one(Study, session.study_id))
+    measured = measured_queries(s, files, row_of(s, session))
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
     used |= {one["query"] for one in session.plan if "query" in one}
     left = [i for i, query in enumerate(measured.queries) if query.id not in used]
@@ -75,14 +81,14 @@ def asked_in(s: DatabaseSession, files: ArtefactStore, session: Session, step: S
     sides = (query.trajectory_a, query.trajectory_b)
     a, b = sides[::-1] if step["turned"] else sides
     why = {"by": step["choose"], "bits": round(chosen.bits, 4), "answers": len(posterior.chosen), "of": len(left)}
-    return Asked(query.id, a, b, why)
+    return Asked(query.id, a, b, step["turned"], why=why)
 
 
 def _asked_again(s: DatabaseSession, session: Session, step: Step) -> Asked:
     before = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step["again"])).one()
     sides = (before.trajectory_a, before.trajectory_b)
     a, b = sides[::-1] if step["role"] == "swap" else sides
-    return Asked(str(before.query_id), a, b)
+    return Asked(str(before.query_id), a, b, step["turned"], probe_of=before.id)
 
 
 def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> bool:
@@ -93,7 +99,7 @@ def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step
 
     rule = StoppingRule(**step["stop"])
     answers = answers_of(s, session)
-    measured = measured_queries(s, files, s.get_one(Study, session.study_id))
+    measured = measured_queries(s, files, row_of(s, session))
     promised = [np.inf] * len(answers)  # only the last ones count
     for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
         used = {query for query, _ in answers[:after]}
@@ -106,8 +112,7 @@ def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step
 
 def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> Posterior:
     """What the session's answers so far say, without practice and probes."""
-    study = s.get_one(Study, session.study_id)
-    return posterior_after(measured_queries(s, files, study), answers_of(s, session))
+    return posterior_after(measured_queries(s, files, row_of(s, session)), answers_of(s, session))
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
@@ -121,6 +126,7 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
     return tuple(
         (str(trial.query_id), trial.trajectory_a if response.value["choice"] == "a" else trial.trajectory_b)
         for trial, response in rows
+        if "choice" in response.value  # not where the time for it was over
     )
 
 
@@ -151,8 +157,8 @@ def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
 _posteriors: dict[tuple[str, str, Answers], Posterior] = {}
 
 
-def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study) -> MeasuredQueries:
-    """The study's query set, measured once per process."""
+def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
+    """The query set of a study's protocol, measured once per process."""
     set_id, symmetry = study.protocol["materials"]["query_set"], thaw(study).protocol.symmetry
     known = _measured.get((set_id, symmetry))
     if known is None:
@@ -172,8 +178,9 @@ def prepare(database: Database, files: ArtefactStore) -> None:
     """Measure the query sets of the open studies that choose, before the first participant has to wait for it."""
     with database.session() as s:
         for study in s.scalars(select(Study).where(Study.state == "open")):
-            if any(one.queries.choose != "random" for entry in thaw(study).protocol.stages for one in _trials(entry)):
-                measured_queries(s, files, study)
+            row = protocol_row(s, study, newest_number(s, study))
+            if any(one.queries.choose != "random" for entry in thaw(row).protocol.stages for one in _trials(entry)):
+                measured_queries(s, files, row)
 
 
 def _trials(entry: StageEntry) -> list[Trials]:

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
-from backend.store.models import Session, Study
+from backend.store.models import Session
 from backend.study import asking
+from backend.study.versions import row_of
 
 if TYPE_CHECKING:
     from backend.simulation.trajectory import Trajectory
@@ -39,7 +40,7 @@ class Learnt:
 
 def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
     """What is learned from the session's regular answers so far; practice and probes teach nothing."""
-    measured = asking.measured_queries(s, files, s.get_one(Study, session.study_id))
+    measured = asking.measured_queries(s, files, row_of(s, session))
     answers = asking.answers_of(s, session)
     key = (session.id, answers)
     if key in _known:

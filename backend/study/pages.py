@@ -9,8 +9,11 @@ import re
 from typing import Any
 
 from backend.study.planning import Step
-from backend.study.protocol import POINT, FrozenProtocol, local, stage_keys
-from backend.study.schema import ConsentStage, DebriefingStage, Item, Questionnaire, TextStage
+from backend.study.protocol import POINT, FrozenProtocol
+from backend.study.schema_blocks import Viewing
+from backend.study.schema_questionnaires import Item, Questionnaire
+from backend.study.schema_stages import stage_keys
+from backend.study.texts import local
 from backend.study.words import TRIAL_KINDS
 
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
@@ -25,39 +28,63 @@ def payload_of(
         return trial_payload(step)
     if kind in ("wait", "guess"):
         return {}  # their words are the same in every study: the catalogues'
-    if kind == "questionnaire":
-        return _questionnaire(frozen.questionnaires[step["questionnaire"]], language)
-    stage = _stage(frozen, step)
-    title, text = frozen.text(stage.text, language)
-    if isinstance(stage, ConsentStage):
-        points = [match.group(1).strip() for match in POINT.finditer(text)]
-        return {
-            "title": title,
+    if kind == "attention":
+        return {"instructed": step["instructed"]}
+    if kind in ("questionnaire", "comprehension"):
+        return _questionnaire(frozen.questionnaires[step["questionnaire"]], language) | _rules(frozen, step, language)
+    title, text = frozen.text(_text_of(frozen, step), language)
+    shown = {"title": title, "text": text}
+    if kind == "consent":
+        consent = frozen.consent
+        return shown | {
             "text": _POINT_LINES.sub("", text).strip(),
-            "points": points,
-            "version": stage.version,
+            "points": [match.group(1).strip() for match in POINT.finditer(text)],
+            "purposes": [{"key": key, "text": local(said, language)} for key, said in consent.purposes.items()],
+            "version": consent.version,
         }
-    if isinstance(stage, DebriefingStage):
-        url = stage.return_url
-        return {
-            "title": title,
-            "text": text,
-            "completion_code": completion_code,
-            "return_url": url.replace("{code}", completion_code or "") if url else None,
-        }
-    return {"title": title, "text": text}
+    if kind == "debriefing":
+        url = next(entry.debriefing.return_url for entry in frozen.protocol.stages if entry.debriefing)
+        return shown | _code_and_way(completion_code, url)
+    if kind == "break":
+        return shown | {"at_least_s": step["at_least_s"]}
+    return shown
+
+
+def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str | None) -> dict[str, Any]:
+    """The payload of the page for somebody whom the study cannot go on with; no title where its words are the
+    catalogue's."""
+    page = frozen.protocol.screen_out
+    if page is None:
+        return {"title": None, "text": None} | _code_and_way(completion_code, None)
+    title, text = frozen.text(page.text, language)
+    return {"title": title, "text": text} | _code_and_way(completion_code, page.return_url)
+
+
+def _code_and_way(completion_code: str | None, url: str | None) -> dict[str, Any]:
+    return {
+        "completion_code": completion_code,
+        "return_url": url.replace("{code}", completion_code or "") if url else None,
+    }
 
 
 def trial_payload(step: Step) -> dict[str, Any]:
     """The payload of a trial or comparison, whose words are the catalogues' and not the study's."""
-    return {"role": step.get("role", "regular"), "view": step["view"], "number": step["number"], "of": step["of"]}
+    viewing = Viewing.model_validate(step.get("viewing", {}))
+    return {
+        "role": step.get("role", "regular"),
+        "view": step["view"],
+        "number": step["number"],
+        "of": step["of"],
+        **viewing.model_dump(),
+    }
 
 
-def _stage(frozen: FrozenProtocol, step: Step) -> TextStage | ConsentStage | DebriefingStage:
+def _text_of(frozen: FrozenProtocol, step: Step) -> str:
+    """Name of the step's text; plans of before name only the stage."""
+    if "text" in step:
+        return str(step["text"])
     stages = frozen.protocol.stages
-    entry = stages[stage_keys(stages).index(step["stage"])]
-    assert isinstance(entry.stage, TextStage | ConsentStage | DebriefingStage)  # noqa: S101  by the step's kind
-    return entry.stage
+    return str(getattr(stages[stage_keys(stages).index(step["stage"])].stage, "text"))  # noqa: B009
 
 
 def _questionnaire(questionnaire: Questionnaire, language: str) -> dict[str, Any]:
@@ -74,6 +101,15 @@ def _questionnaire(questionnaire: Questionnaire, language: str) -> dict[str, Any
     }
 
 
+def _rules(frozen: FrozenProtocol, step: Step, language: str) -> dict[str, Any]:
+    """What is special about this asking: its time limit; a comprehension check's attempts and text."""
+    rules: dict[str, Any] = {"time_limit_s": step.get("time_limit_s")}
+    if step["kind"] == "comprehension":
+        again = frozen.text(step["text"], language)[1] if "text" in step and step["attempt"] > 1 else None
+        rules |= {"attempt": step["attempt"], "attempts": step["attempts"], "again": again}
+    return rules
+
+
 def _item(item: Item, language: str) -> dict[str, Any]:
     shown: dict[str, Any] = {
         "key": item.key,
@@ -81,9 +117,11 @@ def _item(item: Item, language: str) -> dict[str, Any]:
         "text": local(item.text, language),
         "required": item.required,
     }
-    if item.type == "scale" and item.low and item.high:
-        shown |= {"points": item.points, "low": local(item.low, language), "high": local(item.high, language)}
-    elif item.type == "choice":
+    if item.low and item.high:
+        shown |= {"low": local(item.low, language), "high": local(item.high, language)}
+    if item.type == "scale":
+        shown["points"] = item.points
+    elif item.type in ("choice", "ranking"):
         shown["options"] = [{"value": option.value, "label": local(option.label, language)} for option in item.options]
     elif item.type == "number":
         shown |= {"min": item.min, "max": item.max}

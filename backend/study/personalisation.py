@@ -13,11 +13,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
-from backend.store.models import Job, Response, Session, Study, TrajectoryRow, Trial
+from backend.store.models import Job, Participant, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
 from backend.study.planning import Step
-from backend.study.schema import Protocol, TrainStage
+from backend.study.schema import Protocol
+from backend.study.schema_stages import TrainStage
 
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 SIMULATED_WAITS = 5  # ours: bots wait behind people
@@ -34,9 +35,14 @@ def start_training(
 ) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
-    Recipe instant: two jobs, the second a refinement. Too few answers: none; the session's `personalisation` says so.
+    Recipe instant: two jobs, the second a refinement. None where there are too few answers, or where the participant
+    did not consent to learning from theirs; the session's `personalisation` says so.
     """
     stage = train_stage(protocol)
+    if (s.get_one(Participant, session.participant_id).consents or {}).get("training") is False:
+        session.personalisation = "no_consent"
+        log_event(s, "personalisation", session_id=session.id, outcome="no_consent")
+        return
     try:
         snapshot = take_snapshot(s, files, session_id=session.id)
     except SnapshotError as problem:
@@ -73,7 +79,10 @@ def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
     """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
     refinement is shown instead of the instant policy that it began with, once it is there and better."""
     found = s.scalars(
-        select(Job).where(Job.session_id == session.id, Job.kind == "align").order_by(Job.created_at, Job.id)
+        select(Job)
+        .join(Session, Session.id == Job.session_id)
+        .where(Session.participant_id == session.participant_id, Job.kind == "align")
+        .order_by(Job.created_at, Job.id)
     )
     newest = {job.params.get("recipe"): job for job in found}
     return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
@@ -102,7 +111,7 @@ def progress_of(s: DatabaseSession, session: Session) -> float:
 def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: datetime) -> str | None:
     """How the alignment stands for somebody who waits: None means not ready and still worth waiting for.
 
-    Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_scenes (a policy that
+    Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_consent, no_scenes (a policy that
     passed the gate, but no scene in which both drives can be shown).
     """
     if session.personalisation is not None:

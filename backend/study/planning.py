@@ -1,42 +1,37 @@
-"""Makes the plan of one session: the seeded list of its steps. Pure; nothing here knows a clock or a database.
+"""Makes the plan of one participant: the seeded list of steps. Pure; nothing here knows a clock or a database.
 
-A step is plain data: `key` (unique in the session), `kind`, `stage` (the stage's key), and what its kind needs.
-Kinds: information, consent, questionnaire, instruction, trial, wait, comparison, guess, debriefing.
+A step is plain data: `key` (unique in the plan), `kind`, `stage` (the stage's key), and what its kind needs; in a
+block also `block` (the condition's name) and `view`, and `when` where not everybody meets it.
+Kinds: information, consent, questionnaire, comprehension, instruction, trial, attention, break, wait, comparison,
+guess, appointment, debriefing.
 """
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from backend.study import schema
-from backend.study.protocol import stage_keys
+from backend.study.counterbalancing import Place, design_of
+from backend.study.query_plan import AnyQuery, Drawn, PlanError, block_trials, draw, queries_needed
+from backend.study.schema_blocks import BlockBreak, BlockEntry, BlockQuestionnaire, BlockStage, Condition
+from backend.study.schema_stages import (
+    AppointmentStage,
+    ComparisonStage,
+    ComprehensionStage,
+    QuestionnaireStage,
+    Stage,
+    StageEntry,
+    TrainStage,
+    stage_keys,
+)
+
+__all__ = ["AnyQuery", "PlanError", "Step", "appointments_of", "make_plan", "queries_needed", "session_seed"]
 
 Step = dict[str, Any]
-
-
-class PlanError(ValueError):
-    """A query set that cannot fill the protocol."""
-
-
-class AnyQuery(Protocol):
-    """What a plan needs to know of a query."""
-
-    @property
-    def id(self) -> str: ...
-    @property
-    def setup(self) -> str: ...
-    @property
-    def trajectory_a(self) -> str: ...
-    @property
-    def trajectory_b(self) -> str: ...
-    @property
-    def duration_a_s(self) -> float: ...
-    @property
-    def duration_b_s(self) -> float: ...
 
 
 def session_seed(study_seed: int, code: str) -> int:
@@ -44,144 +39,143 @@ def session_seed(study_seed: int, code: str) -> int:
     return int.from_bytes(hashlib.sha256(f"{study_seed}:{code}".encode()).digest()[:4], "big") >> 1
 
 
-def queries_needed(protocol: schema.Protocol) -> int:
-    """How many different queries one session shows."""
-    return max(
-        sum(entry.queries.count for entry in stage.trials)
-        for stage in (entry.stage for entry in protocol.stages)
-        if isinstance(stage, schema.BlockStage)
-    )
+def make_plan(
+    protocol: schema.Protocol, seed: int, queries: Sequence[AnyQuery], place: Place | None = None
+) -> list[Step]:
+    """The steps of one participant, all appointments together.
 
-
-def make_plan(protocol: schema.Protocol, seed: int, queries: Sequence[AnyQuery]) -> list[Step]:
-    """The steps of one session.
-
-    Steps of queries that are chosen by the answers so far say by what (`choose`) instead of which (`query`); what is
-    asked then stands in the trial. Probes of these say which step they repeat (`again`).
+    place: the order of conditions that the assignment gave; default one by lot. Steps of queries that are chosen by the
+    answers so far say by what (`choose`) instead of which (`query`); what is asked then stands in the trial. Probes say
+    which step they repeat (`again`).
 
     Other queries are drawn without replacement and shown in random order; which of a query's drives is A is drawn by
-    lot once per participant and query. Several blocks show the same queries with the same sides, each in its own order
-    (spec 07). Probes come after all regular queries of their block have been seen. PlanError: too few queries.
+    lot once per participant and query. Blocks and conditions show the same queries with the same sides, each in its own
+    order (spec 07), unless `same_queries` is false. Probes come after all regular queries of their block have been
+    seen. PlanError: too few queries.
     """
-    needed = queries_needed(protocol)
-    if len(queries) < needed:
-        raise PlanError(f"the query set has {len(queries)} queries, one session of this protocol needs {needed}")
     random = np.random.default_rng([seed, 7])
-    drawn = [queries[i] for i in random.choice(len(queries), size=needed, replace=False)]
-    turned = {query.id: bool(random.integers(2)) for query in drawn}
+    drawn = draw(protocol, queries, random)
+    design = design_of(protocol)
+    if place is None:
+        place = design.place_by_lot(np.random.default_rng([seed, 13]))
     plan: list[Step] = []
     view = "top_down"
     for name, entry in zip(stage_keys(protocol.stages), protocol.stages, strict=True):
         stage = entry.stage
-        if isinstance(stage, schema.BlockStage):
-            view = stage.view
-            plan += _block(name, stage, drawn, turned, random)
-        elif isinstance(stage, schema.TrainStage):
-            plan[-1]["then"] = "train"  # with the answer to that step
-            if stage.meanwhile:
-                plan.append(
-                    {
-                        "key": f"{name}.{stage.meanwhile.questionnaire}",
-                        "kind": "questionnaire",
-                        "stage": name,
-                        "questionnaire": stage.meanwhile.questionnaire,
-                    }
-                )
-            if any(one.comparison for one in protocol.stages):  # otherwise there is nothing to wait for
-                plan.append({"key": f"{name}.wait", "kind": "wait", "stage": name})
-        elif isinstance(stage, schema.ComparisonStage):
-            for number in range(1, stage.scenes + 1):
-                plan.append(
-                    {
-                        "key": f"{name}.{number}",
-                        "kind": "comparison",
-                        "stage": name,
-                        "view": stage.view or view,
-                        "number": number,
-                        "of": stage.scenes,
-                        "turned": bool(random.integers(2)),
-                    }
-                )
-            if stage.guess:
-                plan.append({"key": f"{name}.guess", "kind": "guess", "stage": name})
-        elif isinstance(stage, schema.QuestionnaireStage):
-            plan.append({"key": name, "kind": "questionnaire", "stage": name, "questionnaire": stage.use})
+        if isinstance(stage, BlockStage):
+            conditions = place[name].conditions(stage) if name in place else stage.conditions(0)
+            steps = _block(name, stage, conditions, drawn, random)
+            view = conditions[-1].view
         else:
-            plan.append({"key": name, "kind": entry.kind, "stage": name})
+            steps = _pages(name, entry, protocol, view, random)
+        if isinstance(stage, TrainStage):
+            plan[-1]["then"] = "train"  # with the answer to that step
+        if entry.when is not None:
+            for step in steps:
+                step["when"] = entry.when.model_dump(by_alias=True, exclude_none=True)
+        plan += steps
     return plan
 
 
-def _block(
-    name: str,
-    stage: schema.BlockStage,
-    drawn: Sequence[AnyQuery],
-    turned: dict[str, bool],
-    random: np.random.Generator,
+def appointments_of(plan: list[Step]) -> list[list[Step]]:
+    """The plan cut into its appointments; all but the last end with the step that says when to come back."""
+    parts: list[list[Step]] = [[]]
+    for step in plan:
+        parts[-1].append(step)
+        if step["kind"] == "appointment":
+            parts.append([])
+    return parts
+
+
+def _pages(
+    name: str, entry: StageEntry, protocol: schema.Protocol, view: str, random: np.random.Generator
 ) -> list[Step]:
-    asked: dict[str, list[Step]] = {"learning": [], "regular": [], "probe": []}
-    first = 0
-    for entry in stage.trials:
-        wanted = entry.queries
-        mine = drawn[first : first + wanted.count]
-        first += wanted.count
-        if wanted.role == "learning":
-            asked["learning"] += [_fixed("learning", query, turned[query.id]) for query in mine]
-            continue
-        place = len(asked["regular"])
-        if wanted.choose == "random":
-            asked["regular"] += [_fixed("regular", mine[i], turned[mine[i].id]) for i in random.permutation(len(mine))]
-        else:
-            rule = {"choose": wanted.choose} | ({"stop": wanted.stop.model_dump()} if wanted.stop else {})
-            asked["regular"] += [{"role": "regular", "turned": bool(random.integers(2)), **rule} for _ in mine]
-        again = random.choice(len(mine), wanted.probes.repeat + wanted.probes.swap, False)
-        for n, i in enumerate(again):
-            step = asked["regular"][place + int(i)]
-            role = "repeat" if n < wanted.probes.repeat else "swap"
-            probe = {**step, "role": role, "again": place + int(i)}
-            if role == "swap":
-                probe = _sides_changed(probe)
-            probe.pop("stop", None)
-            asked["probe"].append(probe)
-    asked["probe"] = [asked["probe"][i] for i in random.permutation(len(asked["probe"]))]
-    counted = len(asked["regular"]) + len(asked["probe"])
-    learning = len(asked["learning"])
-    steps: list[Step] = []
-    for number, step in enumerate(asked["learning"] + asked["regular"] + asked["probe"], 1):
-        practice = step["role"] == "learning"
-        if "again" in step:
-            step["again"] = f"{name}.{learning + step['again'] + 1:02d}"
-        steps.append(
+    """The steps of a stage that is no block. view: of the block before."""
+    stage: Stage = entry.stage
+    step: Step = {"key": name, "kind": entry.kind, "stage": name}
+    if isinstance(stage, TrainStage):
+        steps: list[Step] = []
+        if stage.meanwhile:
+            used = stage.meanwhile.questionnaire
+            steps.append({"key": f"{name}.{used}", "kind": "questionnaire", "stage": name, "questionnaire": used})
+        if any(one.comparison for one in protocol.stages):  # otherwise there is nothing to wait for
+            steps.append({"key": f"{name}.wait", "kind": "wait", "stage": name})
+        return steps
+    if isinstance(stage, ComparisonStage):
+        shown: list[Step] = [
             {
-                "key": f"{name}.{number:02d}",
-                "kind": "trial",
+                "key": f"{name}.{number}",
+                "kind": "comparison",
                 "stage": name,
-                "block": name,
-                "view": stage.view,
-                "number": number if practice else number - learning,
-                "of": learning if practice else counted,
-                **step,
+                "view": stage.view or view,
+                "number": number,
+                "of": stage.scenes,
+                "turned": bool(random.integers(2)),
             }
+            for number in range(1, stage.scenes + 1)
+        ]
+        return [*shown, {"key": f"{name}.guess", "kind": "guess", "stage": name}] if stage.guess else shown
+    if isinstance(stage, QuestionnaireStage):
+        return [step | {"questionnaire": stage.use} | _limited(stage.time_limit_s)]
+    if isinstance(stage, ComprehensionStage):
+        numbers = range(1, stage.attempts + 1)
+        said = {"questionnaire": stage.use, "attempts": stage.attempts, "on_failure": stage.on_failure}
+        said |= ({"text": stage.text} if stage.text else {}) | _limited(stage.time_limit_s)
+        return [step | {"key": f"{name}.{n}", "attempt": n, **said} for n in numbers]
+    assert not isinstance(stage, BlockStage)  # noqa: S101  blocks are made elsewhere
+    step["text"] = stage.text
+    if isinstance(stage, BlockBreak):
+        step["at_least_s"] = stage.at_least_s
+    elif isinstance(stage, AppointmentStage):
+        step |= {"after_days": stage.after_days, "within_days": stage.within_days}
+    return [step]
+
+
+def _limited(seconds: int | None) -> Step:
+    return {"time_limit_s": seconds} if seconds is not None else {}
+
+
+def _block(
+    name: str, stage: BlockStage, conditions: Sequence[Condition], drawn: Drawn, random: np.random.Generator
+) -> list[Step]:
+    """The steps of a block, condition by condition; one without `each` or `one_of` is called as its stage."""
+    steps: list[Step] = []
+    for place, condition in enumerate(conditions):
+        block = condition.name or name
+        prefix = f"{name}.{condition.name}" if condition.name else name
+        where: Step = {"stage": name, "block": block, "view": condition.view}
+        between = stage.between if place else []
+        steps += [_part(prefix, where, "between", n, one, condition) for n, one in enumerate(between, 1)]
+        steps += [_part(prefix, where, "before", n, one, condition) for n, one in enumerate(stage.before, 1)]
+        trials = block_trials(prefix, stage, drawn, random)
+        steps += _with_attention(
+            prefix, [{**where, **trial} for trial in trials], stage.attention_checks, where, random
         )
+        steps += [_part(prefix, where, "after", n, one, condition) for n, one in enumerate(stage.after, 1)]
     return steps
 
 
-def _fixed(role: str, query: AnyQuery, turned: bool) -> Step:
-    """A query that is known before the session; `turned`: its second trajectory is shown as A."""
-    step = {
-        "role": role,
-        "query": query.id,
-        "turned": False,
-        "trajectory_a": query.trajectory_a,
-        "trajectory_b": query.trajectory_b,
-        "duration_a_s": query.duration_a_s,
-        "duration_b_s": query.duration_b_s,
-    }
-    return _sides_changed(step) if turned else step
+def _part(prefix: str, where: Step, place: str, number: int, entry: BlockEntry, condition: Condition) -> Step:
+    part = entry.part
+    step: Step = {"kind": entry.kind, **where}
+    if isinstance(part, BlockQuestionnaire):
+        return {"key": f"{prefix}.{part.use}", **step, "questionnaire": part.use} | _limited(part.time_limit_s)
+    step = {"key": f"{prefix}.{place}_{number}", **step, "text": condition.filled(part.text)}
+    return step | {"at_least_s": part.at_least_s} if isinstance(part, BlockBreak) else step
 
 
-def _sides_changed(step: Step) -> Step:
-    changed = {**step, "turned": not step["turned"]}
-    if "query" in step:
-        for name in ("trajectory_{}", "duration_{}_s"):
-            changed[name.format("a")], changed[name.format("b")] = step[name.format("b")], step[name.format("a")]
-    return changed
+def _with_attention(
+    prefix: str, trials: list[Step], checks: int, where: Step, random: np.random.Generator
+) -> list[Step]:
+    """The trials with `checks` attention checks among the regular ones, at places drawn by lot, never side by side."""
+    regular = [i for i, trial in enumerate(trials) if trial["role"] == "regular"]
+    places = {regular[int(i)] for i in random.permutation(len(regular))[:checks]}
+    steps: list[Step] = []
+    number = 0
+    for i, trial in enumerate(trials):
+        if i in places:
+            number += 1
+            said = {"instructed": "ab"[int(random.integers(2))], "number": number}
+            steps.append({"key": f"{prefix}.attention_{number}", "kind": "attention", **where, **said})
+        steps.append(trial)
+    return steps

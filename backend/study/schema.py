@@ -1,177 +1,73 @@
-"""What a study protocol may say: every key, what it may hold, its default. Reading files and checks across keys live in
-`protocol.py`.
+"""What a study protocol may say as a whole. Its stages are in `schema_stages.py`, questionnaires in
+`schema_questionnaires.py`; reading files and checks across keys live in `protocol.py`.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import Field
 
-from backend.study.words import STAGE_KINDS, View
-
-Localized = Annotated[dict[str, str], Field(min_length=1)]
-"""A text in each of the protocol's languages: {en: ..., de: ...}."""
-FileName = Annotated[str, Field(min_length=1, max_length=200)]
-Version = Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=40)]
-PATTERNS = {
-    r"^[a-z][a-z0-9_]*$": "must be lower-case letters, digits and _, beginning with a letter",
-    r"^[A-Za-z0-9-]{4,40}$": "must be random, or 4 to 40 letters, digits and -",
-    r"^https://\S+$": "must be an address that begins with https://",
-    r"^[a-z]{2}$": "must be a language code of two lower-case letters, such as en",
-}
-"""Every pattern below, in words for the person who wrote the protocol."""
-_SLUG, _CODE, _ADDRESS, _LANGUAGE = PATTERNS
-Slug = Annotated[str, Field(pattern=_SLUG, max_length=60)]
-
-
-class Part(BaseModel):
-    """Base of everything in a protocol: an unknown key is an error, nothing changes once it is read."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
+from backend.study.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
+from backend.study.schema_stages import StageEntry
 
 
 class Assignment(Part):
-    """How participants differ. `random`: each gets their own queries, order and sides, from `seed` and their code."""
+    """How participants differ. Queries and sides are always each participant's own, from `seed` and their code.
 
-    scheme: Literal["random"] = "random"
+    scheme: the orders of a block's conditions. `random` draws each one's by lot; `all_orders` (every permutation),
+    `williams` (every condition follows every other equally often) and `latin_square` (every condition stands in every
+    place equally often) fill their orders evenly, by completed and active sessions.
+    lease_hours: an unfinished session holds its place so long after its last sign of life. excluded: whether excluding
+    somebody frees their place; it must be declared before the study.
+    """
+
+    scheme: Literal["random", "all_orders", "williams", "latin_square"] = "random"
     seed: int = Field(0, ge=0)
+    lease_hours: float = Field(24.0, gt=0, le=24 * 365)  # ours
+    excluded: Literal["keep_place", "free_place"] = "keep_place"
 
 
-class TextStage(Part):
-    """A page of text; `text` names a markdown file with one variant per language (`information.en.md`)."""
-
-    text: FileName
-
-
-class ConsentStage(Part):
-    """Consent. Lines `- [ ] ...` at the end of the text are points that are ticked one by one."""
-
-    text: FileName
-    version: Version
-
-
-class QuestionnaireStage(Part):
-    """`use` names a file in `questionnaires/`."""
-
-    use: Slug
-
-
-class Probes(Part):
-    """Queries asked again to measure consistency (spec 07): `repeat` as they were, `swap` with the sides changed."""
-
-    repeat: int = Field(0, ge=0, le=50)
-    swap: int = Field(0, ge=0, le=50)
-
-
-class Stopping(Part):
-    """End the queries early once little is left to learn: when the best next answer promised less than `below_bits` of
-    information for `in_a_row` queries, and at least `at_least` were answered.
+class Sample(Part):
+    """Which queries of the set a participant may get. different_scenes: no scene twice. longest_s, shortest_s: of both
+    drives.
     """
 
-    below_bits: float = Field(0.1, gt=0, le=1)  # as in backend/learning/choosing.py
-    in_a_row: int = Field(3, ge=1, le=20)
-    at_least: int = Field(8, ge=2, le=200)
+    different_scenes: bool = False
+    longest_s: float | None = Field(None, gt=0)
+    shortest_s: float | None = Field(None, gt=0)
 
 
-class Queries(Part):
-    """`count` queries of the query set. `learning` ones are marked and never analysed (spec 07).
+class DeviceGate(Part):
+    """What a device must have before the consent; what is not named is not asked. Sizes in CSS pixels of the window.
 
-    choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
-    participant's own answers so far (spec 06).
+    pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in pictures per second, measured on the page;
+    below `light_below` a lighter scene is shown before anybody is refused below `min_frame_rate`.
     """
 
-    count: int = Field(ge=1, le=200)
-    role: Literal["learning", "regular"] = "regular"
-    choose: Literal["random", "disagreement", "information"] = "random"
-    stop: Stopping | None = Field(None, description="default: all queries are asked")
-    probes: Probes = Probes()
+    webgl: bool = True
+    min_width: int | None = Field(None, ge=200, le=4000)
+    min_height: int | None = Field(None, ge=200, le=4000)
+    pointers: list[Literal["fine", "coarse"]] = Field(["fine", "coarse"], min_length=1)
+    min_frame_rate: float | None = Field(None, gt=0, le=120)
+    light_below: float | None = Field(None, gt=0, le=120)
 
 
-class Trials(Part):
-    """One entry of a block's `trials`."""
-
-    queries: Queries
-
-
-class BlockStage(Part):
-    """The trials of one condition, all in one view."""
-
-    view: View
-    trials: list[Trials] = Field(min_length=1)
-
-
-class Meanwhile(Part):
-    """What the participant does while the job runs."""
+class Quota(Part):
+    """At most `most` participants (completed or under way) may give this answer; who comes later leaves kindly."""
 
     questionnaire: Slug
+    item: Slug
+    is_: Value = Field(alias="is")
+    most: int = Field(ge=0)
 
 
-class TrainStage(Part):
-    """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
-
-    recipe: `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs behind it and takes its
-    place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
-    """
-
-    job: Literal["align"] = "align"
-    on: Literal["own_answers"] = "own_answers"
-    recipe: Literal["instant", "refine", "thesis"] = "instant"
-    meanwhile: Meanwhile | None = Field(None, alias="while")
-    give_up_after_s: int = Field(120, ge=1, le=1800)  # DESIGN.md, sketch of a protocol
-
-
-class ComparisonStage(Part):
-    """Base policy and own policy in `scenes` new scenes, blind, sides drawn by lot in each; then, if `guess`, which
-    drive of the last pair came from the participant's own answers.
-    """
-
-    arms: tuple[Literal["base"], Literal["own"]] = ("base", "own")
-    scenes: int = Field(3, ge=1, le=10)
-    blind: Literal[True] = True
-    view: View | None = Field(None, description="default: the view of the block before")
-    guess: bool = True
-
-
-class DebriefingStage(Part):
-    """The last page. completion_code: `random`, or one code for everybody. return_url: may hold `{code}`."""
+class ScreenOut(Part):
+    """The last page of somebody who cannot go on (comprehension check, quota); as a debriefing."""
 
     text: FileName
-    completion_code: Annotated[str, BeforeValidator(str), Field(pattern=_CODE)] = "random"
-    return_url: Annotated[str, Field(pattern=_ADDRESS, max_length=400)] | None = None
-
-
-Stage = TextStage | ConsentStage | QuestionnaireStage | BlockStage | TrainStage | ComparisonStage | DebriefingStage
-
-
-class StageEntry(Part):
-    """One entry of `stages`: exactly one of these keys."""
-
-    information: TextStage | None = None
-    consent: ConsentStage | None = None
-    questionnaire: QuestionnaireStage | None = None
-    instruction: TextStage | None = None
-    block: BlockStage | None = None
-    train: TrainStage | None = None
-    comparison: ComparisonStage | None = None
-    debriefing: DebriefingStage | None = None
-
-    @model_validator(mode="after")
-    def _exactly_one(self) -> StageEntry:
-        given = [kind for kind in STAGE_KINDS if getattr(self, kind) is not None]
-        if len(given) != 1:
-            what = " and ".join(given) or "nothing"
-            raise ValueError(f"must be exactly one stage, has {what}; one of {', '.join(STAGE_KINDS)}")
-        return self
-
-    @property
-    def kind(self) -> str:
-        return next(kind for kind in STAGE_KINDS if getattr(self, kind) is not None)
-
-    @property
-    def stage(self) -> Stage:
-        found: Stage = getattr(self, self.kind)
-        return found
+    completion_code: Code = "random"
+    return_url: Address | None = None
 
 
 class Protocol(Part):
@@ -180,7 +76,7 @@ class Protocol(Part):
     protocol: Slug
     version: int = Field(ge=1)
     title: Localized
-    languages: list[Annotated[str, Field(pattern=_LANGUAGE)]] = Field(min_length=1)
+    languages: list[Language] = Field(min_length=1)
     minutes: int = Field(15, ge=1, le=240, description="how long a session takes, as participants are told")
     participants: int | None = Field(None, ge=1, description="how many people are taken in; default as many as come")
     link_valid_days: int = Field(14, ge=1, le=365, description="how long a session can be continued")
@@ -192,59 +88,13 @@ class Protocol(Part):
         "none", description="left_right: nobody minds on which side the robot passes, so no answer is read as a side"
     )
     query_set: str = Field(min_length=1, max_length=300)
+    sample: Sample = Sample()
+    device: DeviceGate | None = None
+    quotas: list[Quota] = []
+    screen_out: ScreenOut | None = Field(None, description="default: a page in the product's own words")
     stages: list[StageEntry] = Field(min_length=1)
-
-
-class Option(Part):
-    """One answer of a choice."""
-
-    value: Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=60)]
-    label: Localized
-
-
-class Item(Part):
-    """One question. scale: 1 to `points` with labelled ends; choice: one of `options`; number; text."""
-
-    key: Slug
-    type: Literal["scale", "choice", "number", "text"]
-    text: Localized
-    required: bool = True
-    points: int = Field(7, ge=2, le=11)
-    low: Localized | None = None
-    high: Localized | None = None
-    options: list[Option] = []
-    min: int | None = None
-    max: int | None = None
-    max_length: int = Field(2000, ge=1, le=2000)
-
-    @model_validator(mode="after")
-    def _has_what_it_needs(self) -> Item:
-        if self.type == "scale" and (self.low is None or self.high is None):
-            raise ValueError("a scale needs 'low' and 'high', the labels of its ends")
-        if self.type == "choice" and len(self.options) < 2:
-            raise ValueError("a choice needs at least two 'options'")
-        return self
-
-
-class ItemBlock(Part):
-    """Items that share a screen."""
-
-    title: Localized | None = None
-    items: list[Item] = Field(min_length=1)
-
-
-class Questionnaire(Part):
-    """A questionnaire file."""
-
-    title: Localized
-    text: Localized | None = None
-    blocks: list[ItemBlock] = Field(min_length=1)
-
-    @property
-    def items(self) -> list[Item]:
-        return [item for block in self.blocks for item in block.items]
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a protocol, for editors."""
-    return Protocol.model_json_schema(by_alias=True)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Protocol.model_json_schema(by_alias=True)

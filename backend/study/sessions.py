@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -13,16 +12,16 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import Session
+from backend.study.links import as_issued, token_hash
 from backend.study.refusals import Refused, log_refusal
 
 
-def token_hash(token: str) -> str:
-    """What is stored of a link's token."""
-    return hashlib.sha256(token.encode()).hexdigest()
-
-
 def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = True) -> Session:
-    """The session of a link. Raises Refused: 404 `unknown` for a forged or erased one, 410 `expired`."""
+    """The session of a link. Raises Refused: 404 `unknown` for a forged or erased one, 410 `expired`.
+
+    The transaction remembers the link (`s.info["token"]`), from which the next appointment's is made.
+    """
+    s.info["token"] = as_issued(token)
     session = s.scalars(
         select(Session)
         .where(Session.token_hash == token_hash(token))

@@ -11,13 +11,17 @@ STAGE_KINDS = (
     "information",
     "consent",
     "questionnaire",
+    "comprehension",
     "instruction",
     "block",
+    "break",
     "train",
     "comparison",
+    "appointment",
     "debriefing",
 )
 TRIAL_KINDS = ("trial", "comparison")  # steps that are shown on the stage
+DRAWN_KINDS = ("demonstration",)  # steps at which a path is drawn on the stage
 PLAYING = ("playing_a", "playing_b")
 
 LABEL_S = 2.0  # spec 07: the letter stands for 2 s before the robot moves

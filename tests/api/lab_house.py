@@ -19,9 +19,10 @@ from backend.api.dependencies import House
 from backend.settings import Settings
 from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
 from backend.study import machine
+from backend.study.joining import join_study
 from backend.study.protocol import freeze, shipped_protocols
 from backend.study.sessions import acting
-from backend.study.studies import create_study, join_study
+from backend.study.studies import create_study
 
 PASSWORD = "seven quiet robots"
 NAME = "Corridor pilot"

@@ -16,7 +16,7 @@ from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.commands.loopback import free_port_pair
 from backend.store.models import Study
-from backend.study.studies import join_study
+from backend.study.joining import join_study
 from tests.api.lab_house import NAME, PASSWORD, Walked
 
 

@@ -20,13 +20,14 @@ QUICK = freeze_text(TEXT).protocol
 class AQuery:
     id: str
     setup: str = "study_room"
+    scene_hash: str = ""
     trajectory_a: str = ""
     trajectory_b: str = ""
     duration_a_s: float = 5.0
     duration_b_s: float = 6.0
 
 
-QUERIES = [AQuery(f"q{i}", trajectory_a=f"q{i}a", trajectory_b=f"q{i}b") for i in range(40)]
+QUERIES = [AQuery(f"q{i}", scene_hash=f"s{i}", trajectory_a=f"q{i}a", trajectory_b=f"q{i}b") for i in range(40)]
 
 
 def trials(plan):

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import pytest
 
+from backend.study.outline import describe_stages, expected_minutes
 from backend.study.pages import payload_of
 from backend.study.protocol import (
     PROTOCOLS,
     ProtocolError,
-    describe_stages,
-    expected_minutes,
     freeze,
     freeze_text,
     shipped_protocols,
     validate_protocol_file,
 )
-from backend.study.schema import StageEntry, json_schema
+from backend.study.schema import json_schema
+from backend.study.schema_stages import StageEntry
 from backend.study.words import STAGE_KINDS
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
@@ -92,7 +92,7 @@ def test_every_shipped_protocol_is_valid(file: Path):
         ),
         ("use: demographics", "use: demografics", "use:", "stages[2].questionnaire.use", "demografics", "no file"),
         ("version: 1\n", "version: one\n", "version: 1", "version", "one", "a whole number"),
-        ("languages: [en, de]", "languages: [en, fr]", "title:", "title", None, "no text for fr"),
+        ("languages: [en, de]", "languages: [en, de, fr]", "languages:", "languages[2]", "fr", "no title and no text"),
         ("texts/consent.md", "../consent.md", "consent:", "stages[1].consent.text", "../consent.md", "without '..'"),
         ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
         ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
@@ -106,7 +106,7 @@ def test_every_shipped_protocol_is_valid(file: Path):
             "4 to 40 letters",
         ),
         ("languages: [en, de]", "languages: [eng]", "languages:", "languages[0]", "eng", "two lower-case letters"),
-        ("scheme: random", "scheme: balanced", "assignment:", "assignment.scheme", "balanced", "the only value"),
+        ("scheme: random", "scheme: balanced", "assignment:", "assignment.scheme", "balanced", "one of random, all"),
     ],
 )
 def test_an_error_names_file_line_field_value_and_what_is_allowed(tmp_path, old, new, line, field, value, says):
@@ -241,7 +241,8 @@ def test_the_minutes_told_to_participants_fit_the_protocol():
 
 
 def test_schema_and_words_agree():
-    assert set(STAGE_KINDS) == set(StageEntry.model_fields)
+    keys = {field.alias or name for name, field in StageEntry.model_fields.items()}
+    assert {*STAGE_KINDS, "when"} == keys
     assert "stages" in json_schema()["properties"]
 
 

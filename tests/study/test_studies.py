@@ -11,9 +11,10 @@ from sqlalchemy import select
 from backend.learning.queries import QuerySet
 from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
 from backend.store.query_sets import query_sets_here, save_query_set
+from backend.study.joining import join_study
 from backend.study.protocol import freeze, freeze_text, thaw
 from backend.study.refusals import Refused
-from backend.study.studies import StudyError, create_study, join_study, queries_of_study, study_by_link
+from backend.study.studies import StudyError, create_study, queries_of_study, study_by_link
 from tests.study.walking import QUICK
 
 PROLIFIC = {"platform": "prolific", "external_id": "5f3c0ffee0ddba11", "study": "x"}

@@ -12,9 +12,10 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Session, Study, utc_now
 from backend.study import machine
+from backend.study.joining import join_study
 from backend.study.protocol import freeze_text
 from backend.study.sessions import acting
-from backend.study.studies import create_study, join_study
+from backend.study.studies import create_study
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}

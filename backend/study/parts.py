@@ -1,0 +1,32 @@
+"""What every part of a protocol file is made of: strict models, short texts per language, patterns with their words."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+Localized = Annotated[dict[str, str], Field(min_length=1)]
+"""A text in each of the protocol's languages: {en: ..., de: ...}."""
+FileName = Annotated[str, Field(min_length=1, max_length=200)]
+Version = Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=40)]
+PATTERNS = {
+    r"^[a-z][a-z0-9_]*$": "must be lower-case letters, digits and _, beginning with a letter",
+    r"^[A-Za-z0-9-]{4,40}$": "must be random, or 4 to 40 letters, digits and -",
+    r"^https://\S+$": "must be an address that begins with https://",
+    r"^[a-z]{2}$": "must be a language code of two lower-case letters, such as en",
+}
+"""Every pattern of a protocol, in words for the person who wrote it."""
+_SLUG, _CODE, _ADDRESS, _LANGUAGE = PATTERNS
+Slug = Annotated[str, Field(pattern=_SLUG, max_length=60)]
+Code = Annotated[str, BeforeValidator(str), Field(pattern=_CODE)]
+Address = Annotated[str, Field(pattern=_ADDRESS, max_length=400)]
+Language = Annotated[str, Field(pattern=_LANGUAGE)]
+Value = Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=60)]
+"""What is stored of a chosen answer."""
+
+
+class Part(BaseModel):
+    """Base of everything in a protocol: an unknown key is an error, nothing changes once it is read."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)

@@ -1,0 +1,42 @@
+"""Validated scales score as their sources say, and a changed word is noticed."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.analysis.scales import SCALES, wording_digest
+
+SUS, TLX = SCALES["sus"], SCALES["raw_tlx"]
+
+
+def test_the_usability_scale_scores_as_brooke_says():
+    """Odd items count answer - 1, even ones 5 - answer, the sum times 2.5."""
+    sheet = dict(zip((item.key for item in SUS.items), (5, 4, 2, 1, 2, 3, 2, 4, 5, 4), strict=True))
+    odd = sum(sheet[f"sus_{n}"] - 1 for n in (1, 3, 5, 7, 9))
+    even = sum(5 - sheet[f"sus_{n}"] for n in (2, 4, 6, 8, 10))
+    assert SUS.score(sheet) == pytest.approx((odd + even) * 2.5)
+    best = {item.key: 1 if item.reversed else 5 for item in SUS.items}
+    assert SUS.score(best) == 100.0
+    assert SUS.score(dict.fromkeys(best, 3)) == 50.0
+
+
+def test_the_raw_task_load_is_the_mean_of_six_answers_in_steps_of_five():
+    ratings = dict(zip((item.key for item in TLX.items), (11, 1, 21, 5, 9, 13), strict=True))
+    assert TLX.score(ratings) == pytest.approx(sum((one - 1) * 5 for one in ratings.values()) / 6)
+
+
+def test_a_missing_or_impossible_answer_is_named():
+    answers = {item.key: 3 for item in SUS.items}
+    with pytest.raises(ValueError, match="sus_4 = None: sus needs an answer from 1 to 5"):
+        SUS.score({key: value for key, value in answers.items() if key != "sus_4"})
+    with pytest.raises(ValueError, match="sus_1 = 6"):
+        SUS.score({**answers, "sus_1": 6})
+
+
+@pytest.mark.parametrize("scale", SCALES.values(), ids=lambda scale: scale.name)
+def test_one_changed_word_is_another_wording(scale):
+    for language in scale.languages:
+        items = [(item.text[language], item.low[language], item.high[language]) for item in scale.items]
+        assert wording_digest(items, scale.points) == scale.digest(language)
+        changed = [(items[0][0].replace("I ", "We ").replace("Ich ", "Wir ").replace("How ", "So how "), *items[0][1:])]
+        assert wording_digest(changed + items[1:], scale.points) != scale.digest(language)
