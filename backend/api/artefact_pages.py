@@ -28,7 +28,7 @@ from backend.store.events import log_event
 from backend.store.models import Artefact, ArtefactParent, Job, Participant, Study
 from backend.store.models import Response as Answered
 from backend.store.models import Session as SessionRow
-from backend.store.snapshots import Snapshot, SnapshotError, Whose, checked_whose, take_snapshot
+from backend.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, Whose, checked_whose, take_snapshot
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
@@ -56,13 +56,13 @@ def take(
                 wanted = select(Participant.id).where(Participant.study_id == study_id, Participant.code == code)
                 chosen = list(s.scalars(wanted))
                 if not chosen:
-                    raise SnapshotError(f"this study has no participant {code!r}")
+                    raise LabRefusal(422, "no_participant", code=code)
             taken = take_snapshot(s, files, study_id=study_id, participant_ids=chosen, whose=checked_whose(whose))
             log_event(s, "snapshot_taken", study_id=study_id, snapshot=taken.id, whose=whose, by=user.name)
     except SnapshotError as problem:
         with database.session() as s:
             return _snapshots_page(
-                request, s, problem=str(problem), study=study_id, participant=code, whose=whose, status=422
+                request, s, problem=problem, study=study_id, participant=code, whose=whose, status=422
             )
     audit_details(request, study_id=study_id, snapshot=taken.id)
     return RedirectResponse(f"/lab/snapshots/{taken.id}", status_code=303)
@@ -302,7 +302,7 @@ def _snapshots_page(
     request: Request,
     s: DatabaseSession,
     *,
-    problem: str | None = None,
+    problem: SnapshotError | None = None,
     study: str = "",
     participant: str = "",
     whose: str = "people",
@@ -318,6 +318,7 @@ def _snapshots_page(
         studies=studies,
         names={one.id: one.name for one in studies},
         problem=problem,
+        too_few=isinstance(problem, TooFewAnswers),
         chosen_study=study or request.query_params.get("study", ""),
         chosen_participant=participant or request.query_params.get("participant", ""),
         chosen_whose=whose,

@@ -46,6 +46,22 @@ class SnapshotError(ValueError):
     """There is nothing to learn from; the message counts what was left out and why."""
 
 
+class TooFewAnswers(SnapshotError):
+    """Its parts beside the message, so that a page can say it in its own language. ask_for: whose answers there are."""
+
+    def __init__(self, whose: str, usable: int, left_out: dict[str, int], probes: int) -> None:
+        other = {"people": "simulated", "simulated": "people"}.get(whose, "")
+        self.whose, self.usable, self.probes = whose, usable, probes
+        self.left_out = {reason: count for reason, count in left_out.items() if count}
+        self.ask_for = other if self.left_out.get(other) else ""
+        reasons = ", ".join(f"{count} {reason}" for reason, count in self.left_out.items()) or "nothing"
+        advice = f"; to learn from {WHOSE_WORDS[other]}, ask for {other} (--answers {other})" if self.ask_for else ""
+        super().__init__(
+            f"only {usable} usable answers of {WHOSE_WORDS[whose]}, at least {MIN_ANSWERS} are needed "
+            f"(left out: {reasons}; probes: {probes}){advice}"
+        )
+
+
 @dataclass(frozen=True)
 class Answer:
     """One usable answer. `source`: human or simulated. `probe`: asked again to measure consistency, not independent."""
@@ -129,8 +145,8 @@ def take_snapshot(
     """Freeze the usable answers of a session, or of a study (or some of its participants) as a snapshot artefact.
 
     whose: of a study's participants only people (default), only simulated ones, or all; pilot participants are left out
-    of it. A session's own snapshot holds its answers, whoever gave them. Raises SnapshotError if fewer than two usable answers are left, LookupError if the
-    session or study is unknown.
+    of it. A session's own snapshot holds its answers, whoever gave them. Raises SnapshotError if fewer than two usable
+    answers are left, LookupError if the session or study is unknown.
     """
     if (session_id is None) == (study_id is None):
         raise SnapshotError("take_snapshot: name either a session or a study")
@@ -228,14 +244,7 @@ def _freeze(
         )
     usable = [answer for answer in answers if not answer.probe]
     if len(usable) < MIN_ANSWERS:
-        reasons = ", ".join(f"{count} {reason}" for reason, count in left_out.items() if count) or "nothing"
-        others = {"people": "simulated", "simulated": "people"}.get(whose, "")
-        advice = f"; to learn from {WHOSE_WORDS[others]}, ask for {others} (--answers {others})" if others else ""
-        raise SnapshotError(
-            f"only {len(usable)} usable answers of {WHOSE_WORDS[whose]}, at least {MIN_ANSWERS} are needed "
-            f"(left out: {reasons}; probes: {len(answers) - len(usable)})"
-            f"{advice if left_out.get(others) else ''}"
-        )
+        raise TooFewAnswers(whose, len(usable), left_out, len(answers) - len(usable))
     snapshot = Snapshot(
         setup=require_same(**setups),
         study=study.id,

@@ -109,6 +109,7 @@ def known(worked: House) -> SimpleNamespace:
             reward_model=s.scalars(select(Artefact.id).where(Artefact.kind == "reward_model")).one(),
             base=policy_artefact(s, "study_room/base").id,
             field=policy_artefact(s, "open_field/base").id,
+            conditioned=policy_artefact(s, "study_room/conditioned").id,
             comparison=next(one.id for one in evaluations if "paired" in one.card["results"]),
             evaluation=next(one.id for one in evaluations if "paired" not in one.card["results"]),
             answer=s.scalars(select(Response.id).limit(1)).one(),
@@ -130,7 +131,9 @@ def pages(known: SimpleNamespace) -> dict[str, str]:
         f"/lab/snapshots/{known.snapshot}": known.answer,
         f"/lab/snapshots/{known.snapshot}/answers/{known.answer}": "polyline",
         "/lab/policies": "study_room/ensemble/3",
+        "/lab/policies#conditioned_policy": known.conditioned,
         f"/lab/policies/{known.base}": "policy.onnx",
+        f"/lab/artefacts/{known.conditioned}": f"/lab/flow-field?policy_a={known.conditioned}",
         f"/lab/artefacts/{known.reward_model}": "P002",
         f"/lab/artefacts/{known.evaluation}": "study_room/base",
         "/lab/compare": known.comparison,
@@ -279,11 +282,14 @@ def test_snapshot_of_one_participant_is_taken_and_too_few_answers_are_told(analy
     lonely = add_answered_study(worked.database, worked.files, answers=1, name="Lonely")
     refused = analyst.post("/lab/snapshots", data={**form, "study": lonely})
     assert refused.status_code == 422
-    assert "only 1 usable answers" in refused.text
+    assert "Usable answers of simulated participants: only one; at least two are needed." in refused.text
+    german = analyst.post("/lab/snapshots", data={**form, "study": lonely}, headers={"Accept-Language": "de"}).text
+    assert "Brauchbare Antworten von simulierten Teilnehmenden: nur eine; mindestens zwei sind nötig." in german
+    assert "are needed" not in german
     nobody = analyst.post("/lab/snapshots", data={"csrf": form["csrf"], "study": known.study})
     assert nobody.status_code == 422
-    assert "only 0 usable answers of people" in nobody.text
-    assert "--answers simulated" in nobody.text
+    assert "Usable answers of people: 0" in nobody.text
+    assert "There are answers of simulated participants" in nobody.text
     mixed = analyst.post("/lab/snapshots", data={**form, "answers": "everybody"})
     assert "must be one of people, simulated, all" in mixed.text
 
