@@ -148,21 +148,26 @@ def evaluate(
 
 
 def find_policy(reference: str) -> Policy:
-    """The policy that was named on the command line: by id, path or shipped name. Raises LookupError."""
-    from backend.learning.policy import Policy
-    from backend.learning.shipped import load_policy, names_policy, shipped_names
-    from backend.store.artefacts import load_artefact
+    """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its wants
+    (`ID@farther=1`). Raises LookupError.
+    """
+    from backend.learning.shipped import load_policy, names_policy, shipped_names, told_policy
+    from backend.store.artefacts import ArtefactError, load_artefact
     from backend.store.models import Artefact
+    from backend.store.shipped import REGISTERED
 
     if names_policy(reference):
         return load_policy(reference)
+    artefact_id = reference.partition("@")[0]
     database, files = open_store()
     with database.session() as s:
-        if s.get(Artefact, reference) is None:
+        if s.get(Artefact, artefact_id) is None:
             shipped = ", ".join(name for name in shipped_names() if "/queries" not in name)
             raise LookupError(f"no policy {reference!r}: neither an id, a file nor shipped ({shipped})")
-        _, content = load_artefact(s, files, reference, kind="policy")
-    return Policy.from_bytes(content)
+        artefact, content = load_artefact(s, files, artefact_id)
+    if artefact.kind not in REGISTERED:
+        raise ArtefactError(f"artefact {artefact.id} ({artefact.name}) is a {artefact.kind}, not a policy")
+    return told_policy(content, reference)
 
 
 def parsed_settings(more: list[str] | None) -> dict[str, Any]:

@@ -45,13 +45,17 @@ def load_policy(reference: str) -> Policy:
     A conditioned policy may be told what is wanted, `study_room/conditioned@farther=1,smoother=0.5`; without, nothing
     is. Raises LearningError or PolicyError.
     """
+    return told_policy(resolve(reference.partition("@")[0]).read_bytes(), reference)
+
+
+def told_policy(content: bytes, reference: str) -> Policy:
+    """The policy in `content`, told what stands behind `@` in its reference. Raises LearningError or PolicyError."""
     name, told, wants = reference.partition("@")
-    data = resolve(name).read_bytes()
-    if stored_format(data) == CONDITIONED:
-        return ConditionedPolicy.from_bytes(data).at(parsed_weights(wants))
+    if stored_format(content) == CONDITIONED:
+        return ConditionedPolicy.from_bytes(content).at(parsed_weights(wants))
     if told:
         raise LearningError(f"{name} takes no wants: write it without @{wants}, or name a conditioned policy")
-    return Policy.from_bytes(data)
+    return Policy.from_bytes(content)
 
 
 def load_conditioned(name_or_path: str) -> ConditionedPolicy:
