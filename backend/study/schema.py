@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from backend.report.plan import AnalysisPlan
 from backend.study.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
 from backend.study.schema_stages import StageEntry
 
@@ -92,6 +93,7 @@ class Protocol(Part):
     device: DeviceGate | None = None
     quotas: list[Quota] = []
     screen_out: ScreenOut | None = Field(None, description="default: a page in the product's own words")
+    analysis: AnalysisPlan | None = Field(None, description="what the report tests, declared before the data")
     stages: list[StageEntry] = Field(min_length=1)
 
 
