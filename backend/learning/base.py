@@ -53,7 +53,7 @@ class BaseConfig:
     updates: int = 60_000  # ours: with the calm ones about two minutes on one core
     n_envs: int = 256  # DESIGN: many environments, few updates
     updates_per_step: int = 12
-    random_transitions: int = 10_000
+    random_transitions: int = 50_000  # ours: with 10,000, before any episode has ended, some seeds stand still for ever
     buffer_size: int = 1_000_000  # table 6.1
     exploration: tuple[float, float] = (0.05, 0.5)  # std of the action noise, spread over the environments
     progress_weight: float = 1.0  # per metre; ours
@@ -62,7 +62,7 @@ class BaseConfig:
     calm_updates: int = 12_000  # ours: after the others, with the calm term
     calm_weight: float = 0.2  # of the calm term, ours; reached linearly over the first half of the calm updates
     calm_learning_rate: float = 3e-4  # at the beginning of the calm updates; falls to the final one
-    tau: float = 0.01
+    tau: float = 0.05  # ours: 94 % with half the updates that 0.01 takes
     batch_size: int = 128
     average_decay: float = 0.9995  # running average of the actor's weights, per update
     checkpoints: int = 6  # spread over the second half of the calm updates; the best on the selection scenes is kept

@@ -1,242 +1,69 @@
 """How long base training takes on this machine, and what it reaches. Ratios come from one run.
 
-Clocks live here and in `benchmark_align.py`, nowhere else in this room.
+The trainings themselves live in `benchmark_arms.py`.
 """
 
 from __future__ import annotations
 
 import json
 import statistics
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import torch
-from stable_baselines3 import TD3
-from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
-
-from backend.analysis.metrics import success_rate
-from backend.learning.base import BaseConfig, BaseTraining
+from backend.learning.base import BaseConfig
+from backend.learning.benchmark_arms import (
+    AVERAGED,
+    CHECK_SCENES,
+    CONFIRM_SCENES,
+    LAST,
+    Reached,
+    TrainBenchmarkConfig,
+    pybullet_seconds_per_step,
+    train_ours,
+    train_sb3,
+)
 from backend.learning.errors import LearningError
-from backend.learning.networks import use_one_thread
-from backend.learning.policy import Policy
-from backend.learning.sb3 import actor_layers, policy_of_sb3, read_layers, sb3_td3
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.td3 import Td3Config
-from backend.simulation.environments import FastVecEnv, NavigationEnv
-from backend.simulation.fast import evaluate
-from backend.simulation.setups import Setup, get_setup
+from backend.simulation.setups import get_setup
 
-TARGET = 0.94
 ARMS = ("fast", "sb3_fast", "sb3_pybullet")
-CHECK_SCENES, CONFIRM_SCENES = 500, 2_000
-FIRST_CONFIRM_SEED, CONFIRM_SEEDS = 10_000, 500  # reporting scenes that no card uses: so many tries per training seed
-LAST, AVERAGED = "last", "averaged"
-WEIGHTS = {"fast": AVERAGED, "sb3_fast": LAST}
-"""Which weights an arm is judged by: ours averages as base training does, SB3 has no such thing. The other weights of
-the same training are checked beside them, so that what averaging brings can be told apart."""
+WEIGHTS = {"fast": (LAST, AVERAGED), "sb3_fast": (LAST,), "sb3_pybullet": (LAST,)}
+"""By which weights an arm is judged, whichever get there first: `train_base` considers both, SB3 does not average."""
+Train = Callable[[str, BaseConfig, TrainBenchmarkConfig], list[Reached]]
 
 
-@dataclass(frozen=True)
-class TrainBenchmarkConfig:
-    """Base training's own hyper-parameters, checked often; a training gives up after `max_updates`."""
-
-    updates_per_check: int = 600
-    max_updates: int = 40_000
-    pybullet_steps: int = 600
+RANDOM_TRANSITIONS_ALONE = 10_000  # of one environment, at most: it has seen some twenty episodes by then
 
 
-@dataclass(frozen=True)
-class Progress:
-    """Where a training is: its policies by weights (`last`, `averaged`), its work and the seconds that took.
-
-    seconds: all of training; update_seconds: of it, in updates with their sampling; the rest is stepping environments.
-    """
-
-    policies: dict[str, Policy]
-    updates: int
-    transitions: int
-    seconds: float
-    update_seconds: float
-
-
-@dataclass(frozen=True)
-class Reached:
-    """One training judged by one kind of weights: the work until the confirmed 94 %, or until it gave up (None)."""
-
-    arm: str
-    weights: str
-    seed: int
-    seconds_to_94: float | None
-    updates: int
-    transitions: int
-    held_out_success: float | None
-    tries: int
-    ms_per_update: float
-    ms_per_transition: float
-
-
-def _train_until_target(
-    arm: str, setup: Setup, seed: int, chunk: Callable[[], Progress], config: TrainBenchmarkConfig
-) -> list[Reached]:
-    """Alternate training chunks and checks (not timed) until 94 % is confirmed for the weights the arm is judged by.
-
-    Every try to confirm takes 2,000 scenes that served nothing before. The other weights are null where they were not
-    confirmed until then.
-    """
-    check = scene_set(setup.name, CHECK_SCENES, purpose=Purpose.BENCHMARK, seed=seed)
-    reached: dict[str, Reached] = {}
-    tries = 0
-    while True:
-        now = chunk()
-        for weights, policy in now.policies.items():
-            if weights in reached or success_rate(evaluate(policy.act, setup, check).outcome) < TARGET:
-                continue
-            fresh = FIRST_CONFIRM_SEED + CONFIRM_SEEDS * seed + tries
-            tries += 1
-            scenes = scene_set(setup.name, CONFIRM_SCENES, purpose=Purpose.REPORT, seed=fresh)
-            confirmed = success_rate(evaluate(policy.act, setup, scenes).outcome)
-            if confirmed >= TARGET:
-                reached[weights] = _reached(arm, weights, seed, now, confirmed, tries)
-        if WEIGHTS[arm] in reached or now.updates >= config.max_updates:
-            return [reached.get(w) or _reached(arm, w, seed, now, None, tries) for w in now.policies]
-
-
-def _reached(arm: str, weights: str, seed: int, now: Progress, confirmed: float | None, tries: int) -> Reached:
-    return Reached(
-        arm=arm,
-        weights=weights,
-        seed=seed,
-        seconds_to_94=None if confirmed is None else now.seconds,
-        updates=now.updates,
-        transitions=now.transitions,
-        held_out_success=confirmed,
-        tries=tries,
-        ms_per_update=now.update_seconds / now.updates * 1e3,
-        ms_per_transition=(now.seconds - now.update_seconds) / now.transitions * 1e3,
+def alone(base: BaseConfig) -> BaseConfig:
+    """As Stable-Baselines3's users begin: one environment, one update per step, one noise level (the middle one)."""
+    middle = (base.exploration[0] * base.exploration[1]) ** 0.5
+    return replace(
+        base,
+        n_envs=1,
+        updates_per_step=1,
+        exploration=(middle, middle),
+        random_transitions=min(RANDOM_TRANSITIONS_ALONE, base.random_transitions),
     )
 
 
-class _Stopwatch:
-    """Wraps a function and adds up the seconds spent in it."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.seconds = 0.0
-        self._function = function
-
-    def __call__(self, *arguments: Any, **named: Any) -> Any:
-        began = time.perf_counter()
-        try:
-            return self._function(*arguments, **named)
-        finally:
-            self.seconds += time.perf_counter() - began
+ABLATION: dict[str, Callable[[BaseConfig], BaseConfig]] = {
+    "as_it_is": lambda base: base,
+    "one_environment": alone,
+    "a_quarter_of_the_updates_per_step": lambda base: replace(base, updates_per_step=base.updates_per_step // 4),
+    "four_times_the_updates_per_step": lambda base: replace(base, updates_per_step=base.updates_per_step * 4),
+}
+"""Our own training with one thing changed."""
 
 
-def _fast_arm(base: BaseConfig, config: TrainBenchmarkConfig) -> list[Reached]:
-    training = BaseTraining(base)
-    whole = _Stopwatch(training.vector_step)
-    stepping = _Stopwatch(training.explorer.step)
-    training.explorer.step = stepping  # type: ignore[method-assign]
+@dataclass(frozen=True)
+class Median:
+    """The median over seeds; None where half of the trainings or more never got there, which took longer than that."""
 
-    def chunk() -> Progress:
-        goal = training.agent.updates + config.updates_per_check
-        while training.agent.updates < goal:
-            whole()
-        policies = {AVERAGED: training.policy(averaged=True), LAST: training.policy()}
-        return Progress(
-            policies, training.agent.updates, training.transitions, whole.seconds, whole.seconds - stepping.seconds
-        )
-
-    return _train_until_target("fast", training.setup, base.seed, chunk, config)
-
-
-def _sb3_arm(base: BaseConfig, config: TrainBenchmarkConfig) -> list[Reached]:
-    """Stable-Baselines3 with the same network, shaping, environments, noise and updates per step."""
-    use_one_thread()
-    setup = get_setup(base.setup)
-    td3 = Td3Config(setup.gamma, base.batch_size, base.learning_rate, base.tau)
-    model = sb3_td3(
-        FastVecEnv(setup, base.n_envs, seed=base.seed, progress_weight=base.progress_weight),
-        setup,
-        td3,
-        heads=base.heads,
-        seed=base.seed,
-        buffer_size=base.buffer_size,
-        updates_per_step=base.updates_per_step,
-        learning_starts=base.random_transitions,
-    )
-    noise = VectorizedActionNoise(NormalActionNoise(np.zeros(2), np.ones(2)), base.n_envs)
-    noise.noises = [
-        NormalActionNoise(np.zeros(2), np.full(2, sigma)) for sigma in np.geomspace(*base.exploration, base.n_envs)
-    ]
-    model.action_noise = noise
-    average = _AveragedActor(model, base.average_decay**base.updates_per_step)
-    updating = _Stopwatch(model.train)
-
-    def train_and_average(*arguments: Any, **named: Any) -> None:
-        updating(*arguments, **named)
-        average.take_up()
-
-    model.train = train_and_average  # type: ignore[method-assign]
-    learning = _Stopwatch(model.learn)
-    vector_steps = -(-config.updates_per_check // base.updates_per_step)
-
-    def chunk() -> Progress:
-        first = model.num_timesteps == 0
-        steps = vector_steps * base.n_envs + (base.random_transitions if first else 0)
-        learning(steps, reset_num_timesteps=first)
-        policy = policy_of_sb3(model, setup, base.heads)
-        policies = {LAST: policy, AVERAGED: replace(policy, actor=average.arrays())}
-        seconds = learning.seconds - average.seconds
-        return Progress(policies, model._n_updates, model.num_timesteps, seconds, updating.seconds)
-
-    return _train_until_target("sb3_fast", setup, base.seed, chunk, config)
-
-
-class _AveragedActor:
-    """The running average of an SB3 model's actor, taken up once per vector step; its own seconds are not SB3's."""
-
-    def __init__(self, model: TD3, decay: float) -> None:
-        self._model, self._decay = model, decay
-        self._kept = [parameter.detach().clone() for parameter in model.actor.parameters()]
-        self.seconds = 0.0
-
-    def take_up(self) -> None:
-        began = time.perf_counter()
-        with torch.no_grad():
-            for kept, parameter in zip(self._kept, self._model.actor.parameters(), strict=True):
-                kept.lerp_(parameter, 1 - self._decay)
-        self.seconds += time.perf_counter() - began
-
-    def arrays(self) -> tuple[np.ndarray[Any, np.dtype[np.float32]], ...]:
-        """The averaged actor in our order of layers."""
-        current = [parameter.detach().clone() for parameter in self._model.actor.parameters()]
-        with torch.no_grad():
-            for parameter, kept in zip(self._model.actor.parameters(), self._kept, strict=True):
-                parameter.copy_(kept)
-            arrays = read_layers(actor_layers(self._model))
-            for parameter, was in zip(self._model.actor.parameters(), current, strict=True):
-                parameter.copy_(was)
-        return arrays
-
-
-def _pybullet_seconds_per_step(setup: Setup, steps: int) -> float:
-    """Wheel motors, restarts included: what a user's training would pay per step, without network and updates."""
-    env = NavigationEnv(setup, engine="pybullet", drive_mode="wheels", progress_weight=1.0)
-    random = np.random.default_rng(0)
-    env.reset(seed=0)
-    began = time.perf_counter()
-    for _ in range(steps):
-        _, _, terminated, _, _ = env.step(random.uniform(-1, 1, 2).astype(np.float32))
-        if terminated:
-            env.reset()
-    seconds = (time.perf_counter() - began) / steps
-    env.close()
-    return seconds
+    value: float | None
+    longer_than: float | None = None
 
 
 class _Kept:
@@ -268,17 +95,20 @@ def benchmark_train(
     config: TrainBenchmarkConfig | None = None,
     base: BaseConfig | None = None,
     keep: Path | None = None,
+    ablation_seeds: int = 0,
 ) -> dict[str, Any]:
-    """Seconds of training until a base policy reaches 94 %, ours (`fast`) against SB3 on the same fast engine and on
-    PyBullet. One thread each, one after the other, evaluations not counted.
+    """Processor seconds of training until a base policy reaches 94 %, ours (`fast`) against SB3 on the same fast engine
+    and on PyBullet. One thread each, one after the other, checks not counted. Processor seconds are wall-clock seconds
+    on an idle machine, and on a busy one nobody is charged for others' work; `per_seed` holds both.
 
-    Ours is judged by its averaged weights, as base training uses them; SB3 by its last weights, since it does not
-    average. Both trainings are also judged by the other weights (`per_seed`, `causes`). `seconds_to_94` and
-    `held_out_success` are medians of the first arm named (null if a training never got there).
-    The PyBullet arm is not trained: one environment with wheel motors; steps to 94 % of SB3 on the fast engine (of
-    ours, where that arm did not run) times measured seconds per PyBullet step, plus that arm's seconds of updates;
-    `sb3_pybullet_note` says so.
+    Ours is judged by its last and its averaged weights, whichever are confirmed first, since base training considers
+    both; SB3 by its last, since it does not average. `seconds_to_94` and `held_out_success` are medians of the first
+    arm named (null if half of the trainings never got there). A ratio whose slow side is null has a lower bound
+    beside it, `..._at_least`: its trainings that never got there count with the seconds they had spent.
+    The PyBullet arm is SB3 as its users begin (one environment, one update per step), trained on the fast engine and
+    charged with measured seconds per PyBullet step instead of the fast engine's; `sb3_pybullet_note` says so.
     keep: file that finished trainings are kept in; a broken run goes on from there.
+    ablation_seeds: so many seeds of `ABLATION`, to tell the causes apart.
     """
     unknown = [arm for arm in arms if arm not in ARMS]
     if unknown or not arms or seeds < 1:
@@ -288,64 +118,119 @@ def benchmark_train(
     if chosen.setup != setup:
         raise LearningError(f"base.setup = {chosen.setup!r} but setup = {setup!r}")
     kept = _Kept(keep, {"base": json.loads(json.dumps(chosen.as_dict())), "config": asdict(config)})
-    trained = [arm for arm in arms if arm != "sb3_pybullet"] or ["fast"]
-    entries: list[Reached] = []
-    for seed in range(seeds):  # seed by seed: what is slow on this machine for a while is slow for all arms
-        for arm in trained:
-            run = partial(_fast_arm if arm == "fast" else _sb3_arm, replace(chosen, seed=seed), config)
-            entries += kept.run(f"{arm} {seed}", run)
-    judged = {arm: [e for e in entries if e.arm == arm and e.weights == WEIGHTS[arm]] for arm in trained}
-    medians = {arm: _median([e.seconds_to_94 for e in found]) for arm, found in judged.items()}
+    trainings: dict[str, tuple[Train, BaseConfig]] = {
+        "fast": (train_ours, chosen),
+        "sb3_fast": (train_sb3, chosen),
+        "sb3_pybullet": (train_sb3, alone(chosen)),
+    }
+
+    def train(arm: str, training: Train, of: BaseConfig, seed: int) -> list[Reached]:
+        return kept.run(f"{arm} {seed}", partial(training, arm, replace(of, seed=seed), config))
+
+    # Seed by seed: what is slow on this machine for a while is slow for all arms.
+    entries = [entry for seed in range(seeds) for arm in arms for entry in train(arm, *trainings[arm], seed)]
     note = None
     if "sb3_pybullet" in arms:
-        steps_of = "sb3_fast" if "sb3_fast" in judged else "fast"
-        per_step = _pybullet_seconds_per_step(get_setup(setup), config.pybullet_steps)
-        medians["sb3_pybullet"] = _median(
-            [
-                None if e.seconds_to_94 is None else e.transitions * per_step + e.updates * e.ms_per_update / 1e3
-                for e in judged[steps_of]
-            ]
-        )
+        per_step = pybullet_seconds_per_step(get_setup(setup), config.pybullet_steps)
+        entries = [_on_pybullet(entry, per_step) if entry.arm == "sb3_pybullet" else entry for entry in entries]
         note = (
-            f"not trained: steps to 94 % of arm {steps_of} times {per_step * 1e3:.2f} ms per step of one PyBullet "
-            f"environment with wheel motors (measured over {config.pybullet_steps} steps, restarts included), plus "
-            "that arm's time for updates"
+            "not trained in PyBullet: SB3 with one environment and one update per step on the fast engine; its seconds "
+            f"are its steps times {per_step * 1e3:.2f} ms per step of one PyBullet environment with wheel motors "
+            f"(measured over {config.pybullet_steps} steps, restarts included) plus its seconds of updates"
         )
-    first = arms[0] if arms[0] in judged else trained[0]
+    judged = {arm: _judged(entries, arm, WEIGHTS[arm]) for arm in arms}
+    medians = {arm: _median_seconds(found) for arm, found in judged.items()}
     return {
         "setup": setup,
         "seeds": seeds,
-        "seconds_to_94": medians[first],
-        "held_out_success": _median([e.held_out_success for e in judged[first]]),
-        "seconds_to_94_per_arm": medians,
-        "judged_by_weights": {arm: WEIGHTS[arm] for arm in judged},
+        "seconds_are": "processor time",
+        "seconds_to_94": medians[arms[0]].value,
+        "held_out_success": _median([e.held_out_success for e in judged[arms[0]]]),
+        "seconds_to_94_per_arm": {arm: median.value for arm, median in medians.items()},
+        "never_reached": {arm: sum(e.seconds_to_94 is None for e in found) for arm, found in judged.items()},
+        "judged_by_weights": {arm: WEIGHTS[arm] for arm in arms},
         "per_seed": [asdict(entry) for entry in entries],
-        "ratio_vs_sb3_fast": _ratio(medians.get("sb3_fast"), medians.get("fast")),
-        "ratio_vs_sb3_pybullet": _ratio(medians.get("sb3_pybullet"), medians.get("fast")),
-        "causes": _causes(entries) if {"fast", "sb3_fast"} <= set(judged) else None,
+        **_ratios(medians, "sb3_fast"),
+        **_ratios(medians, "sb3_pybullet"),
+        "causes": _causes(judged, entries) if {"fast", "sb3_fast"} <= set(judged) else None,
+        "ablation": _ablation(chosen, partial(train, training=train_ours), ablation_seeds) if ablation_seeds else None,
         "sb3_pybullet_note": note,
         "network_heads": list(chosen.heads),
         "scenes": {"check": CHECK_SCENES, "confirm": CONFIRM_SCENES, "confirm_scenes_are": "new at every try"},
+        "gives_up_after": {"updates": config.max_updates, "seconds": config.max_seconds},
     }
 
 
-def _causes(entries: Sequence[Reached]) -> dict[str, Any]:
+def _on_pybullet(entry: Reached, seconds_per_step: float) -> Reached:
+    """A training as if its steps had been PyBullet's; no wall clock saw that."""
+    seconds = entry.transitions * seconds_per_step + entry.updates * entry.ms_per_update / 1e3
+    return replace(
+        entry,
+        seconds=seconds,
+        seconds_to_94=None if entry.seconds_to_94 is None else seconds,
+        wall_seconds=None,
+        ms_per_transition=seconds_per_step * 1e3,
+    )
+
+
+def _judged(entries: Sequence[Reached], arm: str, weights: Sequence[str]) -> list[Reached]:
+    """One entry per seed: the weights that were confirmed first, or those that were trained longest without that."""
+    found = [e for e in entries if e.arm == arm and e.weights in weights]
+    per_seed = {e.seed: [other for other in found if other.seed == e.seed] for e in found}
+    return [min(same, key=lambda e: (e.seconds_to_94 is None, e.seconds)) for same in per_seed.values()]
+
+
+def _causes(judged: dict[str, list[Reached]], entries: Sequence[Reached]) -> dict[str, Any]:
     """Where the gain over SB3 on the same engine comes from: medians over seeds, and SB3's divided by ours."""
+    by_last = _judged(entries, "fast", (LAST,))
 
-    def of(arm: str, weights: str, name: str) -> float | None:
-        found = [e for e in entries if (e.arm, e.weights) == (arm, weights)]
-        return _median([None if e.seconds_to_94 is None else getattr(e, name) for e in found])
-
-    def compared(name: str, *, ours: str = AVERAGED, theirs: str = LAST) -> dict[str, float | None]:
-        fast, sb3 = of("fast", ours, name), of("sb3_fast", theirs, name)
-        return {"fast": fast, "sb3_fast": sb3, "ratio": _ratio(sb3, fast)}
+    def compared(name: str, ours: Sequence[Reached], *, if_reached: bool) -> dict[str, float | None]:
+        sides = {"fast": ours, "sb3_fast": judged["sb3_fast"]}
+        middle = {
+            arm: _median([None if if_reached and e.seconds_to_94 is None else getattr(e, name) for e in found])
+            for arm, found in sides.items()
+        }
+        return {**middle, "ratio": _ratio(middle["sb3_fast"], middle["fast"])}
 
     return {
-        "ms_per_update": compared("ms_per_update"),
-        "ms_per_transition_stepped": compared("ms_per_transition"),
-        "updates_needed": compared("updates"),
-        "updates_needed_if_both_average": compared("updates", theirs=AVERAGED),
-        "updates_needed_if_neither_averages": compared("updates", ours=LAST),
+        "ms_per_update": compared("ms_per_update", judged["fast"], if_reached=False),
+        "ms_per_transition_stepped": compared("ms_per_transition", judged["fast"], if_reached=False),
+        "updates_needed": compared("updates", judged["fast"], if_reached=True),
+        "updates_needed_without_averaging": compared("updates", by_last, if_reached=True),
+    }
+
+
+def _ablation(base: BaseConfig, train: Callable[..., list[Reached]], seeds: int) -> dict[str, Any]:
+    """Our training with one thing changed: medians over seeds, last weights only."""
+    table: dict[str, Any] = {}
+    for name, change in ABLATION.items():
+        arm = "fast" if name == "as_it_is" else f"fast_{name}"
+        entries = [e for seed in range(seeds) for e in train(arm=arm, of=change(base), seed=seed)]
+        found = _judged(entries, arm, (LAST,))
+        median = _median_seconds(found)
+        table[name] = {
+            "seconds_to_94": median.value,
+            "seconds_longer_than": median.longer_than,
+            "updates": _median([e.updates for e in found]),
+            "transitions": _median([e.transitions for e in found]),
+            "ms_per_update": _median([e.ms_per_update for e in found]),
+            "ms_per_transition": _median([e.ms_per_transition for e in found]),
+            "seeds": seeds,
+        }
+    return table
+
+
+def _median_seconds(found: Sequence[Reached]) -> Median:
+    value = _median([e.seconds_to_94 for e in found])
+    return Median(value, None if value is not None else statistics.median(e.seconds for e in found))
+
+
+def _ratios(medians: dict[str, Median], arm: str) -> dict[str, float | None]:
+    """How many times as long `arm` takes as ours; a lower bound where it takes longer than anybody waited."""
+    slow, fast = medians.get(arm, Median(None)), medians.get("fast", Median(None))
+    return {
+        f"ratio_vs_{arm}": _ratio(slow.value, fast.value),
+        f"ratio_vs_{arm}_at_least": _ratio(slow.longer_than, fast.value),
     }
 
 

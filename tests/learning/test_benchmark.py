@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from backend.learning import benchmark
+from backend.learning import benchmark_arms
 from backend.learning.base import BaseConfig
-from backend.learning.benchmark import TrainBenchmarkConfig, benchmark_train
+from backend.learning.benchmark import benchmark_train
+from backend.learning.benchmark_arms import TrainBenchmarkConfig
 from backend.learning.errors import LearningError
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.scene import Scene
@@ -18,24 +20,49 @@ TINY = TrainBenchmarkConfig(updates_per_check=24, max_updates=48, pybullet_steps
 
 
 def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfig) -> None:
-    result = benchmark_train(seeds=1, config=TINY, base=replace(tiny_config, updates_per_step=12))
+    result = benchmark_train(seeds=1, config=TINY, base=replace(tiny_config, updates_per_step=12), ablation_seeds=1)
     assert result["seconds_to_94"] is None  # 48 updates do not make a driver
     assert result["held_out_success"] is None
-    assert result["ratio_vs_sb3_fast"] is None
-    assert result["ratio_vs_sb3_pybullet"] is None
+    for ratio in ("ratio_vs_sb3_fast", "ratio_vs_sb3_pybullet"):
+        assert result[ratio] is None
+        assert result[f"{ratio}_at_least"] is None  # ours got nowhere either
+    assert result["never_reached"] == {"fast": 1, "sb3_fast": 1, "sb3_pybullet": 1}
     assert [(entry["arm"], entry["weights"]) for entry in result["per_seed"]] == [
         ("fast", "averaged"),
         ("fast", "last"),
         ("sb3_fast", "last"),
-        ("sb3_fast", "averaged"),
+        ("sb3_pybullet", "last"),
     ]
     for entry in result["per_seed"]:
         assert entry["updates"] >= 48
-        assert entry["transitions"] > tiny_config.random_transitions
         assert entry["ms_per_update"] > 0
         assert entry["ms_per_transition"] > 0
+        assert entry["seconds"] > 0
+    *trained, pybullet = result["per_seed"]
+    assert all(entry["transitions"] > tiny_config.random_transitions for entry in trained)
+    assert pybullet["wall_seconds"] is None  # computed: steps times seconds per PyBullet step
+    assert pybullet["seconds"] > pybullet["transitions"] * 1e-3
     assert set(result["causes"]["ms_per_update"]) == {"fast", "sb3_fast", "ratio"}
-    assert "not trained" in result["sb3_pybullet_note"]
+    assert result["causes"]["updates_needed"]["fast"] is None
+    changed = result["ablation"]["four_times_the_updates_per_step"]
+    assert changed["seconds_to_94"] is None
+    assert changed["seconds_longer_than"] > 0
+    assert changed["transitions"] < result["ablation"]["as_it_is"]["transitions"]
+    assert "not trained in PyBullet" in result["sb3_pybullet_note"]
+
+
+def test_a_slow_arm_that_never_arrives_gives_a_lower_bound(tiny_config: BaseConfig, tmp_path: Path) -> None:
+    keep = tmp_path / "kept.json"
+    benchmark_train(seeds=1, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config, keep=keep)
+    kept = json.loads(keep.read_text(encoding="utf-8"))
+    for entry in kept["runs"]["fast 0"]:
+        entry.update(seconds=1.0, seconds_to_94=1.0, held_out_success=0.95)
+    kept["runs"]["sb3_fast 0"][0]["seconds"] = 7.0
+    keep.write_text(json.dumps(kept), encoding="utf-8")
+    result = benchmark_train(seeds=1, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config, keep=keep)
+    assert result["seconds_to_94"] == 1.0
+    assert result["ratio_vs_sb3_fast"] is None
+    assert result["ratio_vs_sb3_fast_at_least"] == 7.0
 
 
 def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_try(
@@ -49,17 +76,18 @@ def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_t
             n = 20  # few, for speed
         return scene_set(setup, n, purpose=purpose, seed=seed)
 
-    monkeypatch.setattr(benchmark, "scene_set", noting)
-    monkeypatch.setattr(benchmark, "TARGET", 0.0)  # any policy reaches it
+    monkeypatch.setattr(benchmark_arms, "scene_set", noting)
+    monkeypatch.setattr(benchmark_arms, "TARGET", 0.0)  # any policy reaches it
     result = benchmark_train(seeds=2, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config)
     assert result["held_out_success"] is not None
     assert result["ratio_vs_sb3_fast"] == pytest.approx(
         result["seconds_to_94_per_arm"]["sb3_fast"] / result["seconds_to_94_per_arm"]["fast"]
     )
     assert all(entry["seconds_to_94"] > 0 for entry in result["per_seed"])
-    per_training = [seeds[k : k + 2] for k in range(0, len(seeds), 2)]  # both weights of each training
-    assert all(first != second for first, second in per_training)
-    assert per_training[0] == per_training[1]  # both arms on the same scenes
+    per_seed = [seeds[k : k + 3] for k in range(0, len(seeds), 3)]  # both weights of ours, then SB3's last
+    assert all(averaged != last for averaged, last, _ in per_seed)
+    assert all(averaged == sb3 for averaged, _, sb3 in per_seed)  # both arms begin with the same scenes
+    assert len({seed for training in per_seed for seed in training}) == 4
 
 
 def test_a_broken_benchmark_goes_on_where_it_was(tiny_config: BaseConfig, tmp_path: Path) -> None:
