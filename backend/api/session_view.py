@@ -17,6 +17,7 @@ from backend.study.bot_view import told_to_bots
 from backend.study.planning import Step
 from backend.study.refusals import Refused, log_refusal
 from backend.study.sessions import acting, find_session
+from backend.study.texts import local
 from backend.study.versions import protocol_of
 from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
@@ -29,6 +30,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "study_title": frozen.title(session.language),
         "languages": frozen.protocol.languages,
         "contact": frozen.protocol.contact or contact(request),
+        "payment": local(frozen.protocol.payment, session.language) if frozen.protocol.payment else None,
         "code": s.get_one(Participant, session.participant_id).code,
         "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
         "step": view,

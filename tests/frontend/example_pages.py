@@ -22,6 +22,14 @@ from backend.api.texts import Texts
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 CONTACT = "Dr. Ada Muster, ada@example.org"
 TITLE = "How should the robot pass you?"
+GATE: dict[str, Any] = {
+    "webgl": True,
+    "min_width": None,
+    "min_height": None,
+    "pointers": ["fine", "coarse"],
+    "min_frame_rate": None,
+    "light_below": None,
+}
 WHEN = datetime(2026, 11, 28, 12, 30, tzinfo=UTC)
 
 
@@ -83,7 +91,7 @@ STEPS: dict[str, dict[str, Any]] = {
         "return_path": "/p/next",
     },
     "too_soon": _TIMES,
-    "screened_out": {"title": "Thank you", "text": "That was all.", "completion_code": None, "return_url": None},
+    "screened_out": {"title": None, "text": None, "completion_code": None, "return_url": None},
     "instruction": {"title": "How it works", "text": "Imagine that you are the person."},
     "trial": {"role": "learning", "view": "top_down", "number": 1, "of": 15},
     "comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 3},
@@ -138,6 +146,7 @@ def example_application() -> FastAPI:
     @application.get("/join")
     def join(request: Request, language: str = "en") -> Response:
         context = {"languages": ["en", "de"], "recruiting": {"PROLIFIC_PID": "p1"}, "action": "/join"}
+        context["device"] = GATE | {name: float(rate) for name, rate in request.query_params.items() if name in GATE}
         return page(request, "participant/join.html", language, study_title=TITLE, join_url="/join", **context)
 
     @application.get("/refusal/{code}")
@@ -158,6 +167,7 @@ def example_application() -> FastAPI:
     def step(request: Request, kind: str, language: str = "en") -> Response:
         shown = ExampleStep(KINDS.get(kind, kind), f"05-{kind}", 5, 24, STEPS[kind])
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
+        context |= {"payment": "You are paid for the time that you gave."}
         context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"], "next_kind": "questionnaire"}
         return page(request, "participant/session.html", language, study_title=TITLE, **context)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
 
 from tests.frontend.example_pages import STEPS
 
@@ -34,6 +35,7 @@ def opened(chromium: Browser, pages: str) -> Iterator[Open]:
         scheme: str = "light",
         language: str = "en",
         touch: bool = False,
+        gate: str = "",
     ) -> Page:
         context = chromium.new_context(
             viewport={"width": width, "height": height},
@@ -45,7 +47,7 @@ def opened(chromium: Browser, pages: str) -> Iterator[Open]:
         )
         contexts.append(context)
         page = context.new_page()
-        page.goto(f"{pages}{address}?language={language}")
+        page.goto(f"{pages}{address}?language={language}&{gate}")
         return page
 
     yield opening
@@ -279,14 +281,24 @@ def test_a_page_with_a_time_limit_says_what_is_left_and_sends_what_there_is(chro
 
 def test_the_welcome_page_lets_a_good_device_in(opened: Open) -> None:
     page = opened("/join")
-    assert page.locator("[data-result=good]").count() == 3
-    assert page.get_by_role("button", name="Continue").is_enabled()
+    expect(page.locator("[data-result=good]")).to_have_count(4)
+    expect(page.get_by_role("button", name="Continue")).to_be_enabled()
     with page.expect_request(lambda request: request.method == "POST") as request:
         page.get_by_role("button", name="Continue").click()
     posted = request.value.post_data or ""
     assert "language=en" in posted
     assert "PROLIFIC_PID=p1" in posted
     assert "webgl%22%3Atrue" in posted
+    assert "frame_rate%22%3A" in posted
+
+
+def test_a_slow_device_gets_a_simpler_picture_before_it_gets_a_refusal(opened: Open) -> None:
+    simpler = opened("/join", gate="light_below=1000")
+    expect(simpler.get_by_text("you will see a simpler picture")).to_be_visible()
+    expect(simpler.locator("#begin")).to_be_enabled()
+    refused = opened("/join", gate="light_below=1000&min_frame_rate=1000")
+    expect(refused.get_by_role("alert").get_by_text("The room moves too slowly on this device")).to_be_visible()
+    expect(refused.locator("#begin")).to_be_disabled()
 
 
 def test_a_browser_without_webgl_is_told_before_anything_else(chromium: Browser, pages: str) -> None:

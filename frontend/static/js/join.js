@@ -1,20 +1,34 @@
 // @ts-check
 /** The welcome page: whether this device can show the room, told before anything is asked or stored. */
 
+import { frameRate } from "./frame-rate.js";
 import { pageData, speaker } from "./say.js";
 
 /** Smaller windows cannot show the room and the bars together; checked against the shorter and the longer side. */
 const SHORT_SIDE = 500;
 const LONG_SIDE = 740;
 
-const { texts, language } = pageData();
+/** The bars above and below the room, CSS pixels. */
+const BARS = 160;
+
+/**
+ * What the study's protocol asks of a device, null where it asks nothing (backend/study/schema.py, DeviceGate).
+ * @typedef {{webgl: boolean, min_width: number | null, min_height: number | null, pointers: string[],
+ *   min_frame_rate: number | null, light_below: number | null}} Gate
+ */
+
+const { texts, language, device } = pageData();
+const gate = /** @type {Gate} */ (device);
 const say = speaker(texts, language);
 const form = /** @type {HTMLFormElement} */ (document.getElementById("join"));
 const begin = /** @type {HTMLButtonElement} */ (document.getElementById("begin"));
 const refused = /** @type {HTMLElement} */ (document.getElementById("refused"));
 
 const touch = matchMedia("(pointer: coarse)").matches;
+const mouseToo = matchMedia("(any-pointer: fine)").matches;
 const webgl = hasWebGl();
+/** Pictures a second; undefined while it is being measured, null where that was not possible. @type {number | null | undefined} */
+let rate;
 
 function hasWebGl() {
   const context = document.createElement("canvas").getContext("webgl2");
@@ -23,7 +37,10 @@ function hasWebGl() {
 }
 
 /** @param {number} width @param {number} height */
-const fits = (width, height) => Math.min(width, height) >= SHORT_SIDE && width >= LONG_SIDE;
+const fits = (width, height) =>
+  Math.min(width, height) >= SHORT_SIDE && width >= (gate.min_width ?? LONG_SIDE) && height >= (gate.min_height ?? 0);
+/** What people will point with: the first that the study allows, of those that are there. */
+const pointer = (touch ? ["coarse", ...(mouseToo ? ["fine"] : [])] : ["fine"]).find((kind) => gate.pointers.includes(kind));
 
 /** @param {string} name @param {boolean} good @param {string} text */
 function report(name, good, text) {
@@ -33,7 +50,7 @@ function report(name, good, text) {
   if (words.textContent !== text) words.textContent = text;
 }
 
-/** @param {"webgl" | "phone" | null} why */
+/** @param {"webgl" | "phone" | "pointer" | "slow" | null} why */
 function refuse(why) {
   refused.hidden = why === null;
   if (!why) return;
@@ -48,9 +65,23 @@ function check() {
   const screenFits = fits(screen.width, screen.height);
   report("webgl", webgl, say(webgl ? "webgl_good" : "webgl_bad"));
   report("size", size, say(size ? "size_good" : screenFits ? "size_small" : touch && turned ? "size_turn" : "size_phone"));
-  report("input", true, say(touch ? "input_touch" : "input_mouse"));
-  refuse(!webgl ? "webgl" : !size && !screenFits && !(touch && turned) ? "phone" : null);
-  begin.disabled = !(webgl && size);
+  const good = pointer === "coarse" ? "input_touch" : "input_mouse";
+  report("input", Boolean(pointer), say(pointer ? good : touch ? "input_no_touch" : "input_no_mouse"));
+  const fast = !rate || !gate.min_frame_rate || rate >= gate.min_frame_rate;
+  if (rate !== undefined) {
+    const light = Boolean(rate && gate.light_below && rate < gate.light_below);
+    report("rate", fast, say(rate === null ? "rate_unknown" : !fast ? "rate_bad" : light ? "rate_light" : "rate_good"));
+  }
+  if (!webgl) refuse("webgl");
+  else if (!size && !screenFits && !(touch && turned)) refuse("phone");
+  else if (!pointer) refuse("pointer");
+  else refuse(fast ? null : "slow");
+  begin.disabled = !(webgl && size && pointer && rate !== undefined && fast);
+}
+
+async function measure() {
+  rate = webgl ? await frameRate(innerWidth, Math.max(200, innerHeight - BARS)) : null;
+  check();
 }
 
 form.addEventListener("submit", () => {
@@ -58,9 +89,10 @@ form.addEventListener("submit", () => {
     width: innerWidth,
     height: innerHeight,
     pixel_ratio: devicePixelRatio,
-    pointer: touch ? "coarse" : "fine",
+    pointer,
     touch: navigator.maxTouchPoints > 0,
     webgl,
+    ...(rate ? { frame_rate: Math.round(rate * 10) / 10 } : {}),
     scheme: matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light",
     reduced_motion: matchMedia("(prefers-reduced-motion: reduce)").matches,
   });
@@ -69,3 +101,4 @@ form.addEventListener("submit", () => {
 addEventListener("resize", check);
 addEventListener("pageshow", check); // also when coming back to the page
 check();
+measure();
