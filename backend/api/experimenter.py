@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,16 @@ from fastapi import APIRouter, Depends, Form, Request
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
 
-from backend.api import audit_pages, new_study, people_pages, preview, settings_pages, study_rows
+from backend.api import (
+    analysis_pages,
+    audit_pages,
+    new_study,
+    people_pages,
+    people_rows,
+    preview,
+    settings_pages,
+    study_rows,
+)
 from backend.api.auditing import audit_details
 from backend.api.auth import CheckedCsrf, SignedIn, checked_csrf
 from backend.api.dependencies import Db, Files, contact, public_url
@@ -25,10 +35,13 @@ from backend.store.events import log_event
 from backend.store.export import export_study
 from backend.store.models import Study, utc_now
 from backend.store.retention import checked_day, is_overdue
+from backend.study.assignment import STANDINGS, assignment_table
 from backend.study.outline import describe_stages
 from backend.study.protocol import thaw
+from backend.study.versions import newest_protocol
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router.include_router(analysis_pages.router)
 router.include_router(audit_pages.router)
 router.include_router(new_study.router)
 router.include_router(people_pages.router)
@@ -53,7 +66,7 @@ def now(request: Request, study_id: str, database: Db) -> Response:
     """Who is where. With the header `X-Fragment`, only the part that changes."""
     with database.session() as s:
         study = the_study(s, study_id)
-        everyone = study_rows.people(s, study.id, utc_now())
+        everyone = people_rows.people(s, study.id, utc_now())
         template = "lab/now_part.html" if request.headers.get("X-Fragment") else None
         return study_tab(
             request,
@@ -61,9 +74,12 @@ def now(request: Request, study_id: str, database: Db) -> Response:
             "now",
             template,
             everyone=everyone,
-            shown=study_rows.shown,
-            stages=study_rows.stages_of(everyone, _stage_keys(study)),
-            orders=study_rows.orders_of(everyone),
+            shown=people_rows.shown,
+            stages=people_rows.stages_of(everyone, _stage_keys(study)),
+            orders=assignment_table(s, study, newest_protocol(s, study)[1].protocol, now=utc_now()),
+            standings=STANDINGS,
+            order_name=people_rows.order_name,
+            median_trial_s=people_rows.median_trial_s(everyone),
             erased=len(study_rows.tombstones(s, study.id)),
         )
 
@@ -73,7 +89,8 @@ def monitor(study_id: str, database: Db) -> dict[str, Any]:
     """The Now tab as data: one object per participant, and how many are in and were lost at each stage."""
     with database.session() as s:
         study = the_study(s, study_id)
-        everyone = study_rows.people(s, study.id, utc_now())
+        everyone = people_rows.people(s, study.id, utc_now())
+        newest = newest_protocol(s, study)[1].protocol
         return {
             "study": study.id,
             "state": study.state,
@@ -90,14 +107,18 @@ def monitor(study_id: str, database: Db) -> dict[str, Any]:
                     "answers": p.answers,
                     "restarts": p.restarts,
                     "flags": p.flags,
+                    "pilot": p.pilot,
+                    "trial_s": p.trial_s,
                     "last_seen_at": p.last_seen_at,
                 }
                 for p in everyone
             ],
             "stages": [
                 {"stage": stage, "under_way": here, "dropped": gone}
-                for stage, here, gone in study_rows.stages_of(everyone, _stage_keys(study))
+                for stage, here, gone in people_rows.stages_of(everyone, _stage_keys(study))
             ],
+            "median_trial_s": people_rows.median_trial_s(everyone),
+            "orders": [asdict(line) for line in assignment_table(s, study, newest, now=utc_now())],
         }
 
 
@@ -105,15 +126,16 @@ def monitor(study_id: str, database: Db) -> dict[str, Any]:
 def people(request: Request, study_id: str, database: Db, show: str = "all", page: int = 1) -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
-        everyone = study_rows.people(s, study.id, utc_now())
+        everyone = people_rows.people(s, study.id, utc_now())
         return study_tab(
             request,
             study,
             "people",
             everyone=everyone,
             show=show,
-            count=study_rows.shown,
-            listed=study_rows.cut(study_rows.shown(everyone, show), page),
+            count=people_rows.shown,
+            median_trial_s=people_rows.median_trial_s(everyone),
+            listed=study_rows.cut(people_rows.shown(everyone, show), page),
             erased=len(study_rows.tombstones(s, study.id)),
         )
 
@@ -130,6 +152,7 @@ def answers(
     participant: str | None = None,
     item: str | None = None,
     who: str | None = None,
+    sign: str | None = None,
     usable: bool = False,
     page: int = 1,
 ) -> Response:
@@ -142,6 +165,7 @@ def answers(
         participant=participant or None,
         item=item or None,
         who=who or None,
+        sign=sign or None,
         usable=usable,
     )
     with database.session() as s:
@@ -258,15 +282,15 @@ def set_retention(
 def data(request: Request, study_id: str, database: Db) -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
-        everyone = study_rows.people(s, study.id, utc_now())
+        everyone = people_rows.people(s, study.id, utc_now())
         return study_tab(
             request,
             study,
             "data",
             everyone=everyone,
-            pilots=len(study_rows.shown(everyone, "pilot")),
+            pilots=len(people_rows.shown(everyone, "pilot")),
             overdue=is_overdue(study, utc_now()),
-            shown=study_rows.shown,
+            shown=people_rows.shown,
             kinds=study_rows.answer_kinds(s, study.id),
             event_kinds=study_rows.event_kinds(s, study.id),
         )
@@ -312,8 +336,9 @@ def dictionary(request: Request) -> Response:
 
 @router.get("/lab/studies/{study_id}/report")
 def report(request: Request, study_id: str, database: Db, who: str = "people") -> Response:
-    """The summary numbers, each linked to its rows; `who`: people or simulated, never both in one number."""
-    who = "simulated" if who == "simulated" else "people"
+    """The summary numbers, each linked to its rows; `who`: people (of the live study), pilot or simulated, never two of
+    them in one number."""
+    who = who if who in study_rows.WHO else "people"
     with database.session() as s:
         study = the_study(s, study_id)
         return study_tab(request, study, "report", report=study_report(s, study, who, utc_now()), who=who)
@@ -323,9 +348,8 @@ def report(request: Request, study_id: str, database: Db, who: str = "people") -
 def report_data(study_id: str, database: Db, user: SignedIn, who: str = "people") -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
-        return JSONResponse(
-            study_report(s, study, "simulated" if who == "simulated" else "people", utc_now()).as_dict()
-        )
+        wanted = who if who in study_rows.WHO else "people"
+        return JSONResponse(study_report(s, study, wanted, utc_now()).as_dict())
 
 
 def _stage_keys(study: Study) -> list[str]:

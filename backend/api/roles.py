@@ -69,6 +69,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/new/{draft_id}": Rule(Right.RUN),
     "/lab/new/{draft_id}/preview/{number}": Rule(Right.RUN),
     "/lab/studies/{study_id}/recruit": Rule(Right.RUN),
+    "/lab/studies/{study_id}/analysis/{who}/report.zip": Rule(Right.TAKE, "report_taken"),
     "/lab/settings": Rule(Right.MANAGE),
     "/lab/audit": Rule(Right.MANAGE),
     "/lab/jobs/new": Rule(Right.ANALYSE),

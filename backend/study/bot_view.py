@@ -9,9 +9,9 @@ from typing import Any
 
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.store.models import Session, Study
+from backend.store.models import Session
 from backend.study import machine
-from backend.study.protocol import thaw
+from backend.study.versions import protocol_of
 from backend.study.words import TRIAL_KINDS
 
 FIELDS = ("block", "view", "role", "questionnaire", "instructed")
@@ -28,7 +28,7 @@ def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -
         return told | {"query": trial.query_id if trial is not None else None}
     if "questionnaire" not in step:
         return told
-    asked = thaw(s.get_one(Study, session.study_id)).questionnaires[step["questionnaire"]].items
+    asked = protocol_of(s, session).questionnaires[step["questionnaire"]].items
     right = {item.key: item.correct or item.instructed for item in asked}
     items = [item for block in view.payload["blocks"] for item in block["items"]]
     return told | {"items": [item | {"answer": right[item["key"]]} for item in items]}
