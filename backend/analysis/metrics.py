@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,11 +44,15 @@ def _share(outcomes: ArrayLike, which: Outcome) -> float:
 
 def stack_poses(trajectories: Sequence[Trajectory]) -> Array:
     """The poses of all trajectories, the shorter ones held at their last pose: (n, longest + 1, 3)."""
-    longest = max((len(t.poses) for t in trajectories), default=0)
-    stacked = np.zeros((len(trajectories), longest, 3))
-    for row, trajectory in zip(stacked, trajectories, strict=True):
-        row[: len(trajectory.poses)] = trajectory.poses
-        row[len(trajectory.poses) :] = trajectory.poses[-1]
+    return _stack([t.poses for t in trajectories])
+
+
+def _stack(series: Sequence[NDArray[Any]]) -> Array:
+    longest = max((len(poses) for poses in series), default=0)
+    stacked = np.zeros((len(series), longest, 3))
+    for row, poses in zip(stacked, series, strict=True):
+        row[: len(poses)] = poses
+        row[len(poses) :] = poses[-1]
     return stacked
 
 
@@ -63,8 +68,12 @@ def accumulated_angle(poses: ArrayLike) -> Array:
 
 
 def min_human_distance(poses: ArrayLike, persons: ArrayLike) -> Array:
-    """Smallest centre-to-centre distance (m) between poses (n, T + 1, 2 or more) and persons (n, 2): (n,)."""
-    offsets = np.asarray(poses, dtype=float)[..., :2] - np.asarray(persons, dtype=float)[:, None, :2]
+    """Smallest centre-to-centre distance (m) between poses (n, T + 1, 2 or more) and persons: (n,).
+
+    persons: (n, 2 or more) who stand, or (n, T + 1, 2 or more) who walk.
+    """
+    people = np.asarray(persons, dtype=float)
+    offsets = np.asarray(poses, dtype=float)[..., :2] - (people if people.ndim == 3 else people[:, None])[..., :2]
     return np.asarray(np.linalg.norm(offsets, axis=2).min(axis=1))
 
 
@@ -164,7 +173,7 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
         path_length=lengths,
         mean_speed=mean_speed(lengths, times),
         accumulated_angle=accumulated_angle(poses),
-        min_human_distance=min_human_distance(poses, [(s.person.pose.x, s.person.pose.y) for s in scenes]),
+        min_human_distance=min_human_distance(poses, _stack([t.scene.person_poses(t.times) for t in trajectories])),
         min_obstacle_distance=min_obstacle_distance(poses, scenes),
         path_area=path_area(poses, goals),
         straight_distance=straight,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation.scene import Person, Pose
-from backend.simulation.setups import ROBOT_RADIUS_M, Setup
+from backend.simulation.setups import ROBOT_RADIUS_M, Setup, require_lidar
 
 Floats = NDArray[np.float32]
 
@@ -35,8 +35,10 @@ MASK_MARGIN_RAD = 0.05
 def obstacle_clearance_m(observations: Floats, setup: Setup) -> Floats:
     """(n,) distance (m) from the robot's surface to the nearest lidar return that is not the person.
 
-    Sectors that the person covers are left out; where nothing else is in range, the lidar's range.
+    Sectors that the person covers are left out; where nothing else is in range, the lidar's range. Raises SetupError
+    for a setup without lidar.
     """
+    require_lidar(setup)
     sectors = setup.lidar.sectors
     width = 2 * math.pi / sectors
     centres = ((np.arange(sectors) + 0.5) * width).astype(np.float32)

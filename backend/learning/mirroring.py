@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.simulation.setups import Setup
+from backend.simulation.setups import Setup, require_lidar
 
 Floats = NDArray[np.float32]
 ACTION_SIGNS = np.array([1, -1], dtype=np.float32)
@@ -27,7 +27,8 @@ class Mirror(NamedTuple):
 
 
 def mirror_of(setup: Setup) -> Mirror:
-    """How observations of that setup are mirrored."""
+    """How observations of that setup are mirrored. Raises SetupError for one without lidar."""
+    require_lidar(setup)
     order, signs = np.arange(setup.observation_size), np.ones(setup.observation_size, dtype=np.float32)
     order[setup.polar_size :] = order[setup.polar_size :][::-1]
     signs[[1, 3]] = -1  # goal and person bearing

@@ -157,10 +157,10 @@ class Td3Agent:
     def _optimisers(self) -> tuple[Adam, Adam]:
         return self._actor_optimiser, self._critic_optimiser
 
-    def set_learning_rate(self, learning_rate: float) -> None:
-        """Change both optimisers' step size from the next update on."""
-        for optimiser in self._optimisers():
-            optimiser.learning_rate = learning_rate
+    def set_learning_rate(self, learning_rate: float, *, critic: float | None = None) -> None:
+        """Change both optimisers' step size from the next update on; the critic's may differ."""
+        self._actor_optimiser.learning_rate = learning_rate
+        self._critic_optimiser.learning_rate = learning_rate if critic is None else critic
 
     def update(self, batch: Batch, term: ActorTerm | None = None) -> None:
         """One critic step; every `policy_delay`-th time one actor step and one step of the targets."""

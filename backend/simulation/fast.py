@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +72,14 @@ def raw_ranges(setup: Setup, scene: Scene, pose: Pose) -> NDArray[np.float64]:
     return ranges
 
 
+class StartPool(Protocol):
+    """Where episodes begin that start by themselves."""
+
+    def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
+        """The next scenes: rows (count, columns) and their seeds (count,)."""
+        ...
+
+
 class FastEngine:
     """`n_envs` robots of one setup, each in its own scene.
 
@@ -86,8 +94,9 @@ class FastEngine:
     steps, min_human_distance, min_clearance, path_length, accumulated_angle, self_intersections (n,): of the episode
     that the step belonged to, so final values where `dones`; minima are over the poses of the control steps.
 
-    auto_reset: ended environments start a fresh scene of the engine's pool; without, they stand still, their reward
-    0 and their arrays unchanged. parallel: all of Numba's threads instead of one (equal up to rounding).
+    auto_reset: ended environments start a fresh scene of the pool (default: `ScenePool` of setup and seed); without,
+    they stand still, their reward 0 and their arrays unchanged. parallel: all of Numba's threads instead of one
+    (equal up to rounding).
     Same seed, scenes and actions give bit-identical results on one machine.
     """
 
@@ -101,16 +110,19 @@ class FastEngine:
         progress_weight: float = 0.0,
         parallel: bool = False,
         scenes: Sequence[Scene] | None = None,
+        pool: StartPool | None = None,
     ) -> None:
         if n_envs < 1:
             raise ValueError(f"n_envs = {n_envs}: must be at least 1")
         self.setup, self.n_envs, self.auto_reset = setup, n_envs, auto_reset
         self._rules, self._beams = rules_of(setup, progress_weight), beams_of(setup)
         self._step_all = k.step_all_parallel if parallel else k.step_all
-        self._pool = ScenePool(setup, seed)
+        self._pool: StartPool = pool if pool is not None else ScenePool(setup, seed)
         self._scenes = list(scenes) if scenes is not None else None
         self._given: list[Scene | None] = [None] * n_envs
         self._seeds = np.zeros(n_envs, dtype=np.int64)
+        self._walking = np.zeros(n_envs, dtype=np.bool_)
+        self._walks = np.zeros((n_envs, 0, 3))
         size = setup.observation_size
         self.observations = np.zeros((n_envs, size), dtype=np.float32)
         self._results = r = k.Results(
@@ -168,6 +180,7 @@ class FastEngine:
             if rows.shape[1] > self._state.rows.shape[1]:
                 self._state = self._state._replace(rows=np.zeros_like(rows))
             self._given[:] = scenes
+            self._people_walk(scenes)
             self._start(everyone, rows)
         return self._begin()
 
@@ -197,6 +210,27 @@ class FastEngine:
         self.obstacle_clearance[:] = self.min_clearance[:] = self._state.obstacle_clearance
         return self.observations
 
+    def _people_walk(self, scenes: Sequence[Scene]) -> None:
+        """Note where walking people are after every control step."""
+        self._walking[:] = [scene.walk is not None for scene in scenes]
+        if self._walking.any():
+            times = np.arange(self.setup.max_steps + 1) * CONTROL_DT_S
+            self._walks = np.stack([scene.person_poses(times) for scene in scenes])
+
+    def _advance_people(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Walking people take their next step before the robots do: (which, distances before it (n_envs,) m).
+
+        Who walks into a robot that drives has collided with it.
+        """
+        state = self._state
+        apart = state.human_distance.copy()
+        which = np.flatnonzero(self._walking & ~state.finished)
+        if len(which):
+            people = self._walks[which, state.steps[which] + 1]
+            state.rows[which, k.PERSON_X : k.PERSON_YAW + 1] = people
+            state.human_distance[which] = np.linalg.norm(people[:, :2] - state.poses[which, :2], axis=1)
+        return which, apart
+
     def reseed(self, seed: int) -> None:
         """Draw all further scenes from a new pool of that seed; episodes that are running go on."""
         self._pool = ScenePool(self.setup, seed)
@@ -205,10 +239,14 @@ class FastEngine:
         rows, self._seeds[which] = self._pool.take(len(which))
         for i in which:
             self._given[i] = None
+        self._walking[which] = False
         self._start(which, rows)
 
     def _start(self, which: NDArray[np.int64], rows: k.Rows) -> None:
         self._state.rows[which, : rows.shape[1]] = rows
+        walking = which[self._walking[which]]
+        if len(walking):
+            self._state.rows[walking, k.PERSON_X : k.PERSON_YAW + 1] = self._walks[walking, 0]
         k.start_episodes(which, self._state, self.observations, self._rules, self._beams)
 
     def step(self, actions: Floats) -> None:
@@ -223,7 +261,10 @@ class FastEngine:
         if not np.isfinite(actions).all():
             worst = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
             raise ActionError(f"actions[{worst}] = {actions[worst].tolist()}: must be finite, in [-1, 1]")
+        walking, apart = self._advance_people()
         self._step_all(self._state, self._results, actions, self._rules, self._beams)
+        first = walking[self.steps[walking] == 1]
+        self.min_human_distance[first] = np.minimum(apart[first], self.human_distance[first])
         self.observations[:] = self.next_observations
         if self.auto_reset and self.dones.any():
             self._start_from_pool(np.flatnonzero(self.dones))
@@ -389,12 +430,12 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
         scene, row = trajectory.scene, scene_to_row(trajectory.scene)
         path = np.ascontiguousarray(trajectory.poses[:, :2], dtype=np.float64)
         turns = np.diff(trajectory.poses[:, 2].astype(np.float64))
-        person = np.array([scene.person.pose.x, scene.person.pose.y])
+        people = scene.person_poses(trajectory.times)
         for name, value in {
             "outcome": trajectory.outcome,
             "steps": len(trajectory.actions),
             "path_length": np.linalg.norm(np.diff(path, axis=0), axis=1).sum(),
-            "min_human_distance": np.linalg.norm(path - person, axis=1).min(),
+            "min_human_distance": np.linalg.norm(path - people[:, :2], axis=1).min(),
             "min_clearance": k.path_surface_distance(row, path) - ROBOT_RADIUS_M,
             "self_intersections": trajectory.self_intersections,
             "accumulated_angle": np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum(),

@@ -234,6 +234,15 @@ class ReferenceEngine:
                 return True
         return False
 
+    def _advance_person(self) -> None:
+        """A walking person takes their next step before the robot does, as in the fast engine."""
+        if self.scene is None or self.scene.walk is None:
+            return
+        pose = self.scene.person_poses([(self.steps + 1) * CONTROL_DT_S])[0]
+        self._row[k.PERSON_X : k.PERSON_YAW + 1] = pose
+        where = [pose[0], pose[1], self.scene.person.height / 2]
+        self._p.resetBasePositionAndOrientation(self._solids[-1], where, [0, 0, 0, 1], physicsClientId=self._client)
+
     def _observe(self, v: float, w: float) -> None:
         x, y, yaw = self.pose
         row, scale = self._row, self.setup.distance_scale_m
@@ -271,6 +280,7 @@ class ReferenceEngine:
         v, w = (forward + 1) / 2 * (limits.v_max - limits.v_min) + limits.v_min, turning * limits.w_max
         goal = np.array([row[k.GOAL_X], row[k.GOAL_Y]])
         goal_before = float(np.linalg.norm(goal - self.pose[:2]))
+        self._advance_person()
         hit = self._drive(v, w)
         self.steps += 1
         self._path[self.steps] = self.pose[:2]

@@ -12,6 +12,11 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from backend.simulation.walks import Walk, WalkError
+
 OBSTACLE_KINDS = ("cube", "box", "pillar", "wall", "couch", "table", "cupboard")
 
 
@@ -89,7 +94,8 @@ class Room:
 class Scene:
     """One scene of one setup. Same setup and seed, same scene, on every machine.
 
-    `obstacles` excludes the walls; `solids()` has them all.
+    `obstacles` excludes the walls; `solids()` has them all. `walk`: how the person moves, from `person.pose` on;
+    None: they stand there.
     """
 
     setup: str
@@ -100,6 +106,7 @@ class Scene:
     person: Person
     obstacles: tuple[Obstacle, ...] = ()
     room: Room | None = None
+    walk: Walk | None = None
 
     def solids(self) -> tuple[Obstacle, ...]:
         """Obstacles and walls: everything box-shaped that stops a robot or a ray."""
@@ -112,7 +119,10 @@ class Scene:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON-ready data; `from_dict` reads it back to an equal scene."""
-        return asdict(self)
+        data = asdict(self)
+        if self.walk is None:
+            del data["walk"]  # a standing person's scene keeps the digest it always had
+        return data
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Scene:
@@ -131,11 +141,21 @@ class Scene:
                 ),
                 obstacles=tuple(Obstacle(**{**o, "pose": Pose(**o["pose"])}) for o in data["obstacles"]),
                 room=Room(**data["room"]) if data.get("room") else None,
+                walk=Walk(**{name: tuple(knots) for name, knots in data["walk"].items()}) if data.get("walk") else None,
             )
         except KeyError as missing:
             raise SceneError(str(missing.args[0]), None, "is missing") from None
         except TypeError as wrong:
             raise SceneError("scene", sorted(data), str(wrong)) from None
+        except WalkError as wrong:
+            raise SceneError("walk", "given", str(wrong)) from None
+
+    def person_poses(self, times_s: ArrayLike) -> NDArray[np.float64]:
+        """(n, 3) where the person is at times (n,): x, y (m), yaw (rad)."""
+        if self.walk is not None:
+            return self.walk.poses_at(times_s)
+        pose = self.person.pose
+        return np.tile([pose.x, pose.y, pose.yaw], (len(np.asarray(times_s)), 1))
 
     def digest(self) -> str:
         """sha256 of the canonical JSON, the scene's identity in the store."""

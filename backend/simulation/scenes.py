@@ -230,6 +230,14 @@ def _check_bodies(scene: Scene, row: k.Row) -> None:
             raise SceneError(name, pose, "the robot would touch the person")
 
 
+def _check_walk(scene: Scene) -> None:
+    if scene.walk is None:
+        return
+    begin, person = scene.walk.poses_at([0.0])[0], scene.person.pose
+    if math.dist(begin[:2], (person.x, person.y)) > OVERLAP_TOLERANCE_M:
+        raise SceneError("walk", begin.tolist(), f"must begin at person.pose {person}")
+
+
 def check_scene(scene: Scene) -> None:
     """Raise SceneError naming field and value for a scene that cannot be run; return quietly otherwise."""
     setup = _setup(scene.setup)
@@ -244,6 +252,7 @@ def check_scene(scene: Scene) -> None:
             raise SceneError(name, height, f"must exceed the lidar's {setup.lidar.height_m} m")
     row = scene_to_row(scene)
     _check_bodies(scene, row)
+    _check_walk(scene)
     if math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)) <= scene.goal_radius:
         raise SceneError("goal", scene.goal, f"lies within goal_radius {scene.goal_radius} m of the start")
     if not k.reachable(row, ROBOT_RADIUS_M):

@@ -185,6 +185,14 @@ def get_setup(name: str) -> Setup:
         raise SetupError(f"unknown setup {name!r}; known: {', '.join(SETUPS)}") from None
 
 
+def require_lidar(setup: Setup) -> None:
+    """Raise SetupError for a setup whose observation holds no lidar scan: its inputs mean something else."""
+    if setup.solids:
+        raise SetupError(
+            f"setup {setup.name} observes closest points; this needs one of {', '.join(PREFERENCE_SETUPS)}"
+        )
+
+
 def require_same(**named: str) -> str:
     """The one setup that all the named things share. Raises SetupError naming who differs."""
     if len(set(named.values())) != 1:

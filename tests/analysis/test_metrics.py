@@ -13,7 +13,7 @@ from backend.analysis import metrics
 from backend.simulation.fast import evaluate, rollout
 from backend.simulation.scene import Obstacle, Person, Pose, Scene
 from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import SETUPS
+from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS
 from backend.simulation.trajectory import Outcome
 
 
@@ -109,7 +109,7 @@ def test_action_diversity_needs_two_members() -> None:
         metrics.action_diversity(np.zeros((1, 3, 2)))
 
 
-@pytest.mark.parametrize("name", list(SETUPS))
+@pytest.mark.parametrize("name", PREFERENCE_SETUPS)
 def test_metrics_of_trajectories_agree_with_the_engines_own_table(name: str) -> None:
     setup, scenes = SETUPS[name], draw_scenes(name, range(40))
     table = evaluate(towards_goal, setup, scenes)

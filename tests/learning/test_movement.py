@@ -13,7 +13,7 @@ from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.shipped import load_policy
 from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES
 from backend.simulation.scene import Person, Pose, Scene
-from backend.simulation.setups import SETUPS
+from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS
 from backend.simulation.trajectory import Outcome
 
 
@@ -63,7 +63,7 @@ def test_what_is_possible_in_a_plain_scene() -> None:
     assert best_possible([turned])[0, NAMES.index("smoother")] == pytest.approx(math.pi / 2 - math.asin(0.1))
 
 
-@pytest.mark.parametrize("setup", sorted(SETUPS))
+@pytest.mark.parametrize("setup", PREFERENCE_SETUPS)
 def test_no_drive_betters_what_is_possible(setup: str) -> None:
     scenes = scene_set(setup, 80, purpose=Purpose.SELECT, seed=77)
     driven = drives_of(load_policy(f"{setup}/base"), scenes)

@@ -1,0 +1,64 @@
+"""Where training episodes begin: near a demonstration, or anywhere in its environment (section 2.5.6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.simulation import kernels as k
+from backend.simulation.scenes import SPACING, ScenePool, scenes_to_rows
+from backend.simulation.trajectory import Trajectory
+
+NEAR_M = 0.15  # standard deviation of robot, person and goal around their demonstrated places, ours
+NEAR_RAD = 0.3
+TRIES = 20
+
+
+class Placements:
+    """A start pool (`FastEngine`'s `pool`) of both kinds.
+
+    near: share of episodes that begin around a pose of a demonstrated drive, with person and goal about where they
+    were; the others are drawn scenes of the environment.
+    """
+
+    def __init__(self, drives: Sequence[Trajectory], *, near: float, seed: int) -> None:
+        self._anywhere = ScenePool(drives[0].scene.setup, seed)
+        self._rows = scenes_to_rows([drive.scene for drive in drives])
+        self._poses = [drive.poses.astype(float) for drive in drives]
+        self._near = near
+        self._random = np.random.default_rng([seed, 0xDE])
+
+    def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
+        """The next scenes: rows (count, columns) and their seeds (count,), those of the drawn scenes."""
+        rows, seeds = self._anywhere.take(count)
+        for i in np.flatnonzero(self._random.random(count) < self._near):
+            beside = self._beside_a_drive()
+            if beside is not None:
+                rows[i] = beside
+        return rows, seeds
+
+    def _beside_a_drive(self) -> k.Row | None:
+        """A demonstrated scene with everything moved a little, None where that did not fit after some tries."""
+        random = self._random
+        for _ in range(TRIES):
+            which = random.integers(len(self._poses))
+            row: k.Row = self._rows[which].copy()
+            path = self._poses[which]
+            row[k.START_X : k.START_YAW + 1] = path[random.integers(max(1, len(path) - 10))]
+            for column in (k.START_X, k.GOAL_X, k.PERSON_X):
+                row[column : column + 2] += random.normal(0.0, NEAR_M, 2)
+                row[column + 2] = k.wrap(row[column + 2] + random.normal(0.0, NEAR_RAD))
+            if self._fits(row):
+                return row
+        return None
+
+    @staticmethod
+    def _fits(row: k.Row) -> bool:
+        robot = SPACING.robot_radius + SPACING.spare_on_the_way
+        for column in (k.START_X, k.GOAL_X):
+            x, y = row[column], row[column + 1]
+            if k.surface_distance(row, x, y) < robot or k.person_distance(row, x, y) < robot + row[k.PERSON_RADIUS]:
+                return False
+        return bool(k.surface_distance(row, row[k.PERSON_X], row[k.PERSON_Y]) >= row[k.PERSON_RADIUS])

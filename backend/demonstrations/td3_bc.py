@@ -1,0 +1,159 @@
+"""TD3 with demonstrations (ch. 2): a demonstration buffer that never changes, behavioural cloning, the goal's boost.
+
+One controller per participant and environment. The update of TD3 itself lives in `backend.learning.td3`; where
+episodes begin in `placement.py`; how a controller is judged in `judging.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backend.demonstrations.demonstration import AUGMENTED, Demonstration, augmented
+from backend.demonstrations.placement import Placements
+from backend.learning.base import policy_of
+from backend.learning.networks import use_one_thread
+from backend.learning.policy import Policy
+from backend.learning.replay import Explorer, ReplayBuffer, concatenate
+from backend.learning.shape import FAST_HEADS, NetworkShape
+from backend.learning.td3 import Batch, Td3Agent, Td3Config
+from backend.simulation.fast import FastEngine
+from backend.simulation.setups import get_setup, require_same
+from backend.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class DemonstrationConfig:
+    """How a personal controller is trained. Sources: table 2.1 and section 2.5.6, where not marked ours."""
+
+    seed: int = 0
+    heads: tuple[int, int] = FAST_HEADS  # ours, for speed; the thesis has three layers of 256
+    updates: int = 40_000  # ours; the thesis has 800,000
+    n_envs: int = 64  # ours
+    updates_per_step: int = 16  # ours: one per 4 interactions, the thesis has one per 5
+    random_transitions: int = 10_000  # ours; the thesis has 50,000
+    buffer_size: int = 1_000_000
+    batch_each: int = 64
+    near: float = 0.25
+    exploration: tuple[float, float] = (0.05, 0.4)  # ours: spread over the environments; the thesis has 0.2 for all
+    target_noise: float = 0.05
+    goal_boost: float = 5.0  # reward of the goal in demonstration data
+    explored_goal: float = 0.0  # reward of the goal in exploration
+    rl_weight: tuple[float, float] = (10 / 3, 5.0)  # before and after `reweighted_at`
+    bc_weight: tuple[float, float] = (20 / 3, 5.0)
+    reweighted_at: float = 350 / 800  # share of the updates
+    actor_learning_rate: float = 5e-4  # ours; the thesis has 1e-4
+    final_learning_rate: float = 5e-5  # ours; the thesis has 1e-5, from 650 of 800 epochs; here linearly from 1/2 on
+    critic_learning_rate: float = 8e-4
+    tau: float = 0.01  # ours, as in base training
+    augmentation: int = AUGMENTED
+    checkpoints: int = 10
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def demonstration_batch(demonstrations: Sequence[Demonstration], config: DemonstrationConfig) -> Batch:
+    """The demonstration buffer: every transition of every augmented drive, the goal rewarded with the boost."""
+    drives = [drive for d in demonstrations for drive in augmented(d, config.augmentation)]
+
+    def joined(name: str) -> np.ndarray[Any, Any]:
+        return np.concatenate([getattr(drive, name) for drive in drives])
+
+    rewards, dones = joined("rewards"), joined("dones")
+    rewards = rewards + np.where(dones, np.float32(config.goal_boost), np.float32(0.0))  # each ends at its goal
+    return Batch(
+        torch.from_numpy(joined("observations")),
+        torch.from_numpy(joined("actions")),
+        torch.from_numpy(rewards.astype(np.float32)),
+        torch.from_numpy(joined("next_observations")),
+        torch.from_numpy(1.0 - dones.astype(np.float32)),
+    )
+
+
+def cloning_term(demonstrated: Tensor, rl_weight: float, bc_weight: float) -> Callable[[Tensor, Tensor], Tensor]:
+    """The actor's behavioural-cloning term: bc_weight / rl_weight * sum_i ||pi(s_i) - a_i||^2 (equations 2.4, 2.5).
+
+    demonstrated (d, 2): actions of the last d observations of the batch; the others are left alone. Relative to the
+    RL gradient's weight, because only the ratio of the two matters to Adam.
+    """
+    share = bc_weight / rl_weight
+    first = -len(demonstrated)
+
+    def term(_: Tensor, actions: Tensor) -> Tensor:
+        return share * ((actions[first:] - demonstrated) ** 2).sum()
+
+    return term
+
+
+class DemonstrationTraining:
+    """The training loop as an object, so that a curve can be drawn of it at any update.
+
+    Raises ValueError for no demonstrations, SetupError for those of two environments.
+    """
+
+    def __init__(self, demonstrations: Sequence[Demonstration], config: DemonstrationConfig) -> None:
+        if not demonstrations:
+            raise ValueError("demonstrations: none given; one is needed at least")
+        use_one_thread()
+        self.config = config
+        named = {f"demonstration {i}": d.scene.setup for i, d in enumerate(demonstrations)}
+        self.setup = get_setup(require_same(**named))
+        shape = NetworkShape.of(self.setup, config.heads)
+        td3 = Td3Config(
+            gamma=self.setup.gamma,
+            batch_size=2 * config.batch_each,
+            learning_rate=config.actor_learning_rate,
+            tau=config.tau,
+            target_noise=config.target_noise,
+        )
+        self.agent = Td3Agent(shape, td3, seed=config.seed)
+        self._demonstrated = demonstration_batch(demonstrations, config)
+        drives: list[Trajectory] = [d.trajectory for d in demonstrations]
+        pool = Placements(drives, near=config.near, seed=config.seed)
+        engine = FastEngine(self.setup, config.n_envs, seed=config.seed, pool=pool)
+        self._explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
+        self._buffer = ReplayBuffer(
+            min(config.buffer_size, self.planned_transitions() + config.n_envs), self.setup.observation_size
+        )
+        self.transitions = 0
+        self._sampler = torch.Generator().manual_seed(config.seed + 1)
+
+    def planned_transitions(self) -> int:
+        """How many interactions the whole training has."""
+        config = self.config
+        return config.random_transitions + config.n_envs * -(-config.updates // config.updates_per_step)
+
+    @property
+    def done(self) -> float:
+        """Share of the updates."""
+        return self.agent.updates / self.config.updates
+
+    def vector_step(self) -> None:
+        """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random)."""
+        config = self.config
+        warm = self.transitions >= config.random_transitions
+        self._explorer.step(self.agent.act if warm else None, self._buffer)
+        self.transitions += config.n_envs
+        if not warm:
+            return
+        late = int(self.done >= config.reweighted_at)
+        falling = max(0.0, 2 * self.done - 1)
+        rate = config.actor_learning_rate + falling * (config.final_learning_rate - config.actor_learning_rate)
+        self.agent.set_learning_rate(rate, critic=config.critic_learning_rate)
+        for _ in range(config.updates_per_step):
+            explored = self._buffer.sample(config.batch_each, self._sampler)
+            rows = torch.randint(len(self._demonstrated.rewards), (config.batch_each,), generator=self._sampler)
+            shown = Batch(*(part.index_select(0, rows) for part in self._demonstrated))
+            bc = config.bc_weight[late]
+            term = cloning_term(shown.actions, config.rl_weight[late], bc) if bc > 0 else None
+            self.agent.update(concatenate(explored, shown), term)
+
+    def policy(self) -> Policy:
+        """The current controller, with its critic."""
+        return policy_of(self.agent, self.setup.name)
