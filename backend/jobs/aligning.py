@@ -192,6 +192,7 @@ def _refine(context: JobContext, params: AlignParams, base: Policy, model: Rewar
         results={
             "better_than_instant": refined.score.as_dict(),
             "takes_over": refined.takes_over,
+            "told": _by_name(refined.told),
             "chosen_checkpoint": refined.chosen,
             "history": refined.history,
         },

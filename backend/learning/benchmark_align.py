@@ -62,6 +62,7 @@ def refined(setup: str, preferences: list[Preference], config: AlignConfig) -> M
     result = refine(conditioned, weights, load_policy(f"{setup}/base"), config)
     told = {
         "wants": _named(weights),
+        "told": _named(result.told),
         "takes_over": result.takes_over,
         "score": result.score.as_dict(),
         "gate": asdict(result.gate),

@@ -1,12 +1,15 @@
-"""Refinement: recipe B of spec 06 from the conditioned policy, behind the policy that is shown already.
+"""Refinement behind the policy that is shown already: what to tell the conditioned policy, then recipe B of spec 06.
 
-The conditioned policy drives by many people's wants, the refined one by one person's only: it wastes less way for the
-same distance. It takes over where it is better on scenes that served nothing else. All ours.
+Telling a conditioned policy just what somebody wants need not serve these wants best: a little of something else can.
+So what it is told is searched for first; training goes on from there for this one person. The result takes over where
+it is better on scenes that served nothing else. All ours.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,7 +26,16 @@ from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3 import Batch
-from backend.learning.vocabulary import NAMES, check_weights, gains, step_terms, typical_differences, worth
+from backend.learning.vocabulary import (
+    NAMES,
+    OPPOSITES,
+    SIZE,
+    check_weights,
+    gains,
+    step_terms,
+    typical_differences,
+    worth,
+)
 from backend.simulation.fast import evaluate
 from backend.simulation.setups import Setup, get_setup, require_same
 
@@ -52,14 +64,30 @@ def refine_config(setup: str, *, seed: int = 0) -> AlignConfig:
 
 
 @dataclass(frozen=True)
+class SearchConfig:
+    """How what to tell is searched for: rounds of changed copies of the best so far, compared in the same scenes.
+
+    changed: chance of each weight to be changed; spread: standard deviation of a change, times `narrower` each round.
+    """
+
+    rounds: int = 4
+    copies: int = 10
+    changed: float = 0.4
+    spread: float = 0.25
+    narrower: float = 0.75
+
+
+@dataclass(frozen=True)
 class RefineResult:
-    """policy: the checkpoint with the best score on the selection scenes, without critic.
+    """policy: of the one found by search (first in `history`) and the checkpoints that training made of it, the one
+    with the best score on the selection scenes, without critic. told: (9,) what the search found to tell.
 
     score: its advantage over the instant policy on the gate's scenes. takes_over: whether it is to be shown instead of
     the instant policy: gate passed and the whole interval of the score above 0.
     """
 
     policy: Policy
+    told: Floats
     takes_over: bool
     score: Estimate
     gate: Gate
@@ -109,6 +137,7 @@ def refine(
     base: Policy,
     config: AlignConfig | None = None,
     on_progress: OnProgress = no_progress,
+    search: SearchConfig | None = None,
 ) -> RefineResult:
     """Refine `conditioned.at(weights)`; `base` is what the success gate compares with.
 
@@ -117,7 +146,18 @@ def refine(
     setup = get_setup(require_same(conditioned=conditioned.setup, base=base.setup))
     config = config or refine_config(setup.name)
     weights = check_weights(weights)
-    start = conditioned.at(weights)
+    scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
+    instant = drives_of(conditioned.at(weights), scenes)
+
+    def judge(policy: Policy) -> dict[str, float]:
+        own = drives_of(policy, scenes)
+        better = advantages(own, instant, weights, setup.name)
+        return {"success_rate": float(own.success.mean()), "score": float(better.mean())}
+
+    told = best_told(weights, lambda wants: judge(conditioned.at(wants))["score"], search, seed=config.seed)
+    start = conditioned.at(told)
+    found = {"updates": 0, "preference_weight": 0.0} | judge(start)
+    on_progress(0.4, found)
     stakes = STAKES[setup.name]
     replay = ReplayBuffer(config.replay_transitions + 256, setup.observation_size)
     explorer = Explorer(
@@ -127,14 +167,6 @@ def refine(
         explorer.step(start.act, replay)
     replay_sha256 = replay.digest()
 
-    scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
-    instant = drives_of(start, scenes)
-
-    def judge(policy: Policy) -> dict[str, float]:
-        own = drives_of(policy, scenes)
-        better = advantages(own, instant, weights, setup.name)
-        return {"success_rate": float(own.success.mean()), "score": float(better.mean())}
-
     learned = learn(
         start,
         training_engine(setup, stakes, config.online_envs, seed=config.seed + 1),
@@ -143,12 +175,41 @@ def refine(
         config,
         judge=judge,
         base_success=float(instant.success.mean()),
-        on_progress=on_progress,
+        on_progress=lambda fraction, metrics: on_progress(0.4 + 0.6 * fraction, metrics),
     )
-    chosen = int(np.argmax([entry["score"] for entry in learned.history]))
-    policy = learned.policies[chosen]
-    score, gate = _gate(policy, start, base, weights, config)
-    return RefineResult(policy, gate.passed and score.low > 0, score, gate, chosen, learned.history, replay_sha256)
+    history, policies = [found, *learned.history], [start.without_critic(), *learned.policies]
+    chosen = int(np.argmax([entry["score"] for entry in history]))
+    policy = policies[chosen]
+    score, gate = _gate(policy, conditioned.at(weights), base, weights, config)
+    takes_over = gate.passed and score.low > 0
+    return RefineResult(policy, told, takes_over, score, gate, chosen, history, replay_sha256)
+
+
+def best_told(
+    weights: Floats, score: Callable[[Floats], float], config: SearchConfig | None = None, *, seed: int = 0
+) -> Floats:
+    """(9,) what to tell for these wants: the highest score that the search met; telling the wants themselves has 0."""
+    config = config or SearchConfig()
+    random = np.random.default_rng([seed, 71])
+    best, best_score, spread = weights, 0.0, config.spread
+    for _ in range(config.rounds):
+        changes = (random.random((config.copies, SIZE)) < config.changed) * random.normal(
+            0.0, spread, (config.copies, SIZE)
+        )
+        copies = [weights_within(best + change) for change in changes]
+        scores = [score(copy) for copy in copies]
+        if max(scores) > best_score:
+            best, best_score = copies[int(np.argmax(scores))], max(scores)
+        spread *= config.narrower
+    return best
+
+
+def weights_within(weights: NDArray[np.floating[Any]]) -> Floats:
+    """(9,) the nearest preference weights: in [0, 1], of two opposites the weaker 0."""
+    within = np.clip(weights, 0.0, 1.0).astype(np.float32)
+    for a, b in OPPOSITES:
+        within[a if within[a] < within[b] else b] = 0.0
+    return within
 
 
 def _gate(policy: Policy, instant: Policy, base: Policy, weights: Floats, config: AlignConfig) -> tuple[Estimate, Gate]:

@@ -435,6 +435,7 @@ def refined_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     shown = result.policy if result.takes_over else conditioned.at(weights).without_critic()
     meta = {
         "weights": weights.tolist(),
+        "told": result.told.tolist(),
         "takes_over": result.takes_over,
         "score": result.score.as_dict(),
         "gate_passed": result.gate.passed,

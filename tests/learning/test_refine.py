@@ -12,10 +12,20 @@ from backend.learning.conditioned_training import STAKES, ConditionedConfig, tra
 from backend.learning.errors import LearningError
 from backend.learning.movement import Drives
 from backend.learning.policy import Policy
-from backend.learning.refine import FAILURE_COST, LENGTH_WEIGHT, WantsReward, advantages, refine, refine_config
+from backend.learning.refine import (
+    FAILURE_COST,
+    LENGTH_WEIGHT,
+    SearchConfig,
+    WantsReward,
+    advantages,
+    best_told,
+    refine,
+    refine_config,
+    weights_within,
+)
 from backend.learning.replay import collect
 from backend.learning.shipped import load_policy
-from backend.learning.vocabulary import MEASURES, preference_weights, step_terms, typical_differences
+from backend.learning.vocabulary import MEASURES, check_weights, preference_weights, step_terms, typical_differences
 from backend.simulation.setups import STUDY_ROOM, SetupError
 from backend.simulation.trajectory import Outcome
 
@@ -83,16 +93,33 @@ def test_the_score_counts_wants_some_length_and_failures() -> None:
 def test_a_refinement_says_whether_it_takes_over(base: Policy, conditioned: ConditionedPolicy) -> None:
     seen: list[float] = []
     result = refine(conditioned, FARTHER, base, TINY, lambda fraction, _: seen.append(fraction))
-    assert seen == [0.5, 1.0]
+    assert seen == pytest.approx([0.4, 0.7, 1.0])
     assert not result.policy.critic
     assert result.policy.shape == base.shape
     assert result.takes_over == (result.gate.passed and result.score.low > 0)
     scores = [entry["score"] for entry in result.history]
     assert scores[result.chosen] == max(scores)
+    assert scores[0] >= 0  # what the search found to tell is no worse than telling the wants
     again = refine(conditioned, FARTHER, base, TINY)
     assert again.policy.digest() == result.policy.digest()
     assert again.replay_sha256 == result.replay_sha256
-    assert result.policy.digest() != conditioned.at(FARTHER).without_critic().digest()
+
+
+def test_the_search_finds_what_to_tell() -> None:
+    best = preference_weights({"farther": 0.8, "shorter": 0.3})
+
+    def score(told: np.ndarray) -> float:
+        return float(np.abs(FARTHER - best).sum() - np.abs(told - best).sum())
+
+    told = best_told(FARTHER, score, SearchConfig(rounds=8, copies=20), seed=1)
+    assert score(told) > 0.5 * score(best)
+    assert best_told(FARTHER, lambda _: -1.0).tolist() == FARTHER.tolist()
+
+
+def test_what_is_told_is_never_two_opposites() -> None:
+    random = np.random.default_rng(2)
+    for _ in range(50):
+        check_weights(weights_within(random.normal(0.3, 1.0, 9)))
 
 
 def test_what_cannot_be_is_refused(base: Policy, conditioned: ConditionedPolicy) -> None:
