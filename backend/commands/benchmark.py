@@ -50,6 +50,30 @@ def train(
 
 @commands.command()
 @plain_errors
+def limits(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field", as_json: JsonFlag = False
+) -> None:
+    """How far an update and the simulator are from the core's matrix products and memory."""
+    from backend.learning.benchmark_limits import benchmark_limits
+
+    say(benchmark_limits(setup=setup), as_json)
+
+
+@commands.command()
+@plain_errors
+def evaluate(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
+    episodes: Annotated[int, typer.Option(min=1)] = 2_000,
+    as_json: JsonFlag = False,
+) -> None:
+    """Seconds to drive many episodes at once, and to make one flow-field plot."""
+    from backend.commands.benchmark_evaluate import benchmark_evaluate
+
+    say(benchmark_evaluate(setup=setup, episodes=episodes), as_json)
+
+
+@commands.command()
+@plain_errors
 def parity(
     policy: Annotated[str, typer.Option(help="A shipped name such as study_room/base, or a path.")] = "open_field/base",
     scenes: Annotated[int, typer.Option(min=2)] = 1_000,
@@ -100,6 +124,7 @@ def asking(
     answers: Annotated[int, typer.Option(min=1)] = 30,
     repetitions: Annotated[int, typer.Option(min=2)] = 20,
     seed: Annotated[int, typer.Option()] = 0,
+    plain: Annotated[str, typer.Option(help="Another query set, asked at random, to compare with.")] = "",
     out: Annotated[Path | None, typer.Option(help="Also write every curve to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -115,9 +140,13 @@ def asking(
         repetitions=repetitions,
         seed=seed,
     )
-    result = asking_study(load_queries(query_set), config, lambda done: typer.echo(f"{done:.0%}", err=True)) | {
-        "query_set": query_set
-    }
+    result = asking_study(
+        load_queries(query_set),
+        config,
+        lambda done: typer.echo(f"{done:.0%}", err=True),
+        load_queries(plain) if plain else None,
+    )
+    result |= {"query_set": query_set, "plain": plain or None}
     summary = summarise(result)
     if out is not None:
         _write(out, result | {"summary": summary["rows"]})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +16,7 @@ from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import Setup, get_setup
 
 ROUNDS = 5
-WARM_UP_CALLS = 40
+WARM_UP_CALLS = 40  # compile, fill caches
 
 
 def _random_actions(rng: np.random.Generator, count: int) -> NDArray[np.float32]:
@@ -23,7 +24,21 @@ def _random_actions(rng: np.random.Generator, count: int) -> NDArray[np.float32]
     return np.asarray(rng.uniform(-1, 1, (count, 2)) * [1.0, 0.3], dtype=np.float32)
 
 
-def _steps_in(seconds: float, step: Callable[[], int]) -> tuple[int, float]:
+def fast_stepper(setup: Setup, n_envs: int, seed: int) -> Callable[[], int]:
+    """A function that steps all environments of a fast engine once, under random actions, and returns their number."""
+    engine, rng = FastEngine(setup, n_envs, seed=seed), np.random.default_rng(seed)
+    actions = itertools.cycle([_random_actions(rng, n_envs) for _ in range(64)])
+
+    def step() -> int:
+        engine.step(next(actions))
+        return n_envs
+
+    for _ in range(WARM_UP_CALLS):
+        step()
+    return step
+
+
+def steps_in(seconds: float, step: Callable[[], int]) -> tuple[int, float]:
     """Call `step` (returns the steps it made) for about that long: (steps, processor seconds)."""
     steps, begin = 0, time.process_time()
     while (spent := time.process_time() - begin) < seconds:
@@ -61,29 +76,20 @@ def benchmark_simulate(
     step. `pybullet_steps_per_s` and `ratio` are of the wheeled robot on its floor, the drive mode one would train in;
     the `_velocity_mode` pair is of a body without floor, motors or contact forces.
     """
-    chosen, rng = get_setup(setup), np.random.default_rng(seed)
-    fast = FastEngine(chosen, n_envs, seed=seed)
-    actions = [_random_actions(rng, n_envs) for _ in range(64)]
-    turn = 0
-
-    def fast_step() -> int:
-        nonlocal turn
-        turn += 1
-        fast.step(actions[turn % len(actions)])
-        return n_envs
-
+    chosen = get_setup(setup)
     modes: tuple[DriveMode, ...] = ("wheels", "velocity")
     references = {mode: _Reference(chosen, mode, seed) for mode in modes}
-    contestants = {"fast": fast_step} | {mode: reference.step for mode, reference in references.items()}
+    contestants = {"fast": fast_stepper(chosen, n_envs, seed)} | {
+        mode: reference.step for mode, reference in references.items()
+    }
     steps, spent = dict.fromkeys(contestants, 0), dict.fromkeys(contestants, 0.0)
-    for warm_up in contestants.values():  # compile, fill caches
-        for _ in range(WARM_UP_CALLS):
-            warm_up()
     for reference in references.values():
+        for _ in range(WARM_UP_CALLS):
+            reference.step()
         reference.building = 0.0
     for _ in range(ROUNDS):
         for who, step in contestants.items():
-            made, took = _steps_in(seconds / ROUNDS / len(contestants), step)
+            made, took = steps_in(seconds / ROUNDS / len(contestants), step)
             steps[who], spent[who] = steps[who] + made, spent[who] + took
     for mode, reference in references.items():
         spent[mode] -= reference.building
