@@ -7,7 +7,7 @@ nothing but the choice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from backend.learning.oracles import HELD_OUT, TASTES, TUNING, Habits, make_orac
 from backend.learning.posterior import Posterior, PosteriorConfig
 from backend.learning.queries import QuerySet
 from backend.learning.varied_queries import differences_of
+from backend.simulation.setups import require_same
 
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -49,16 +50,23 @@ class AskingConfig:
     posterior: PosteriorConfig = PosteriorConfig(particles=6_000)  # noqa: RUF009, frozen
 
 
+PLAIN = "random_plain"
+
+
 def asking_study(
-    query_set: QuerySet, config: AskingConfig | None = None, on_progress: Callable[[float], None] | None = None
+    query_set: QuerySet,
+    config: AskingConfig | None = None,
+    on_progress: Callable[[float], None] | None = None,
+    plain: QuerySet | None = None,
 ) -> dict[str, Any]:
     """Accuracy on queries that were not asked and the share of repetitions in which the dominant objective was found.
 
     Result: {"simulated": True, "config", "curves": [{oracle, held_out, habits, strategy, accuracy, low, high (95 %, of
     the mean), dominant, dominant_low, dominant_high (Wilson)}]}, each a list by number of answers from 1 on; dominant
     is null for a taste outside the vocabulary. Accuracy is agreement with the taste itself, without mistakes. The test
-    queries and the random stream of a repetition are the same for all strategies. Raises LearningError for unknown
-    names or too few queries.
+    queries and the random stream of a repetition are the same for all strategies. plain: another set of the setup to
+    compare with, such as an ensemble's: its queries are asked at random (strategy `random_plain`) and what was learned
+    is tested on those of `query_set`. Raises LearningError for unknown names or too few queries, SetupError.
     """
     config = config or AskingConfig()
     for name, known in (("oracles", TASTES), ("habits", HABITS), ("strategies", STRATEGIES)):
@@ -68,44 +76,60 @@ def asking_study(
     test = round(len(query_set) * config.test_share)
     if test < 1 or len(query_set) - test < config.answers:
         raise LearningError(f"queries = {len(query_set)}: too few to ask {config.answers} and test on {test} others")
-    differences = differences_of(query_set.queries)
+    if plain is not None:
+        require_same(queries=query_set.setup, plain=plain.setup)
+    sets = [_Measured.of(asked) for asked in (query_set, plain) if asked is not None]
     cells = [(oracle, habits) for oracle in config.oracles for habits in config.habits]
     curves: list[dict[str, Any]] = []
     for number, (oracle, habits) in enumerate(cells):
-        curves += _curves_of(query_set, differences, oracle, habits, config)
+        curves += _curves_of(sets, oracle, habits, config)
         if on_progress:
             on_progress((number + 1) / len(cells))
     return {"simulated": True, "setup": query_set.setup, "config": asdict(config), "curves": curves}
 
 
-def _curves_of(
-    query_set: QuerySet, differences: Doubles, oracle: str, habits: str, config: AskingConfig
-) -> list[dict[str, Any]]:
-    truth = make_oracle(oracle).advantages(query_set.queries) < 0
-    seen = make_oracle(oracle, **asdict(HABITS[habits])).advantages(query_set.queries)
+@dataclass(frozen=True)
+class _Measured:
+    """A query set and how its pairs differ, (n, 7)."""
+
+    queries: QuerySet
+    differences: Doubles
+
+    @classmethod
+    def of(cls, queries: QuerySet) -> _Measured:
+        return cls(queries, differences_of(queries.queries))
+
+
+def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: AskingConfig) -> list[dict[str, Any]]:
+    """sets: the first is tested on; a second one is asked at random, too."""
+    tested = sets[0]
+    truth = make_oracle(oracle).advantages(tested.queries.queries) < 0
+    seen = [make_oracle(oracle, **asdict(HABITS[habits])).advantages(one.queries.queries) for one in sets]
     curves = []
-    for strategy in config.strategies:
+    ways = [(strategy, strategy, 0) for strategy in config.strategies] + [(PLAIN, "random", 1)] * (len(sets) - 1)
+    for name, strategy, which in ways:
+        differences = sets[which].differences
         accuracy = np.zeros((config.repetitions, config.answers))
         found = np.zeros((config.repetitions, config.answers), dtype=np.bool_)
         for repetition in range(config.repetitions):
             answerer = make_oracle(oracle, **asdict(HABITS[habits]), seed=config.seed + 1 + repetition)
-            answers = np.equal(answerer.decide(seen), 0)
+            answers = np.equal(answerer.decide(seen[which]), 0)
             random = np.random.default_rng([config.seed, repetition, 41])
-            order = random.permutation(len(differences))
+            order = random.permutation(len(tested.differences))
             test = order[: round(len(order) * config.test_share)]
-            open_ones = list(order[len(test) :])
-            posterior = Posterior.prior(query_set.setup, config.posterior)
+            open_ones = list(order[len(test) :] if which == 0 else random.permutation(len(differences)))
+            posterior = Posterior.prior(tested.queries.setup, config.posterior)
             for asked in range(config.answers):
                 best = open_ones.pop(next_query(posterior, differences[open_ones], strategy, random).index)
                 posterior = posterior.updated(differences[best], bool(answers[best]))
-                accuracy[repetition, asked] = _agreement(posterior, differences[test], truth[test])
+                accuracy[repetition, asked] = _agreement(posterior, tested.differences[test], truth[test])
                 found[repetition, asked] = posterior.dominant() in TASTES[oracle].wants[:1]
         curves.append(
             {
                 "oracle": oracle,
                 "held_out": oracle in HELD_OUT,
                 "habits": habits,
-                "strategy": strategy,
+                "strategy": name,
                 **_with_intervals(accuracy),
                 **(_shares(found) if TASTES[oracle].wants else {"dominant": None}),
             }
@@ -143,7 +167,7 @@ def summarise(result: dict[str, Any]) -> dict[str, Any]:
     last = result["config"]["answers"]
     for split, names in (("tuning", TUNING), ("held_out", HELD_OUT)):
         for habits in result["config"]["habits"]:
-            for strategy in result["config"]["strategies"]:
+            for strategy in dict.fromkeys(curve["strategy"] for curve in result["curves"]):
                 of = [
                     curve
                     for curve in result["curves"]

@@ -206,7 +206,7 @@ def best_told(
 
 def weights_within(weights: NDArray[np.floating[Any]]) -> Floats:
     """(9,) the nearest preference weights: in [0, 1], of two opposites the weaker 0."""
-    within = np.clip(weights, 0.0, 1.0).astype(np.float32)
+    within: Floats = np.clip(weights, 0.0, 1.0).astype(np.float32)
     for a, b in OPPOSITES:
         within[a if within[a] < within[b] else b] = 0.0
     return within

@@ -104,6 +104,15 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
     assert {row["strategy"] for row in summarise(result)["rows"]} == {"random", "information"}
 
 
+def test_another_set_asked_at_random_is_tested_on_the_same_queries(study_queries: QuerySet) -> None:
+    config = AskingConfig(
+        oracles=("clearance",), habits=("right",), strategies=("random",), answers=3, repetitions=2, posterior=QUICK
+    )
+    curves = asking_study(study_queries, config, plain=study_queries)["curves"]
+    assert [curve["strategy"] for curve in curves] == ["random", "random_plain"]
+    assert all(0 <= value <= 1 for curve in curves for value in curve["accuracy"])
+
+
 def test_a_study_with_too_few_queries_is_refused(study_queries: QuerySet) -> None:
     with pytest.raises(LearningError, match="too few"):
         asking_study(QuerySet(study_queries.setup, study_queries.queries[:10], {}))
