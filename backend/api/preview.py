@@ -140,7 +140,9 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
     if language not in languages:
         language = wish if (wish := lab_language(request)) in languages else languages[0]
     step = steps[number - 1]
-    query = example_query(house(request).files, frozen.protocol.query_set) if step["kind"] in ON_STAGE else None
+    query_set = frozen.protocol.query_set
+    shown = step["kind"] in ON_STAGE and query_set is not None
+    query = example_query(house(request).files, query_set or "") if shown else None
     return page(
         request,
         "lab/preview.html",

@@ -8,6 +8,7 @@ from typing import Any
 from backend.study.protocol import FrozenProtocol
 from backend.study.refusals import Refused
 from backend.study.schema_questionnaires import Item, Questionnaire
+from backend.study.words import DRAWN_KINDS
 
 CONFIRMED = ("information", "instruction", "break", "wait", "appointment", "debriefing")  # read, nothing to answer
 
@@ -40,6 +41,8 @@ def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> d
             instructed = step["instructed"]
             return {"choice": value["choice"], "instructed": instructed, "passed": value["choice"] == instructed}
         return {"choice": value["choice"]}
+    if kind in DRAWN_KINDS:
+        return _drawing(step, value)
     if kind == "consent":
         return _consent(frozen, value)
     questionnaire = frozen.questionnaires[step["questionnaire"]]
@@ -50,6 +53,15 @@ def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> d
             str(answers.get(item.key)) == item.correct for item in questionnaire.items if item.correct is not None
         )
     return answers | ({"timed_out": True} if over else {})
+
+
+def _drawing(step: dict[str, Any], value: dict[str, Any]) -> dict[str, Any]:
+    """Which stroke is kept, or that a further path is not wanted."""
+    if value.get("skipped") is True and step["optional"]:
+        return {"skipped": True}
+    if not isinstance(value.get("stroke"), str):
+        raise BadValue("value.stroke", value.get("stroke"), "must be the id of the stroke that is kept")
+    return {"stroke": value["stroke"][:32]}
 
 
 def _consent(frozen: FrozenProtocol, value: dict[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from backend.study.schema_questionnaires import Item, Questionnaire
 from backend.study.schema_stages import ComprehensionStage, When
 from backend.study.source import Problem, Source
 
-ASKING = ("questionnaire", "comprehension", "block")  # stages that ask something
+ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
 ONCE = ("consent", "train", "comparison")
 
 
@@ -54,10 +54,21 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield at(index, "stands before the consent stage; nobody can be asked to come back before they consented")
         if kind == "appointment" and kinds[index + 1 : index + 2] in (["appointment"], ["debriefing"]):
             yield at(index, f"is followed by {kinds[index + 1]}; the next appointment needs something to do")
-    if "block" not in kinds:
-        yield source.problem(("stages",), "needs at least one block of trials")
-    if "train" in kinds and first("train") < first("block"):
-        yield at(first("train"), "stands before any block; there are no answers to learn from yet")
+    if "block" not in kinds and "demonstrations" not in kinds:
+        yield source.problem(("stages",), "needs at least one block of trials, or demonstrations")
+    if "block" in kinds and protocol.query_set is None:
+        yield source.problem(("query_set",), "is needed: it is what the block's queries are drawn from")
+    learning = next((entry.train for entry in protocol.stages if entry.train), None)
+    if learning is not None:
+        taught_by = "block" if learning.job == "align" else "demonstrations"
+        if first("train") < first(taught_by):
+            told = f"stands before any {taught_by}; there is nothing to learn from yet for job {learning.job}"
+            yield at(first("train"), told)
+        compared = next((entry.comparison for entry in protocol.stages if entry.comparison), None)
+        other = "base" if learning.job == "align" else "dwa"
+        if compared is not None and compared.arms[0] != other:
+            here = ("stages", first("comparison"), "comparison", "arms")
+            yield source.problem(here, f"must be [{other}, own] after a train stage with job {learning.job}")
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
     for index, entry in enumerate(protocol.stages):

@@ -15,7 +15,8 @@ from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Participant, Session, Study, utc_now
-from backend.study import machine
+from backend.store.outbox import cancel_job
+from backend.study import machine, personalisation
 from backend.study.bot_view import told_to_bots
 from backend.study.bots import BotError, Character, State, walk_all
 from backend.study.joining import join_study
@@ -24,24 +25,37 @@ from backend.study.sessions import acting
 
 
 def walk_in_process(
-    database: Database, files: ArtefactStore, study: Study, participants: int, character: Character | None = None
+    database: Database,
+    files: ArtefactStore,
+    study: Study,
+    participants: int,
+    character: Character | None = None,
+    *,
+    without_jobs: bool = False,
 ) -> dict[str, Any]:
     """Walk `participants` bots one after another through the study; returns what `bots.walk_all` does.
 
-    Nothing settles jobs here: in a study with a train stage, a worker must run. Raises BotError if the machine refuses
-    a bot something, LearningError for an unknown oracle.
+    In a study with a train stage a worker must run; without_jobs: its jobs are cancelled instead, and bots go on
+    without comparisons. Raises BotError if the machine refuses a bot something, LearningError for an unknown oracle.
     """
     drives: dict[str, Trajectory] = {}
-    ways = (_InProcess(database, files, study, drives) for _ in range(participants))
+    ways = (_InProcess(database, files, study, drives, without_jobs) for _ in range(participants))
     return walk_all(ways, character or Character())
 
 
 class _InProcess:
     """A bot's session by direct calls, each in its own transaction, as a request would."""
 
-    def __init__(self, database: Database, files: ArtefactStore, study: Study, drives: dict[str, Trajectory]) -> None:
+    def __init__(
+        self,
+        database: Database,
+        files: ArtefactStore,
+        study: Study,
+        drives: dict[str, Trajectory],
+        without_jobs: bool,
+    ) -> None:
         self._database, self._files, self._study, self._drives = database, files, study, drives
-        self._token = ""
+        self._without_jobs, self._token = without_jobs, ""
 
     def join(self, told: Mapping[str, Any]) -> str:
         try:
@@ -54,7 +68,13 @@ class _InProcess:
             raise BotError(f"the study refused a bot: {refused.message}") from refused
 
     def state(self) -> State:
-        return self._do("look", lambda s, session: machine.settle(s, self._files, session, now=utc_now()))
+        def act(s: DatabaseSession, session: Session) -> None:
+            for job in personalisation.jobs_of(s, session) if self._without_jobs else ():
+                if job.state == "queued":
+                    cancel_job(s, job.id, by="a walk without jobs")
+            machine.settle(s, self._files, session, now=utc_now())
+
+        return self._do("look", act)
 
     def start(self, key: str) -> State:
         return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))

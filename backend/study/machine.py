@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
-from backend.study import appointments, asking, personalisation, routing
+from backend.study import appointments, asking, drawing, personalisation, routing
 from backend.study.answers import checked_value, timed_out
 from backend.study.leaving import change_language, pause, report_problem, resume, withdraw
 from backend.study.planning import Step
@@ -42,7 +42,7 @@ from backend.study.steps import (
 )
 from backend.study.versions import protocol_of
 from backend.study.watching import drive_seen, interrupted, restart_drive, start_trial, viewing_of, watch_again
-from backend.study.words import TOLERANCE_S, TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, TOLERANCE_S, TRIAL_KINDS
 
 __all__ = [
     "Drive",
@@ -118,6 +118,8 @@ def submit(
     if step["kind"] == "consent":
         stored["text_hash"] = frozen.consent_hash(session.language)
         s.get_one(Participant, session.participant_id).consents = stored.get("purposes", {})
+    elif step["kind"] in DRAWN_KINDS:
+        drawing.keep(s, session, step, stored)
     elif step["kind"] == "guess":
         stored |= _about_last_comparison(s, session, stored["choice"])
     kinds = {"trial": "preference"}

@@ -9,8 +9,11 @@ from typing import Any
 from backend.study.named import questionnaires_of, texts_of
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockBreak, BlockStage
+from backend.study.schema_demonstrations import DemonstrationsStage
 from backend.study.schema_stages import ComparisonStage, StageEntry, stage_keys
 from backend.study.texts import filled, variant
+
+SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
 
 
 @dataclass(frozen=True)
@@ -66,13 +69,15 @@ def expected_minutes(protocol: Protocol, *, seconds_per_drive: float = 9.0) -> f
     seconds_per_drive: of the study room's queries, spec 07 (9.8 s and less). Half a minute for a page is ours.
     """
     per_trial = 2 * (seconds_per_drive + 2.0) + 5.0
-    trials = pages = resting_s = 0
+    trials = pages = resting_s = drawing_s = 0
     for entry in protocol.stages:
         stage = entry.stage
         if isinstance(stage, BlockStage):
             conditions = len(stage.conditions(0))
             trials += conditions * sum(one.queries.count + one.queries.probes.trials for one in stage.trials)
             pages += conditions * len(stage.before + stage.after) + (conditions - 1) * len(stage.between)
+        elif isinstance(stage, DemonstrationsStage):
+            drawing_s += stage.pairs * stage.per_pair * SECONDS_PER_PATH
         elif isinstance(stage, ComparisonStage):
             trials += stage.scenes
         elif isinstance(stage, BlockBreak):
@@ -80,4 +85,4 @@ def expected_minutes(protocol: Protocol, *, seconds_per_drive: float = 9.0) -> f
             pages += 1
         else:
             pages += 1
-    return round((trials * per_trial + pages * 30.0 + resting_s) / 60.0, 1)
+    return round((trials * per_trial + pages * 30.0 + resting_s + drawing_s) / 60.0, 1)

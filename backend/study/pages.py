@@ -14,7 +14,7 @@ from backend.study.schema_blocks import Viewing
 from backend.study.schema_questionnaires import Item, Questionnaire
 from backend.study.schema_stages import stage_keys
 from backend.study.texts import local
-from backend.study.words import TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
 
@@ -26,6 +26,8 @@ def payload_of(
     kind = step["kind"]
     if kind in TRIAL_KINDS:
         return trial_payload(step)
+    if kind in DRAWN_KINDS:
+        return drawing_payload(step)
     if kind in ("wait", "guess"):
         return {}  # their words are the same in every study: the catalogues'
     if kind == "attention":
@@ -48,6 +50,11 @@ def payload_of(
     if kind == "break":
         return shown | {"at_least_s": step["at_least_s"]}
     return shown
+
+
+def drawing_payload(step: Step) -> dict[str, Any]:
+    """The payload of a drawing, whose words are the catalogues'."""
+    return {name: step[name] for name in ("view", "place", "places", "number", "of", "optional")}
 
 
 def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str | None) -> dict[str, Any]:

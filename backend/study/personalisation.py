@@ -16,12 +16,14 @@ from backend.store.events import log_event
 from backend.store.models import Job, Participant, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
+from backend.store.strokes import StrokeError, take_demonstrations
 from backend.study.planning import Step
 from backend.study.schema import Protocol
 from backend.study.schema_stages import TrainStage
 
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 SIMULATED_WAITS = 5  # ours: bots wait behind people
+PATHS_JOB = "train_demonstrations"
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
 
@@ -44,8 +46,11 @@ def start_training(
         log_event(s, "personalisation", session_id=session.id, outcome="no_consent")
         return
     try:
+        if stage.job == "demonstrations":
+            _learn_from_paths(s, files, session, protocol)
+            return
         snapshot = take_snapshot(s, files, session_id=session.id)
-    except SnapshotError as problem:
+    except (SnapshotError, StrokeError) as problem:
         session.personalisation = "too_few_answers"
         log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
         return
@@ -75,16 +80,35 @@ def start_training(
         )
 
 
+def _learn_from_paths(s: DatabaseSession, files: ArtefactStore, session: Session, protocol: Protocol) -> None:
+    """One job per environment that was drawn in, in the order of the stages. StrokeError: nothing was kept in one."""
+    scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
+    for environment in dict.fromkeys(one.demonstrations.environment for one in protocol.stages if one.demonstrations):
+        snapshot = take_demonstrations(
+            s, files, study_id=session.study_id, environment=environment, session_id=session.id
+        )
+        job = enqueue_job(
+            s,
+            PATHS_JOB,
+            {"snapshot": snapshot.id, "comparisons": scenes, "seed": session.seed % (LARGEST_JOB_SEED + 1)},
+            priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
+            study_id=session.study_id,
+            session_id=session.id,
+            created_by="study",
+        )
+        log_event(s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id, recipe=job.kind)
+
+
 def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
     """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
     refinement is shown instead of the instant policy that it began with, once it is there and better."""
     found = s.scalars(
         select(Job)
         .join(Session, Session.id == Job.session_id)
-        .where(Session.participant_id == session.participant_id, Job.kind == "align")
+        .where(Session.participant_id == session.participant_id, Job.kind.in_(("align", PATHS_JOB)))
         .order_by(Job.created_at, Job.id)
     )
-    newest = {job.params.get("recipe"): job for job in found}
+    newest = {(job.params["snapshot"], job.params.get("recipe")): job for job in found}
     return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
 
 
@@ -140,6 +164,8 @@ def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int
     for (index, step), drives in pairs:
         base = s.get(TrajectoryRow, drives["base"])
         policies = {"own": result["policy"], "base": base.made_by if base is not None else None}
+        if job is not None and job.kind == PATHS_JOB:
+            policies["base"] = "dwa"  # which is no artefact
         a, b = ("own", "base") if step["turned"] else ("base", "own")
         arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
         s.add(

@@ -2,8 +2,8 @@
 
 A step is plain data: `key` (unique in the plan), `kind`, `stage` (the stage's key), and what its kind needs; in a
 block also `block` (the condition's name) and `view`, and `when` where not everybody meets it.
-Kinds: information, consent, questionnaire, comprehension, instruction, trial, attention, break, wait, comparison,
-guess, appointment, debriefing.
+Kinds: information, consent, questionnaire, comprehension, instruction, trial, attention, demonstration, break, wait,
+comparison, guess, appointment, debriefing.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from backend.study import schema
 from backend.study.counterbalancing import Place, design_of
 from backend.study.query_plan import AnyQuery, Drawn, PlanError, block_trials, draw, queries_needed
 from backend.study.schema_blocks import BlockBreak, BlockEntry, BlockQuestionnaire, BlockStage, Condition
+from backend.study.schema_demonstrations import DemonstrationsStage
 from backend.study.schema_stages import (
     AppointmentStage,
     ComparisonStage,
@@ -68,6 +69,7 @@ def make_plan(
             view = conditions[-1].view
         else:
             steps = _pages(name, entry, protocol, view, random)
+            view = stage.view if isinstance(stage, DemonstrationsStage) else view
         if isinstance(stage, TrainStage):
             plan[-1]["then"] = "train"  # with the answer to that step
         if entry.when is not None:
@@ -101,6 +103,8 @@ def _pages(
         if any(one.comparison for one in protocol.stages):  # otherwise there is nothing to wait for
             steps.append({"key": f"{name}.wait", "kind": "wait", "stage": name})
         return steps
+    if isinstance(stage, DemonstrationsStage):
+        return _drawings(name, stage, random)
     if isinstance(stage, ComparisonStage):
         shown: list[Step] = [
             {
@@ -129,6 +133,27 @@ def _pages(
     elif isinstance(stage, AppointmentStage):
         step |= {"after_days": stage.after_days, "within_days": stage.within_days}
     return [step]
+
+
+def _drawings(name: str, stage: DemonstrationsStage, random: np.random.Generator) -> list[Step]:
+    """One step per path that is drawn, situation by situation; those beyond `per_pair` can be left out."""
+    return [
+        {
+            "key": f"{name}.{pair + 1}.{number}",
+            "kind": "demonstration",
+            "stage": name,
+            "environment": stage.environment,
+            "pair": pair,
+            "view": stage.view,
+            "place": place,
+            "places": stage.pairs,
+            "number": number,
+            "of": stage.per_pair if number <= stage.per_pair else stage.most_per_pair,
+            "optional": number > stage.per_pair,
+        }
+        for place, pair in enumerate((int(i) for i in random.permutation(stage.pairs)), 1)
+        for number in range(1, stage.most_per_pair + 1)
+    ]
 
 
 def _limited(seconds: int | None) -> Step:

@@ -104,7 +104,8 @@ def freeze_text(
             return None
 
     frozen = _frozen(text, file, read)
-    problem = _query_set(frozen.protocol.query_set, query_sets or {}, Source(file, text))
+    named = frozen.protocol.query_set
+    problem = _query_set(named, query_sets or {}, Source(file, text)) if named is not None else None
     if problem:
         raise ProtocolError([problem])
     return frozen

@@ -10,11 +10,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
-from backend.study import asking
+from backend.study import asking, drawing
 from backend.study.assignment import places_held_by
 from backend.study.planning import Step
 from backend.study.schema import Protocol
 from backend.study.schema_stages import When
+from backend.study.words import DRAWN_KINDS
 
 
 def next_position(s: DatabaseSession, files: ArtefactStore, session: Session) -> int:
@@ -36,6 +37,8 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
     """Comparisons need the trial that was made for them, probes of chosen queries the one that they repeat."""
     if step["kind"] == "comparison":
         return _has_trial(s, session, step["key"])
+    if step["kind"] in DRAWN_KINDS:
+        return drawing.wanted(s, session, step)
     if step["kind"] == "comprehension" and step["attempt"] > 1:
         return not _passed_before(s, session, step)
     if "when" in step and not _is_met(s, session, step["when"]):
@@ -50,9 +53,9 @@ def _has_trial(s: DatabaseSession, session: Session, key: str) -> bool:
 
 def may_come(s: DatabaseSession, session: Session, step: Step) -> bool:
     """Whether a later step counts as ahead, for the progress: not what waits by itself, what an answer has ruled out,
-    or what is only for those who err.
+    or what is only for those who err or want more.
     """
-    if step["kind"] == "wait" or (step["kind"] == "comprehension" and step["attempt"] > 1):
+    if step["kind"] == "wait" or step.get("optional") or (step["kind"] == "comprehension" and step["attempt"] > 1):
         return False
     if "when" not in step:
         return True

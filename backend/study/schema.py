@@ -88,7 +88,9 @@ class Protocol(Part):
     symmetry: Literal["none", "left_right"] = Field(
         "none", description="left_right: nobody minds on which side the robot passes, so no answer is read as a side"
     )
-    query_set: str | None = Field(None, min_length=1, max_length=300, description="needed where the protocol has a block")
+    query_set: str | None = Field(
+        None, min_length=1, max_length=300, description="needed where the protocol has a block"
+    )
     sample: Sample = Sample()
     payment: Localized | None = Field(None, description="how payment stands, also for who stops early or withdraws")
     device: DeviceGate | None = None

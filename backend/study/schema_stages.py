@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from backend.study.parts import Address, Code, FileName, Localized, Part, Slug, Value, Version
 from backend.study.schema_blocks import BlockBreak, BlockStage
+from backend.study.schema_demonstrations import DemonstrationsStage
 from backend.study.words import STAGE_KINDS, View
 
 
@@ -74,11 +75,12 @@ class Meanwhile(Part):
 class TrainStage(Part):
     """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
 
-    recipe: `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs behind it and takes its
-    place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
+    job: `align` learns from choices between drives, `demonstrations` from drawn paths, one controller per environment.
+    recipe (of `align`): `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs behind it and
+    takes its place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
     """
 
-    job: Literal["align"] = "align"
+    job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
     recipe: Literal["instant", "refine", "thesis"] = "instant"
     meanwhile: Meanwhile | None = Field(None, alias="while")
@@ -87,10 +89,11 @@ class TrainStage(Part):
 
 class ComparisonStage(Part):
     """Base policy and own policy in `scenes` new scenes, blind, sides drawn by lot in each; then, if `guess`, which
-    drive of the last pair came from the participant's own answers.
+    drive of the last pair came from the participant's own answers. Who drew paths sees `dwa`, the dynamic window
+    approach (spec 02), in place of `base`.
     """
 
-    arms: tuple[Literal["base"], Literal["own"]] = ("base", "own")
+    arms: tuple[Literal["base", "dwa"], Literal["own"]] = ("base", "own")
     scenes: int = Field(3, ge=1, le=10)
     blind: Literal[True] = True
     view: View | None = Field(None, description="default: the view of the block before")
@@ -131,6 +134,7 @@ Stage = (
     | ComprehensionStage
     | BlockBreak
     | BlockStage
+    | DemonstrationsStage
     | TrainStage
     | ComparisonStage
     | AppointmentStage
@@ -147,6 +151,7 @@ class StageEntry(Part):
     comprehension: ComprehensionStage | None = None
     instruction: TextStage | None = None
     block: BlockStage | None = None
+    demonstrations: DemonstrationsStage | None = None
     break_: BlockBreak | None = Field(None, alias="break")
     train: TrainStage | None = None
     comparison: ComparisonStage | None = None

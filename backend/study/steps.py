@@ -17,12 +17,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 from sqlalchemy.orm.attributes import set_committed_value
 
 from backend.store.models import Response, Session, TrajectoryRow, Trial
-from backend.study import appointments, routing
-from backend.study.pages import ending_payload, payload_of, trial_payload
+from backend.study import appointments, drawing, routing
+from backend.study.pages import drawing_payload, ending_payload, payload_of, trial_payload
 from backend.study.planning import Step
 from backend.study.refusals import Refused
 from backend.study.versions import protocol_of
-from backend.study.words import LABEL_S, PLAYING, TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, LABEL_S, PLAYING, TRIAL_KINDS
 
 Drive = Literal["a", "b"]
 
@@ -99,6 +99,9 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
     if not appointments.is_open(session, now):
         return StepView("too_soon", "too_soon", index, total, appointments.window_of(session))
     step = step_of(session)
+    if step["kind"] in DRAWN_KINDS:
+        shown = drawing.state_of(s, session, step)
+        return StepView(step["kind"], step["key"], index, total, drawing_payload(step), shown)
     if step["kind"] in TRIAL_KINDS:
         trial, payload = trial_of(s, session), trial_payload(step)
     else:

@@ -39,24 +39,14 @@ def create_study(
     """
     if not name.strip():
         raise StudyError("name: a study needs one")
-    wanted = frozen.protocol.query_set
-    try:
-        artefact = query_set or import_query_set(s, files, wanted)
-        queries = queries_of(s, files, artefact.id)
-    except ValueError as problem:
-        raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
-    if len(queries) < queries_needed(frozen.protocol):
-        raise StudyError(
-            f"query_set = {wanted!r}: has {len(queries)} queries, one session needs {queries_needed(frozen.protocol)}; "
-            "generate more (`desirepath queries generate`) or ask for fewer"
-        )
+    materials = _materials(s, files, frozen, query_set)
     study = Study(
         id=new_id(),
         name=name.strip()[:200],
         protocol_name=frozen.protocol.protocol,
         protocol_version=frozen.protocol.version,
         protocol_yaml=frozen.yaml,
-        protocol={**frozen.data, "materials": {"query_set": artefact.id, "setup": artefact.setup}},
+        protocol={**frozen.data, "materials": materials},
         files=frozen.files,
         protocol_hash=frozen.hash,
         recruiting_token=secrets.token_urlsafe(TOKEN_BYTES),
@@ -69,6 +59,27 @@ def create_study(
     return study
 
 
+def _materials(
+    s: DatabaseSession, files: ArtefactStore, frozen: FrozenProtocol, query_set: Artefact | None
+) -> dict[str, str | None]:
+    """The query set's id and the setup of what is shown; no query set where only paths are drawn."""
+    wanted = frozen.protocol.query_set
+    if wanted is None and query_set is None:
+        drawn = next(entry.demonstrations for entry in frozen.protocol.stages if entry.demonstrations)
+        return {"query_set": None, "setup": drawn.environment}
+    try:
+        artefact = query_set or import_query_set(s, files, wanted or "")
+        queries = queries_of(s, files, artefact.id)
+    except ValueError as problem:
+        raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
+    if len(queries) < queries_needed(frozen.protocol):
+        raise StudyError(
+            f"query_set = {wanted!r}: has {len(queries)} queries, one session needs {queries_needed(frozen.protocol)}; "
+            "generate more (`desirepath queries generate`) or ask for fewer"
+        )
+    return {"query_set": artefact.id, "setup": artefact.setup}
+
+
 def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:
     """The study of a recruiting link. Raises Refused 404 `unknown`."""
     study = s.scalars(select(Study).where(Study.recruiting_token == recruiting_token)).first()
@@ -78,5 +89,6 @@ def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:
 
 
 def queries_of_study(s: DatabaseSession, files: ArtefactStore, study: Study, number: int = FIRST) -> list[StoredQuery]:
-    """The queries that the study draws from; number: of its protocol."""
-    return queries_of(s, files, protocol_row(s, study, number).protocol["materials"]["query_set"])
+    """The queries that the study draws from, none where only paths are drawn; number: of its protocol."""
+    query_set = protocol_row(s, study, number).protocol["materials"]["query_set"]
+    return queries_of(s, files, query_set) if query_set is not None else []

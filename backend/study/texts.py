@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockStage
+from backend.study.schema_demonstrations import DemonstrationsStage
 from backend.study.schema_stages import ComparisonStage
 
 
@@ -13,7 +14,7 @@ def text_numbers(protocol: Protocol) -> dict[str, int]:
     Over all that one participant meets; `pairs_per_block`: of the longest condition.
     """
     pairs = {"learning": 0, "regular": 0}
-    compared = blocks = per_block = 0
+    compared = blocks = per_block = places = paths = 0
     for entry in protocol.stages:
         if isinstance(entry.stage, BlockStage):
             conditions = len(entry.stage.conditions(0))
@@ -24,6 +25,9 @@ def text_numbers(protocol: Protocol) -> dict[str, int]:
             per_block = max(per_block, here["regular"])
             for role, count in here.items():
                 pairs[role] += count * conditions
+        elif isinstance(entry.stage, DemonstrationsStage):
+            places += entry.stage.pairs
+            paths += entry.stage.pairs * entry.stage.per_pair
         elif isinstance(entry.stage, ComparisonStage):
             compared += entry.stage.scenes
     return {
@@ -33,6 +37,8 @@ def text_numbers(protocol: Protocol) -> dict[str, int]:
         "comparison_pairs": compared,
         "blocks": blocks,
         "pairs_per_block": per_block,
+        "places": places,
+        "paths": paths,
     }
 
 

@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
+from backend.study import drawing
 from backend.study.schema_blocks import Viewing
 from backend.study.steps import (
     Drive,
@@ -24,7 +25,7 @@ from backend.study.steps import (
     step_of,
     trial_of,
 )
-from backend.study.words import LABEL_S, PLAYING, TOLERANCE_S, TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, LABEL_S, PLAYING, TOLERANCE_S, TRIAL_KINDS
 
 
 def viewing_of(session: Session) -> Viewing:
@@ -120,6 +121,8 @@ def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datet
 
 
 def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime, *, keep_seen: bool) -> bool:
+    if step_of(session)["kind"] in DRAWN_KINDS:
+        return drawing.interrupted(s, session, step_of(session), reason=reason)
     trial = trial_of(s, session) if step_of(session)["kind"] in TRIAL_KINDS else None
     if trial is None or session.state not in ("active", "paused"):
         return False

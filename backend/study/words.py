@@ -14,6 +14,7 @@ STAGE_KINDS = (
     "comprehension",
     "instruction",
     "block",
+    "demonstrations",
     "break",
     "train",
     "comparison",

@@ -1,0 +1,148 @@
+"""Power before recruiting: bots walk a planned study through the real state machine, and made-up cohorts tell how often
+the real analysis finds what was assumed.
+
+The bots show that the study runs and that its tables hold what they answered; then only the answers matter, which the
+cohorts of `report/power.py` give alike, and hundreds of cohorts cost no walk.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from backend.report.cohorts import Cohort
+from backend.report.data import StudyData
+from backend.report.findings import Findings, analyse
+from backend.report.plan import AnalysisPlan
+from backend.report.power import Assumed, Design, Power, power
+from backend.report.reading import read_study
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.study.bots import Character
+from backend.study.in_process import walk_in_process
+from backend.study.protocol import FrozenProtocol
+from backend.study.studies import create_study
+
+
+class PowerError(ValueError):
+    """Something a power analysis of this study cannot be asked; names the field and what would work."""
+
+
+@dataclass(frozen=True)
+class PlannedPower:
+    """What was found. walked: bots in the real state machine, and what they left."""
+
+    design: Design
+    assumed: Assumed
+    plan: AnalysisPlan
+    walked: dict[str, Any]
+    power: Sequence[Power]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "simulated": True,
+            "assumed": asdict(self.assumed),
+            "design": asdict(self.design),
+            "plan": self.plan.model_dump(mode="json"),
+            "walked": self.walked,
+            "rows": [row for one in self.power for row in one.rows()],
+        }
+
+
+def plan_power(
+    frozen: FrozenProtocol,
+    participants: Sequence[int],
+    *,
+    condition: str | None = None,
+    item: str | None = None,
+    ranking: str | None = None,
+    effect: float = 0.5,
+    first_choice: float = 0.5,
+    consistency: float = 0.8,
+    own: float = 0.65,
+    walk: int = 6,
+    cohorts: int = 500,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda words: None,
+) -> PlannedPower:
+    """Power of the protocol's declared analysis for each number of participants.
+
+    condition, item, ranking: where the effect is; default the last condition, the first item, the first ranking by
+    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and BotError if a bot cannot
+    finish.
+    """
+    if not participants or min(participants) < 3:
+        raise PowerError(f"participants = {list(participants)}: at least one number, each at least 3")
+    if walk < 3:
+        raise PowerError(f"walk = {walk}: at least 3 bots, so that their answers can be tested")
+    plan = frozen.protocol.analysis or AnalysisPlan()
+    base = Cohort(steady=consistency, seed=seed)  # what conditions, items and rankings there are, only a session tells
+    tell(f"{walk} bots walk through the study")
+    data, found, walked = _walked(frozen, base, walk)
+    design = design_of(data, found, frozen)
+    _check_same(design, base, data)
+    assumed = Assumed(
+        condition=_known("condition", condition, design.conditions, -1),
+        item=_known("item", item, design.items, 0),
+        ranking=_known("ranking", ranking, design.rankings, 0),
+        effect=effect,
+        first_choice=first_choice,
+        consistency=consistency,
+        own=own,
+        seed=seed + 1,
+    )
+    tell(f"{cohorts} cohorts each of {', '.join(map(str, participants))} participants")
+    return PlannedPower(design, assumed, plan, walked, power(design, assumed, participants, cohorts=cohorts, plan=plan))
+
+
+def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyData, Findings, dict[str, Any]]:
+    """Bots through the machine in an installation that is gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        database = Database(f"sqlite:///{Path(folder) / 'power.sqlite'}")
+        try:
+            database.migrate()
+            files = ArtefactStore((Path(folder) / "artefacts").as_uri())
+            with database.transaction() as s:
+                study = create_study(s, files, frozen, name="Power", created_by=None)
+            told = walk_in_process(database, files, study, walk, Character(cohort=cohort), without_jobs=True)
+            with database.session() as s:
+                data, load = read_study(s, files, study)
+            found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"))
+        finally:
+            database.close()
+    return data, found, {name: told[name] for name in ("participants", "completed", "responses")}
+
+
+def design_of(data: StudyData, found: Findings, frozen: FrozenProtocol) -> Design:
+    """What a walked study asked: conditions, items rated under each of them, rankings, queries, comparisons."""
+    return Design(
+        conditions=tuple(found.conditions),
+        items=tuple(one.item.key for one in found.items),
+        rankings=tuple(one.item.key for one in found.rankings),
+        queries=round(
+            sum(one.role == "regular" for one in data.choices) / max(1, len(data.people) * len(found.conditions))
+        ),
+        comparisons=next((entry.comparison.scenes for entry in frozen.protocol.stages if entry.comparison), 0),
+    )
+
+
+def _check_same(design: Design, cohort: Cohort, data: StudyData) -> None:
+    """The state machine must have stored what the cohorts assume it does."""
+    made_up = design.study(cohort, len(data.people), 0)
+    asked = {(one.item, one.condition) for one in made_up.ratings}
+
+    def told(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
+        return {(r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in asked}
+
+    stored, expected = told(data), told(made_up)
+    if stored != expected:
+        raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
+
+
+def _known(name: str, given: str | None, there: Sequence[str], default: int) -> str:
+    if given is not None and given not in there:
+        raise PowerError(f"{name} = {given!r}: this study has {', '.join(there) or 'none'}")
+    return given or (there[default] if there else "")

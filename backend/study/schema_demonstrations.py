@@ -1,0 +1,33 @@
+"""What a protocol may say about drawing paths: the stage `demonstrations`."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from backend.study.parts import Part
+from backend.study.words import View
+
+
+class DemonstrationsStage(Part):
+    """Paths are drawn in `pairs` situations of an environment (spec 02), `per_pair` in each and up to `up_to`.
+
+    Situations come in an order drawn by lot, the first `pairs` of the environment's four.
+    """
+
+    environment: Literal["corridor", "room"]
+    pairs: int = Field(4, ge=1, le=4)
+    per_pair: int = Field(3, ge=1, le=10)  # spec 02: three to five
+    up_to: int | None = Field(None, ge=1, le=10, description="default: per_pair, so that nothing is left open")
+    view: View = "top_down"
+
+    @model_validator(mode="after")
+    def _counts_fit(self) -> DemonstrationsStage:
+        if self.up_to is not None and self.up_to < self.per_pair:
+            raise ValueError(f"up_to = {self.up_to} must be at least per_pair = {self.per_pair}")
+        return self
+
+    @property
+    def most_per_pair(self) -> int:
+        return self.up_to or self.per_pair
