@@ -195,10 +195,11 @@ def events(
 
 
 @router.get("/lab/studies/{study_id}/problems")
-def problems(request: Request, study_id: str, database: Db) -> Response:
+def problems(request: Request, study_id: str, database: Db, participant: str = "") -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
-        return study_tab(request, study, "people", "lab/problems.html", reports=study_rows.problems(s, study.id))
+        reports = study_rows.problems(s, study.id, participant=participant or None)
+        return study_tab(request, study, "people", "lab/problems.html", reports=reports)
 
 
 @router.get("/lab/studies/{study_id}/protocol")

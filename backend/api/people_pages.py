@@ -9,7 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api import study_rows
+from backend.api import people_rows, study_rows
 from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, house
 from backend.api.lab import LabRefusal
@@ -35,7 +35,7 @@ def _person_page(
     request: Request, s: DatabaseSession, study: Study, code: str, *, status: int = 200, problem: str | None = None
 ) -> Response:
     participant = the_participant(s, study, code)
-    rows = [p for p in study_rows.people(s, study.id, utc_now()) if p.id == participant.id]
+    rows = [p for p in people_rows.people(s, study.id, utc_now()) if p.id == participant.id]
     where = study_rows.AnswerFilter(participant=code)
     return study_tab(
         request,

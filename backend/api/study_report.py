@@ -15,8 +15,9 @@ from typing import Any
 
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api import study_rows
-from backend.api.study_rows import Answer, AnswerFilter, Person
+from backend.api import people_rows, study_rows
+from backend.api.people_rows import Person
+from backend.api.study_rows import Answer, AnswerFilter
 from backend.learning.evaluate import wilson
 from backend.store.models import Study
 from backend.study.protocol import thaw
@@ -84,8 +85,8 @@ class Report:
 
 def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> Report:
     """The report over `who`: people or simulated."""
-    everyone = study_rows.shown(study_rows.people(s, study.id, now), who)
-    kept = study_rows.shown(everyone, "kept")
+    everyone = people_rows.shown(people_rows.people(s, study.id, now), who)
+    kept = people_rows.shown(everyone, "kept")
 
     def given(**where: str) -> list[Answer]:
         return study_rows.answers(s, study.id, AnswerFilter(who=who, usable=True, **where))

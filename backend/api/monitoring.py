@@ -1,0 +1,152 @@
+"""What stands out in the answers of a study: flags, time per trial, and the answers behind each flag. Reads only.
+
+A flag asks for a look and excludes nobody. The rules stand at their names; all numbers are ours.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from itertools import pairwise
+from statistics import median
+from typing import Any
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.models import Event, Response, Session, Trial
+
+TOO_FAST_S = 0.5  # a choice between two seen drives in less was hardly a choice
+FAST_SHARE = 0.5  # of the choices so fast ...
+FAST_FROM = 5  # ... among so many
+ONE_SIDED_FROM = 8  # preferences; eight times the same letter by chance: 1 in 128
+INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in most cases: a hint, no proof
+INCONSISTENT_SHARE = 0.5
+LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
+FOCUS_REASONS = ("hidden",)
+
+ANSWER_SIGNS = ("too_fast", "one_sided", "failed_checks", "inconsistent")
+"""Flags with answers behind them; those behind the others are events."""
+
+
+@dataclass(frozen=True)
+class Signs:
+    """What stands out in one participant's answers. `trial_s`: median seconds from answer to answer, over trials."""
+
+    flags: tuple[str, ...] = ()
+    trial_s: float | None = None
+
+
+NOTHING = Signs()
+
+
+@dataclass(frozen=True)
+class _Given:
+    """One answer. `chosen`: the trajectory that a choice named; None for other answers and choices that timed out."""
+
+    response: str
+    session: str
+    kind: str
+    value: Mapping[str, Any]
+    decision_s: float | None
+    at: datetime
+    role: str | None
+    trial: str | None
+    probe_of: str | None
+    chosen: str | None
+
+
+def signs(s: DatabaseSession, study_id: str) -> dict[str, Signs]:
+    """participant id -> what stands out, for everybody who has answered something."""
+    lost = _lost_focus(s, study_id)
+    found = {}
+    for participant, given in _answers(s, study_id).items():
+        flags = [sign for sign in ANSWER_SIGNS if _behind(sign, given)]
+        if lost[participant] >= LOST_FOCUS_FROM:
+            flags.append("lost_focus")
+        found[participant] = Signs(tuple(flags), _trial_s(given))
+    return found
+
+
+def answers_behind(s: DatabaseSession, study_id: str, sign: str) -> set[str]:
+    """Ids of the answers for which participants of a study have this flag. An unknown flag has none."""
+    if sign not in ANSWER_SIGNS:
+        return set()
+    return {answer.response for given in _answers(s, study_id).values() for answer in _behind(sign, given)}
+
+
+def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
+    """One participant's answers behind a flag; none where there is no reason for it."""
+    match sign:
+        case "too_fast":
+            timed = [a for a in given if a.chosen is not None and a.decision_s is not None]
+            fast = [a for a in timed if a.decision_s is not None and a.decision_s < TOO_FAST_S]
+            return fast if len(timed) >= FAST_FROM and len(fast) >= FAST_SHARE * len(timed) else []
+        case "one_sided":
+            chosen = [a for a in given if a.kind == "preference" and a.role != "learning" and a.chosen is not None]
+            sides = Counter(str(a.value["choice"]) for a in chosen)
+            return chosen if len(chosen) >= ONE_SIDED_FROM and len(sides) == 1 else []
+        case "failed_checks":
+            return [a for a in given if a.value.get("passed") is False]
+    probes = [(a, same) for a in given if (same := _agrees(a, given)) is not None]
+    differing = [a for a, same in probes if not same]
+    enough = len(probes) >= INCONSISTENT_FROM and len(differing) >= INCONSISTENT_SHARE * len(probes)
+    return differing if enough else []
+
+
+def _agrees(answer: _Given, given: Sequence[_Given]) -> bool | None:
+    """Whether a repeat or a swap named the same drive as the first time; None for what is no such probe."""
+    if answer.probe_of is None or answer.chosen is None:
+        return None
+    first = next((a for a in given if a.trial == answer.probe_of), None)
+    return None if first is None or first.chosen is None else answer.chosen == first.chosen
+
+
+def _trial_s(given: Sequence[_Given]) -> float | None:
+    """Median seconds from the answer before to a trial's answer, in the same session; pauses weigh little in it."""
+    steps = [
+        (after.at - before.at).total_seconds()
+        for before, after in pairwise(given)
+        if after.trial is not None and after.role != "learning" and before.session == after.session
+    ]
+    return median(steps) if steps else None
+
+
+def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
+    """participant id -> answers in the order in which they came."""
+    asked = (
+        select(
+            *(Session.participant_id, Response.id, Response.session_id, Response.kind, Response.value),
+            *(Response.decision_s, Response.created_at, Trial.role, Trial.id, Trial.probe_of),
+            *(Trial.trajectory_a, Trial.trajectory_b),
+        )
+        .select_from(Response)
+        .join(Session, Response.session_id == Session.id)
+        .outerjoin(Trial, Response.trial_id == Trial.id)
+        .where(Session.study_id == study_id)
+        .order_by(Response.created_at, Response.id)
+    )
+    found: dict[str, list[_Given]] = defaultdict(list)
+    for row in s.execute(asked):
+        participant, response, session, kind, value, decision_s, at, role, trial, probe_of, a, b = row
+        chosen = {"a": a, "b": b}.get(value.get("choice"))
+        found[participant].append(_Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen))
+    return found
+
+
+def _lost_focus(s: DatabaseSession, study_id: str) -> Counter[str]:
+    """participant id -> how often a drive stopped because the window was not in front."""
+    asked = (
+        select(Session.participant_id, func.count())
+        .select_from(Event)
+        .join(Session, Event.session_id == Session.id)
+        .where(
+            Session.study_id == study_id,
+            Event.kind == "trial_interrupted",
+            Event.data["reason"].as_string().in_(FOCUS_REASONS),
+        )
+        .group_by(Session.participant_id)
+    )
+    return Counter({whose: int(times) for whose, times in s.execute(asked)})
