@@ -120,7 +120,8 @@ def test_an_error_names_file_line_field_value_and_what_is_allowed(tmp_path, old,
 
 def test_a_missing_key_is_named_where_it_should_stand(tmp_path):
     error = broken(tmp_path, "query_set: study_room/queries_varied_200\n", "")
-    assert (error["field"], error["message"]) == ("query_set", "is missing")
+    assert error["field"] == "query_set"
+    assert error["message"].startswith("is needed")
 
 
 def test_all_errors_are_told_at_once(tmp_path):
