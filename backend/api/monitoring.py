@@ -59,10 +59,11 @@ class _Given:
 
 
 def signs(s: DatabaseSession, study_id: str) -> dict[str, Signs]:
-    """participant id -> what stands out, for everybody who has answered something."""
-    lost = _lost_focus(s, study_id)
+    """participant id -> what stands out, for everybody who has answered something or looked away."""
+    lost, answers = _lost_focus(s, study_id), _answers(s, study_id)
     found = {}
-    for participant, given in _answers(s, study_id).items():
+    for participant in {*answers, *lost}:
+        given = answers[participant]
         flags = [sign for sign in ANSWER_SIGNS if _behind(sign, given)]
         if lost[participant] >= LOST_FOCUS_FROM:
             flags.append("lost_focus")
