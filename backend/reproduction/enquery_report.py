@@ -145,6 +145,7 @@ def explanations(plan: Plan, results: Results) -> list[str]:
             f"The reward model. With {LOW_QUERIES} answers the neural model predicts {_share(at['mlp', 'EnQ'])} of the "
             f"ensemble test pairs, {others}."
         )
+    told.append(_diversity_explanation(results))
     told += [
         "The simulator. Fast kinematic engine instead of iGibson; observations, limits and rewards are the chapter's.",
         "The replay buffer is regenerated from the base policy and the seed, not the one that filled up during its "
@@ -157,6 +158,20 @@ def explanations(plan: Plan, results: Results) -> list[str]:
         "sweep over kappa starts from the shipped base policy with its smaller heads."
     )
     return told
+
+
+def _diversity_explanation(results: Results) -> str:
+    cell = nearest_cell(results.sweep, thesis.KAPPA, thesis.ENSEMBLE_STEPS)
+    control = [other.diversity for other in results.sweep if other.kappa == 0.0 and other.steps == cell.steps]
+    without = f" Without the term members that start alike already differ by {control[0]:.2f}." if control else ""
+    ratio = cell.diversity / thesis.ENSEMBLE_DIVERSITY
+    return (
+        f"The action diversity. Ours is {cell.diversity:.2f} at kappa = {cell.kappa:g} and {cell.steps:,} steps, "
+        f"{ratio:.1f} times the published {thesis.ENSEMBLE_DIVERSITY}.{without} Ours is the formula of 6.5.1.1 with "
+        "actions in [-1, 1], summed over the other members and over both parts of an action; averaged over the two "
+        f"parts it would be {cell.diversity / 2:.2f}. The thesis says neither which it is nor in which unit actions "
+        "enter, so how much of the difference is behaviour remains unexplained."
+    )
 
 
 def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
