@@ -86,7 +86,7 @@ class Walker:
     @property
     def view(self) -> machine.StepView:
         with self.database.session() as s:
-            return machine.current(s, s.get_one(Session, self.session.id))
+            return machine.current(s, s.get_one(Session, self.session.id), now=self.now)
 
     def watch(self, key: str) -> None:
         """Start the trial and see both drives to their ends."""
