@@ -255,7 +255,8 @@ def _check_free(scene: Scene, spline: PathSpline) -> None:
     row = scene_to_row(scene)
     for x, y in path:
         near_solid = k.surface_distance(row, x, y) < ROBOT_RADIUS_M
-        if near_solid or k.person_distance(row, x, y) < ROBOT_RADIUS_M + scene.person.radius:
+        near_person = k.person_distance(row, x, y) < ROBOT_RADIUS_M + scene.person.radius
+        if near_solid or (near_person and scene.walk is None):  # who walks may be elsewhere by then: the drive tells
             raise _collision(scene, np.array([x, y]), None)
 
 
@@ -275,7 +276,8 @@ def _check_close(spline: PathSpline, commands: Doubles, poses: Doubles) -> None:
 
 def _collision(scene: Scene, at: NDArray[np.float64], step: int | None) -> StrokeProblem:
     row = scene_to_row(scene)
-    gaps = {"person": k.person_distance(row, at[0], at[1]) - scene.person.radius}
+    person = scene.person_poses([step * CONTROL_DT_S if step is not None else 0.0])[0]
+    gaps = {"person": math.dist(person[:2], at) - scene.person.radius}
     if scene.room is not None:
         gaps["wall"] = float((np.array([scene.room.length, scene.room.width]) / 2 - np.abs(at)).min())
     for i, obstacle in enumerate(scene.obstacles):

@@ -7,7 +7,7 @@ episodes begin in `placement.py`; how a controller is judged in `judging.py`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -103,7 +103,8 @@ class DemonstrationTraining:
         use_one_thread()
         self.config = config
         named = {f"demonstration {i}": d.scene.setup for i, d in enumerate(demonstrations)}
-        self.setup = get_setup(require_same(**named))
+        setup = get_setup(require_same(**named))
+        self.setup = replace(setup, reward=replace(setup.reward, goal=config.explored_goal))
         shape = NetworkShape.of(self.setup, config.heads)
         td3 = Td3Config(
             gamma=self.setup.gamma,
