@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from backend.commands.output import IndifferenceOption, JsonFlag, MyopiaOption, 
 from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+
+if TYPE_CHECKING:
+    from backend.study.protocol import FrozenProtocol
 
 commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
 
@@ -144,6 +147,73 @@ def simulate(
     else:
         with loopback_server(get_settings()) as (own, _):
             walk(own)
+
+
+@commands.command("power")
+@plain_errors
+def power_command(
+    study: Annotated[str, typer.Argument(help="Id of a study, or a protocol file.")],
+    participants: Annotated[str, typer.Option(help="Numbers of participants to try.")] = "10,20,30,40",
+    effect: Annotated[float, typer.Option(help="Standard deviations by which one item is rated higher.")] = 0.5,
+    first_choice: Annotated[
+        float, typer.Option(min=0.01, max=0.99, help="Share of people who rank that condition first.")
+    ] = 0.5,
+    consistency: Annotated[
+        float, typer.Option(min=0.5, max=1.0, help="Chance of the same answer to the same query.")
+    ] = 0.8,
+    own: Annotated[float, typer.Option(min=0, max=1, help="Mean chance that the own policy is preferred.")] = 0.65,
+    condition: Annotated[
+        str | None, typer.Option(help="The condition with the effect; default the last by name.")
+    ] = None,
+    item: Annotated[str | None, typer.Option(help="The item with the effect; default the first.")] = None,
+    ranking: Annotated[str | None, typer.Option(help="The ranking with the effect; default the first.")] = None,
+    walk: Annotated[int, typer.Option(min=3, help="Bots that go through the real state machine first.")] = 6,
+    cohorts: Annotated[int, typer.Option(min=1, help="Simulated studies per number of participants.")] = 500,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Folder for power.png, power.svg and power.csv.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how many people a study needs, by its own state machine and its own analysis."""
+    from backend.study.power import plan_power
+
+    sizes = [int(number) if number.strip().isdecimal() else 0 for number in participants.split(",")]
+    found = plan_power(
+        _frozen_protocol(study),
+        sizes,
+        condition=condition,
+        item=item,
+        ranking=ranking,
+        effect=effect,
+        first_choice=first_choice,
+        consistency=consistency,
+        own=own,
+        walk=walk,
+        cohorts=cohorts,
+        seed=seed,
+        tell=lambda words: typer.echo(words, err=True),
+    )
+    told = found.as_dict()
+    if out is not None:
+        from backend.report.figures import power_picture
+
+        told["files"] = [str(path) for path in power_picture(found.power, found.assumed).save(out)]
+    say(told, as_json)
+
+
+def _frozen_protocol(study: str) -> FrozenProtocol:
+    """Of a file, or of a study of this installation (the protocol that whoever joins now gets)."""
+    from backend.store.models import Study
+    from backend.study.protocol import freeze
+    from backend.study.versions import newest_protocol
+
+    if Path(study).is_file():
+        return freeze(Path(study), _query_sets())
+    database, _ = open_store()
+    with database.session() as s:
+        row = s.get(Study, study)
+        if row is None:
+            raise LookupError(f"no study with id {study!r} and no such file; `desirepath study list` shows the studies")
+        return newest_protocol(s, row)[1]
 
 
 @commands.command()

@@ -103,11 +103,11 @@ class MadeUpPerson:
 
     def rank(self, ranking: str, options: Sequence[str]) -> list[str]:
         """All options, best first, by Luce's rule: each place goes to one that is left, by shares of first choices."""
-        given = self.cohort.first_choice.get(ranking, {})
-        rest = (1 - sum(given.values())) / max(1, sum(option not in given for option in options))
-        shares = np.array([given.get(option, rest) for option in options])
-        worth = np.log(shares) + self._random("ranking", ranking).gumbel(size=len(options))
-        return [options[k] for k in np.argsort(-worth)]
+        given, names = self.cohort.first_choice.get(ranking, {}), sorted(options)
+        rest = (1 - sum(given.values())) / max(1, sum(name not in given for name in names))
+        shares = np.array([given.get(name, rest) for name in names])
+        worth = np.log(shares) + self._random("ranking", ranking).gumbel(size=len(names))
+        return [names[k] for k in np.argsort(-worth)]
 
     def slips(self, condition: str, query: str, role: str) -> bool:
         """Whether this answer is not what the person would usually say."""

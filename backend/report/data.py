@@ -125,3 +125,8 @@ class StudyData:
         """The item's words; its key where the questionnaire's file is not there."""
         found = (one for one in self.items if (one.questionnaire, one.key) == (questionnaire, key))
         return next(found, ItemText(questionnaire, key, "scale", key.replace("_", " "), 7, {}))
+
+    def place(self, questionnaire: str, key: str) -> int:
+        """Where the item stands among all; items whose file is not there come last, in the order they were met."""
+        keys = [(one.questionnaire, one.key) for one in self.items]
+        return keys.index((questionnaire, key)) if (questionnaire, key) in keys else len(keys)

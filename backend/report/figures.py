@@ -6,7 +6,7 @@ Importing this loads matplotlib, which is slow.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -17,6 +17,7 @@ from backend.explain.drawing import DATA, INK, PAPER, SOFT, STYLE
 from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.report.findings import Findings, ItemResult, Pair
 from backend.report.plan import METRICS
+from backend.report.power import Assumed, Power
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
 BAR = 0.26
@@ -238,24 +239,33 @@ def personalised_picture(found: Findings) -> Picture:
     return Picture("personalised", "The own policy against others", caption, figure, rows)
 
 
-def power_picture(name: str, title: str, rows: Sequence[Mapping[str, object]], caption: str) -> Picture:
-    """Power against participants. rows: test, participants, power, low, high."""
-    tests = list(dict.fromkeys(str(row["test"]) for row in rows))
+def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
+    """Power against participants, one line per test."""
+    tests = [rate.test for rate in found[0].rates]
     with mpl.rc_context(STYLE):
-        figure, axes = blank(1, 5.4, 3.4)
+        figure, axes = blank(1, 5.4, 3.6)
         ax = axes[0]
         for k, test in enumerate(tests):
-            line = [row for row in rows if row["test"] == test]
-            x, y, low, high = ([float(str(row[c])) for row in line] for c in ("participants", "power", "low", "high"))
+            rates = [rate for one in found for rate in one.rates if rate.test == test]
+            x = [one.participants for one in found]
             colour = DATA[k % len(DATA)]
-            ax.plot(x, y, color=colour, marker=".", linewidth=1.4, label=test)
-            ax.fill_between(x, low, high, color=colour, alpha=0.13, linewidth=0)
+            ax.plot(x, [rate.rate for rate in rates], color=colour, marker=".", linewidth=1.4, label=test)
+            ax.fill_between(
+                x, [rate.low for rate in rates], [rate.high for rate in rates], color=colour, alpha=0.13, linewidth=0
+            )
         ax.axhline(0.8, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
         ax.set(xlabel="participants", ylabel="power", ylim=(0, 1.02))
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         quiet(ax)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
-    return Picture(name, title, caption, figure, [dict(row) for row in rows])
+    caption = (
+        f"Simulated: share of {found[0].rates[0].n if tests else 0} made-up studies in which the analysis finds what "
+        f"was assumed, with 95 % Wilson intervals. Assumed: {told(assumed.item)} is rated {assumed.effect:g} standard "
+        f"deviations higher under {told(assumed.condition)}; {assumed.first_choice:.0%} rank it first for "
+        f"{told(assumed.ranking)}; the same query gets the same answer in {assumed.consistency:.0%}; the own policy is "
+        f"preferred in {assumed.own:.0%}. Dotted line: 80 %."
+    )
+    return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])
 
 
 def _mean_row(mean: Mean) -> dict[str, object]:

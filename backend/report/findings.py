@@ -227,7 +227,7 @@ def _demographics(data: StudyData) -> list[Described]:
         if one.condition is None and not isinstance(one.value, list):
             answers[one.questionnaire, one.item].append(one.value)
     found = []
-    for (questionnaire, key), values in answers.items():
+    for (questionnaire, key), values in sorted(answers.items(), key=lambda one: data.place(*one[0])):
         item = data.item(questionnaire, key)
         if item.type == "text":
             continue  # free text is read by people, not counted
@@ -248,7 +248,7 @@ def item_results(
         if asked and one.condition is not None and one.condition in conditions and isinstance(one.value, int | float):
             table[one.questionnaire, one.item].setdefault(one.person, {})[one.condition] = float(one.value)
     complete: dict[tuple[str, str], NDArray[np.float64]] = {}
-    for key, rated in table.items():
+    for key, rated in sorted(table.items(), key=lambda one: data.place(*one[0])):
         rows = [[of[name] for name in conditions] for of in rated.values() if len(of) == len(conditions)]
         if len(rows) >= 2 and len(conditions) >= 3:
             complete[key] = np.array(rows)
@@ -284,7 +284,7 @@ def ranking_results(ratings: Sequence[Rating], plan: AnalysisPlan, data: StudyDa
         if isinstance(one.value, list) and (plan.ranking is None or one.questionnaire == plan.ranking):
             orders[one.questionnaire, one.item].append([str(option) for option in one.value])
     places: dict[tuple[str, str], dict[str, list[int]]] = {}
-    for key, given in orders.items():
+    for key, given in sorted(orders.items(), key=lambda one: data.place(*one[0])):
         names = sorted({name for order in given for name in order})
         places[key] = {name: [sum(o[k] == name for o in given) for k in range(len(names))] for name in names}
     tests = corrected(

@@ -48,8 +48,10 @@ def no_drives(trajectory: str) -> Any:
 
 
 def analysed(data: StudyData, plan: AnalysisPlan) -> Findings:
-    """The analysis of a made-up study, as of a real one, without what needs drives."""
-    return analyse(data, no_drives, "simulated", plan.model_copy(update={"metrics": ()}))
+    """The analysis of a made-up study, as of a real one, without what needs drives. It has no other questionnaires."""
+    return analyse(
+        data, no_drives, "simulated", plan.model_copy(update={"metrics": (), "items": None, "ranking": None})
+    )
 
 
 # ---- null cohorts ----------------------------------------------------------------------------------------------------

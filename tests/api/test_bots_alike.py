@@ -1,0 +1,147 @@
+"""Bots over HTTP and in this process leave the same data; the report finds in them what they were made with."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
+
+from backend.api.application import build_house, create_application
+from backend.api.dependencies import House
+from backend.learning.oracles import Habits
+from backend.report.cohorts import Cohort, made_up_study
+from backend.report.findings import analyse
+from backend.report.power import analysed
+from backend.report.reading import read_folder, read_study
+from backend.report.run import write_study_report
+from backend.settings import Settings
+from backend.store.export import answers_of, export_study
+from backend.store.models import Study
+from backend.study.bots import Character, simulate_study
+from backend.study.in_process import walk_in_process
+from backend.study.power import plan_power
+from backend.study.protocol import PROTOCOLS, FrozenProtocol, freeze_text
+from backend.study.studies import create_study
+from tests.study.walking import twenty_queries
+
+BOTS = 3
+CHARACTER = Character(
+    habits=Habits(noise=0.2), seed=4, cohort=Cohort(seed=2, second_shown=0.2, tastes={"top_down": "shortest"})
+)
+LEFT_TO_CHANCE = {"response", "trial", "session", "probe_of", "consent", "phase_since", "client_time", "decision_s"}
+PORT = 18_700
+
+
+@pytest.fixture(scope="module")
+def protocol(tmp_path_factory: pytest.TempPathFactory) -> FrozenProtocol:
+    """The interface study with three pairs per view."""
+    text = (PROTOCOLS / "interface_study.yaml").read_text()
+    queries = twenty_queries(tmp_path_factory.mktemp("queries"))
+    shorter = text.replace("study_room/queries_500", str(queries)).replace("count: 25, probes: {repeat: 5}", "count: 3")
+    assert shorter.count("count: 3}") == 1
+    return freeze_text(shorter)
+
+
+@pytest.fixture(scope="module")
+def empty(protocol: FrozenProtocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    data = tmp_path_factory.mktemp("empty") / "data"
+    house = build_house(Settings(data=data, _env_file=None))
+    with house.database.transaction() as s:
+        create_study(s, house.files, protocol, name="Views", created_by=None)
+    house.database.close()
+    return data
+
+
+def opened(folder: Path) -> tuple[House, Study]:
+    house = build_house(Settings(data=folder, _env_file=None))
+    with house.database.session() as s:
+        return house, s.scalars(select(Study)).one()
+
+
+@pytest.fixture(scope="module")
+def in_process(empty: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[House, Study]:
+    house, study = opened(shutil.copytree(empty, tmp_path_factory.mktemp("here") / "data"))
+    told = walk_in_process(house.database, house.files, study, BOTS, CHARACTER)
+    assert (told["completed"], told["participants"]) == (BOTS, BOTS)
+    return house, study
+
+
+@pytest.fixture(scope="module")
+def over_http(empty: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[House, Study]:
+    house, study = opened(shutil.copytree(empty, tmp_path_factory.mktemp("http") / "data"))
+    with TestClient(create_application(house), client=("127.0.0.1", PORT)) as client:
+        assert simulate_study("", study.recruiting_token, BOTS, CHARACTER, client=client)["completed"] == BOTS
+    return house, study
+
+
+def left(house: House, study: Study) -> dict[str, list[dict[str, Any]]]:
+    """What a walk stored, without ids and times."""
+    with house.database.session() as s:
+        tables = answers_of(s, study)
+    tables["sessions"] = [
+        {name: row[name] for name in ("participant", "seed", "plan", "state")} for row in tables["sessions"]
+    ]
+    for name in ("trials", "responses"):
+        tables[name] = [
+            {key: value for key, value in row.items() if key not in LEFT_TO_CHANCE and not key.endswith("_at")}
+            for row in tables[name]
+        ]
+    tables["participants"] = [
+        {name: row[name] for name in ("participant", "simulated", "oracle")} for row in tables["participants"]
+    ]
+    return tables
+
+
+def test_both_ways_leave_the_same_data(in_process, over_http):
+    here, there = left(*in_process), left(*over_http)
+    assert len(here["responses"]) == BOTS * (1 + 1 + 1 + 3 * (1 + 1 + 3 + 1) + 2 + 1)
+    for name, rows in here.items():
+        assert rows == there[name], name
+
+
+def test_the_report_reads_what_the_bots_were_made_with(in_process, tmp_path):
+    house, study = in_process
+    with house.database.session() as s:
+        data, load = read_study(s, house.files, study)
+    found = analyse(data, load, "simulated")
+    assert found.conditions == ("first_person", "immersive", "top_down")
+    assert [one.item.key for one in found.items][:2] == ["ease", "confidence"]  # as the questionnaire asks them
+    assert not found.deviations
+    assert found.declared_hash == found.plan_hash
+    made_up = analysed(made_up_study(CHARACTER.cohort, BOTS), found.plan)
+    means = {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in found.items}
+    assert means == {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in made_up.items}
+    assert {one.item.key: one.places for one in found.rankings} == {o.item.key: o.places for o in made_up.rankings}
+    export_study(house.database, house.files, study.id, tmp_path / "export")
+    again, load_again = read_folder(tmp_path / "export")
+    assert analyse(again, load_again, "simulated") == found
+
+
+def test_the_report_is_a_page_with_figures_and_their_data(in_process, tmp_path):
+    house, study = in_process
+    with house.database.session() as s:
+        data, load = read_study(s, house.files, study)
+    told = write_study_report(data, load, tmp_path, who="simulated", command="desirepath report")
+    page = (tmp_path / "report.html").read_text()
+    assert "<strong>Simulated.</strong>" in page
+    assert "The analysis is the one that the protocol declared." in page
+    assert "http" not in page.replace("http://www.w3.org", "")  # it needs nothing from elsewhere
+    names = {Path(path).stem for path in told["figures"]}
+    assert {"items", "rankings", "agreement"} <= names
+    assert page.count("data:image/svg+xml;base64,") == len(names)
+    assert len((tmp_path / "tests.csv").read_text().splitlines()) == told["tests"] + 1
+
+
+def test_power_of_the_study_as_it_is_planned(protocol):
+    found = plan_power(protocol, [5, 40], condition="immersive", item="fun", effect=1.2, walk=3, cohorts=12)
+    assert found.walked == {"participants": 3, "completed": 3, "responses": 3 * 24}
+    assert found.design.conditions == ("first_person", "immersive", "top_down")
+    few, many = (one.rates[0] for one in found.power)
+    assert few.test == "Friedman, fun (over 10 items)"
+    assert few.rate < many.rate
+    with pytest.raises(ValueError, match="item = 'joy'"):
+        plan_power(protocol, [5], item="joy", walk=3, cohorts=1)
