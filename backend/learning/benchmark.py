@@ -6,6 +6,7 @@ The trainings themselves live in `benchmark_arms.py`.
 from __future__ import annotations
 
 import json
+import os
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -25,6 +26,7 @@ from backend.learning.benchmark_arms import (
     train_ours,
     train_sb3,
 )
+from backend.learning.benchmark_limits import matmul_gflops, matmul_gflops_torch
 from backend.learning.errors import LearningError
 from backend.simulation.setups import get_setup
 
@@ -100,6 +102,7 @@ def benchmark_train(
     """Processor seconds of training until a base policy reaches 94 %, ours (`fast`) against SB3 on the same fast engine
     and on PyBullet. One thread each, one after the other, checks not counted. Processor seconds are wall-clock seconds
     on an idle machine, and on a busy one nobody is charged for others' work; `per_seed` holds both.
+    `openblas_coretype`: which kernels NumPy's library was told to use (null: its own choice).
 
     Ours is judged by its last and its averaged weights, whichever are confirmed first, since base training considers
     both; SB3 by its last, since it does not average. `seconds_to_94` and `held_out_success` are medians of the first
@@ -152,10 +155,11 @@ def benchmark_train(
         "per_seed": [asdict(entry) for entry in entries],
         **_ratios(medians, "sb3_fast"),
         **_ratios(medians, "sb3_pybullet"),
-        "causes": _causes(judged, entries) if {"fast", "sb3_fast"} <= set(judged) else None,
+        "causes": _causes(judged, entries, chosen.batch_size) if {"fast", "sb3_fast"} <= set(judged) else None,
         "ablation": _ablation(chosen, partial(train, training=train_ours), ablation_seeds) if ablation_seeds else None,
         "sb3_pybullet_note": note,
         "network_heads": list(chosen.heads),
+        "openblas_coretype": os.environ.get("OPENBLAS_CORETYPE"),
         "scenes": {"check": CHECK_SCENES, "confirm": CONFIRM_SCENES, "confirm_scenes_are": "new at every try"},
         "gives_up_after": {"updates": config.max_updates, "seconds": config.max_seconds},
     }
@@ -180,8 +184,12 @@ def _judged(entries: Sequence[Reached], arm: str, weights: Sequence[str]) -> lis
     return [min(same, key=lambda e: (e.seconds_to_94 is None, e.seconds)) for same in per_seed.values()]
 
 
-def _causes(judged: dict[str, list[Reached]], entries: Sequence[Reached]) -> dict[str, Any]:
-    """Where the gain over SB3 on the same engine comes from: medians over seeds, and SB3's divided by ours."""
+def _causes(judged: dict[str, list[Reached]], entries: Sequence[Reached], batch_size: int) -> dict[str, Any]:
+    """Where the gain over SB3 on the same engine comes from: medians over seeds, and SB3's divided by ours.
+
+    `matmul_gflops`: part of `ms_per_update`'s ratio is that NumPy's library multiplies matrices of this size faster
+    (or slower) than torch's on this machine.
+    """
     by_last = _judged(entries, "fast", (LAST,))
 
     def compared(name: str, ours: Sequence[Reached], *, if_reached: bool) -> dict[str, float | None]:
@@ -192,8 +200,10 @@ def _causes(judged: dict[str, list[Reached]], entries: Sequence[Reached]) -> dic
         }
         return {**middle, "ratio": _ratio(middle["sb3_fast"], middle["fast"])}
 
+    numpys, torchs = matmul_gflops(batch_size), matmul_gflops_torch(batch_size)
     return {
         "ms_per_update": compared("ms_per_update", judged["fast"], if_reached=False),
+        "matmul_gflops": {"fast": numpys, "sb3_fast": torchs, "ratio": numpys / torchs},
         "ms_per_transition_stepped": compared("ms_per_transition", judged["fast"], if_reached=False),
         "updates_needed": compared("updates", judged["fast"], if_reached=True),
         "updates_needed_without_averaging": compared("updates", by_last, if_reached=True),

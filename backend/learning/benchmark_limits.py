@@ -52,7 +52,7 @@ def benchmark_limits(setup: str = "open_field") -> dict[str, Any]:
         "openblas_coretype": os.environ.get("OPENBLAS_CORETYPE"),
         "matmul_gflops": peak,
         "matmul_gflops_layer": matmul_gflops(config.batch_size),
-        "matmul_gflops_torch": _matmul_gflops_torch(LARGE),
+        "matmul_gflops_torch": matmul_gflops_torch(LARGE),
         "memory_gb_per_s": copied,
         "update": {
             "batch_size": config.batch_size,
@@ -90,7 +90,8 @@ def matmul_gflops(side: int) -> float:
     return 2 * side**3 / 1e9 / _fastest(lambda: np.matmul(a, a, out=out), calls=1 + 10**8 // side**3)
 
 
-def _matmul_gflops_torch(side: int) -> float:
+def matmul_gflops_torch(side: int) -> float:
+    """The same of torch's."""
     a = torch.randn(side, side)
     out = torch.empty_like(a)
     return 2 * side**3 / 1e9 / _fastest(lambda: torch.mm(a, a, out=out), calls=1 + 10**8 // side**3)
