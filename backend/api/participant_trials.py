@@ -1,4 +1,4 @@
-"""The API of a trial: start it, a drive was seen, a drive was interrupted. Each change is committed, then played."""
+"""The API of a trial: start it, a drive was seen or interrupted, both are watched again. Each change is committed, then played."""
 
 from __future__ import annotations
 
@@ -53,6 +53,12 @@ def seen(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     )
 
 
+@router.post("/api/session/{token}/trials/{key}/again")
+def again(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Play both drives once more, where the protocol allows it."""
+    return _on_trial(request, token, "again", lambda s, session, now: machine.watch_again(s, session, key, now=now))
+
+
 @router.post("/api/session/{token}/trials/{key}/interrupted")
 def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """A drive could not be watched: hidden tab (that drive again), lost picture or connection (the trial again)."""
@@ -78,10 +84,13 @@ def _on_trial(
     *,
     afresh: bool = False,
 ) -> dict[str, Any]:
-    """One change of a trial: commit it, then play what it says, then tell the page's stream."""
+    """One change of a trial: commit it, then play what it says, then tell the page's stream.
+
+    Watching is no answer: if the power fails, the trial starts over, so nobody waits for the disk here.
+    """
     parts = house(request)
     now = utc_now()
-    with acting(parts.database, token, request=asked, now=now) as (s, session):
+    with acting(parts.database, token, request=asked, now=now, durable=False) as (s, session):
         playback = act(s, session, now)
         reply = state_of(request, s, session, machine.current(s, session))
     bridge = bridge_of(parts)

@@ -52,6 +52,16 @@ export class Trial {
     this.shown = null;
     this.start = /** @type {HTMLButtonElement} */ (root.querySelector("#start"));
     this.picks = /** @type {NodeListOf<HTMLButtonElement>} */ (root.querySelectorAll("[data-choice]"));
+    /** How the pair may be watched, as the protocol says. */
+    this.rules = {
+      replays: Number(root.dataset.replays ?? 0),
+      early: "earlyChoice" in root.dataset,
+      limitS: Number(root.dataset.choiceLimit ?? 0),
+    };
+    /** Whether drive B has begun to move. */
+    this.sawB = false;
+    this.again = /** @type {HTMLButtonElement | null} */ (root.querySelector("#again"));
+    this.again?.addEventListener("click", () => this.watchAgain());
     this.start.addEventListener("click", () => this.begin());
     for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
     this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
@@ -146,6 +156,15 @@ export class Trial {
     return this.state.phase === "playing_a" || this.state.phase === "playing_b";
   }
 
+  get mayChoose() {
+    return this.state.phase === "choosing" || (this.rules.early && this.sawB && this.state.phase === "playing_b");
+  }
+
+  async watchAgain() {
+    if (this.busy || this.state.phase !== "choosing") return;
+    await this.work(() => this.needs.post("again", { request_id: newRequestId() }));
+  }
+
   async begin() {
     if (this.busy || this.state.phase !== "ready") return;
     if (!this.stageReady) {
@@ -188,25 +207,44 @@ export class Trial {
   /** @param {HTMLButtonElement} pick */
   async choose(pick) {
     if (this.busy) return;
-    if (this.state.phase !== "choosing") {
-      this.needs.announce(this.needs.say("resting"));
+    if (!this.mayChoose) {
+      this.needs.announce(this.needs.say(this.rules.early ? "resting_early" : "resting"));
       return;
     }
     const choice = pick.dataset.choice ?? "";
-    this.busy = true;
     pick.dataset.chosen = "";
+    this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
+    await this.send({ choice });
+    if (!this.over) delete pick.dataset.chosen;
+  }
+
+  /** @param {{choice: string} | {timed_out: true}} value */
+  async send(value) {
+    this.busy = true;
     this.rest(true);
     this.part("sending");
-    this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
     try {
-      await this.needs.answer({ choice });
+      await this.needs.answer(value);
     } finally {
       this.busy = false;
-      if (!this.over) {
-        delete pick.dataset.chosen;
-        this.show();
-      }
+      if (!this.over) this.show();
     }
+  }
+
+  /** Where the protocol gives the choice a time: says what is left, and goes on when it is over. */
+  limitChoice() {
+    const until = performance.now() + this.rules.limitS * 1000;
+    clearInterval(this.clock);
+    const look = () => {
+      const left = Math.ceil((until - performance.now()) / 1000);
+      this.text("#choice-left", this.needs.say("choice_left", { count: Math.max(0, left) }));
+      if (left > 0 || this.busy) return;
+      clearInterval(this.clock);
+      this.needs.announce(this.needs.say("choice_over"));
+      void this.send({ timed_out: true });
+    };
+    this.clock = setInterval(look, 200);
+    look();
   }
 
   /**
@@ -266,7 +304,8 @@ export class Trial {
     const { say, announce } = this.needs;
     const changed = phase !== this.shown;
     this.shown = phase;
-    this.rest(phase !== "choosing");
+    if (changed) this.sawB = false;
+    this.rest(!this.mayChoose);
     if (phase === "ready") {
       this.part("ready");
       this.start.setAttribute("aria-disabled", String(!this.stageReady));
@@ -298,7 +337,9 @@ export class Trial {
         window.focus();
         /** @type {HTMLElement | null} */ (this.root.querySelector("#question"))?.focus({ preventScroll: true });
         announce(say("choose"));
+        if (this.rules.limitS) this.limitChoice();
       }
+      if (this.again) this.again.hidden = (this.state.replays ?? 0) >= this.rules.replays;
     } else {
       this.part("sending");
     }
@@ -322,6 +363,8 @@ export class Trial {
 
   /** The robot has begun to move: the bar follows the drive's own length. */
   run() {
+    this.sawB = this.state.phase === "playing_b";
+    this.rest(!this.mayChoose);
     const length = this.state.phase === "playing_b" ? this.state.duration_b_s : this.state.duration_a_s;
     if (!length) return;
     const bar = /** @type {HTMLProgressElement} */ (this.root.querySelector("#playing-progress"));

@@ -9,6 +9,7 @@
  * @property {number} [duration_a_s]
  * @property {number} [duration_b_s]
  * @property {number} [label_s]
+ * @property {number} [replays] how often both drives were watched again
  * @property {number} [restarts] how often this trial had to begin again
  * @property {"a" | "b"} [next_drive] which drive Start plays: B where only B was cut short
  * @property {string | null} [playback_id] what is playing now

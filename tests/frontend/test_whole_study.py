@@ -1,0 +1,303 @@
+"""A whole study by keyboard alone in a real browser, every page of it accessible; and pairs under other view rules.
+
+The study is the shipped interface study with fewer pairs. The room is stood in for as in test_session_page.py. Whoever
+walks the whole study is a person to the server: its clock decides when a drive can have been seen.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import pytest
+import uvicorn
+from playwright.sync_api import expect
+from sqlalchemy import select
+
+from backend.api.application import build_house, create_application
+from backend.api.dependencies import House
+from backend.commands.loopback import free_port_pair
+from backend.learning.queries import QuerySet
+from backend.learning.shipped import load_queries
+from backend.settings import Settings
+from backend.store.models import Event, Response, Session, Trial
+from backend.study.protocol import PROTOCOLS, freeze_text
+from backend.study.studies import create_study
+from tests.frontend.test_participant_pages import COLOURS, violations
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, BrowserContext, Page
+
+EMPTY_ROOM = "<!doctype html><title>room</title><body></body>"
+WATCHED_S = 4.0  # the longest drive of the pairs here
+
+
+class Studies:
+    """A server with studies that differ from the shipped interface study in a few words."""
+
+    def __init__(self, house: House, url: str, queries: Path) -> None:
+        self.house, self.url, self._queries = house, url, queries
+
+    def link(self, *changes: tuple[str, str]) -> str:
+        """The recruiting link of a new study with these replacements in its YAML."""
+        text = (PROTOCOLS / "interface_study.yaml").read_text()
+        small = (
+            ("study_room/queries_500", str(self._queries)),
+            ("[top_down, first_person, immersive]", "[top_down, immersive]"),
+            ("        - queries: {count: 1, role: learning}    # for practice: stored, marked, never analysed\n", ""),
+            ("count: 25, probes: {repeat: 5}", "count: 1"),
+        )
+        for old, new in (*small, *changes):
+            assert text.count(old) == 1, old
+            text = text.replace(old, new)
+        with self.house.database.transaction() as s:
+            study = create_study(s, self.house.files, freeze_text(text), name="Small", created_by=None)
+            return f"{self.url}/join/{study.recruiting_token}"
+
+    def rows(self, table: type[Any]) -> list[Any]:
+        """All rows of the youngest session."""
+        with self.house.database.session() as s:
+            session = s.scalars(select(Session).order_by(Session.created_at.desc())).first()
+            assert session is not None
+            found = list(s.scalars(select(table).where(table.session_id == session.id)))
+            s.expunge_all()
+            return found
+
+
+@pytest.fixture(scope="module")
+def studies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studies]:
+    folder = tmp_path_factory.mktemp("data")
+    shipped = load_queries("study_room/queries_500")
+    short = [q for q in shipped.queries if max(q.trajectory_a.duration_s, q.trajectory_b.duration_s) <= WATCHED_S]
+    queries = folder / "short.npz"
+    QuerySet(shipped.setup, tuple(short[:6]), {}).save(queries)
+    port = free_port_pair()
+    house = build_house(Settings(data=folder, port=port, worker=False, _env_file=None))
+    server = uvicorn.Server(uvicorn.Config(create_application(house), port=port, log_level="critical"))
+    thread = threading.Thread(target=server.run, daemon=True)
+    thread.start()
+    while not server.started:
+        thread.join(0.02)
+    yield Studies(house, f"http://127.0.0.1:{port}", queries)
+    server.should_exit = True
+    thread.join(10)
+
+
+@pytest.fixture
+def page(chromium: Browser) -> Iterator[Page]:
+    context: BrowserContext = chromium.new_context(
+        viewport={"width": 1024, "height": 640}, screen={"width": 1024, "height": 640}, reduced_motion="reduce"
+    )
+    context.route("**/stage/**", lambda route: route.fulfill(body=EMPTY_ROOM, content_type="text/html"))
+    yield context.new_page()
+    context.close()
+
+
+def room_says(page: Page, kind: str, **more: str) -> None:
+    """A message of the stage, from its frame and its origin."""
+    frame = page.locator("#stage-frame iframe").element_handle().content_frame()
+    assert frame is not None
+    frame.wait_for_load_state()
+    origin = re.match(r"https?://[^/]+", page.url)
+    assert origin is not None
+    frame.evaluate(
+        "([message, origin]) => parent.postMessage(message, origin)",
+        [{"source": "desirepath-stage", "type": kind, **more}, origin.group()],
+    )
+
+
+def trial_of(page: Page) -> dict[str, Any]:
+    token = page.url.rpartition("/")[2].partition("?")[0]
+    found: dict[str, Any] = httpx.get(f"{page.url.partition('/p/')[0]}/api/session/{token}").json()["step"]["trial"]
+    return found
+
+
+def begin(page: Page) -> None:
+    """The room stands, and Start is pressed."""
+    room_says(page, "ready")
+    expect(page.locator("#start")).to_have_attribute("aria-disabled", "false")
+    expect(page.locator("#start")).to_be_focused()
+    page.keyboard.press("Enter")
+
+
+def watch(page: Page, letter: str) -> None:
+    """The drive plays to its end; the page asks until the server's clock agrees that it can have been seen."""
+    expect(page.locator("#playing-letter")).to_have_text(letter, timeout=15_000)
+    playback = trial_of(page)["playback_id"]
+    room_says(page, "playing", playback_id=playback)
+    room_says(page, "played", playback_id=playback)
+
+
+class Keyboard:
+    """Somebody without a mouse: Tab until the thing that is wanted has the focus."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+
+    def to(self, wanted: str, key: str = "Tab") -> None:
+        """wanted: JavaScript that is true of `focused`, the element with the focus."""
+        for _ in range(60):
+            if self.page.evaluate(f"(() => {{ const focused = document.activeElement; return {wanted}; }})()"):
+                assert self.page.evaluate("document.activeElement.checkVisibility()")
+                return
+            self.page.keyboard.press(key)
+        raise AssertionError(f"60 times {key} did not lead to {wanted}")
+
+    def press_main(self) -> None:
+        """The one main button of the step."""
+        expect(self.page.locator(".bottombar .main")).to_be_enabled()
+        self.to("focused.matches('.bottombar .main')")
+        self.page.keyboard.press("Enter")
+
+    def answer_page(self) -> None:
+        """Every question that stands open on this page: the third of a scale, the first of a choice, any ranking."""
+        for kind in self.page.locator("[data-item] >> visible=true").evaluate_all(
+            "all => all.map((i) => i.dataset.type)"
+        ):
+            selector = (
+                "[data-type=ranking] [data-pool] [data-value]" if kind == "ranking" else f"[data-type={kind}] input"
+            )
+            open_ = f"focused.matches({json.dumps(selector)}) && !focused.closest('[data-item]').dataset.answered"
+            self.to(open_)
+            if kind == "ranking":
+                for _ in range(3):
+                    self.page.keyboard.press("Enter")
+                    self.page.keyboard.press("Tab")
+                self.page.keyboard.press("Shift+Tab")
+            elif kind == "number":
+                self.page.keyboard.type("44")
+            else:
+                self.page.keyboard.press("Space")
+                for _ in range(2 if kind == "scale" else 0):
+                    self.page.keyboard.press("ArrowRight")
+            self.page.evaluate("document.activeElement.closest('[data-item]').dataset.answered = 'yes'")
+
+
+def check(page: Page) -> None:
+    """Accessible in both schemes."""
+    assert violations(page) == []
+    page.emulate_media(color_scheme="dark")
+    assert violations(page, COLOURS) == []
+    page.emulate_media(color_scheme="light")
+
+
+def test_a_whole_study_by_keyboard_alone(studies: Studies, page: Page) -> None:
+    page.goto(studies.link(("device: {min_width: 1000, min_height: 600, min_frame_rate: 10, light_below: 20}", "")))
+    keys = Keyboard(page)
+    check(page)
+    keys.press_main()
+    page.wait_for_url("**/p/*")
+    kinds: list[str] = []
+    progress: list[float] = []
+    checked: set[str] = set()
+    while True:
+        body = page.locator(".step-body")
+        key, kind = body.get_attribute("data-key"), str(body.get_attribute("data-kind"))
+        kinds.append(kind)
+        index, total = (int(body.get_attribute(f"data-{name}") or 0) for name in ("index", "total"))
+        progress.append(index / total)
+        if kind == "trial":
+            begin(page)
+            watch(page, "A")
+            watch(page, "B")
+            expect(page.locator("#question")).to_be_focused(timeout=15_000)
+        if kind not in checked:
+            checked.add(kind)
+            check(page)
+        if kind == "debriefing":
+            break
+        if kind == "trial":
+            page.keyboard.press("b")
+        elif kind == "consent":
+            for _ in range(page.locator("[data-point]").count()):
+                keys.to("focused.matches('[data-point]:not(:checked)')")
+                page.keyboard.press("Space")
+            keys.answer_page()
+            keys.press_main()
+        else:
+            while kind == "questionnaire":
+                keys.answer_page()
+                part = page.locator("#page-count").text_content()
+                keys.press_main()
+                if not part or len(set(re.findall(r"\d+", part))) == 1:
+                    break
+                expect(page.locator("#page-count")).not_to_have_text(part)
+            else:
+                keys.press_main()
+        expect(page.locator(f".step-body[data-key='{key}']")).to_have_count(0)
+    block = ["instruction", "trial", "questionnaire"]
+    expected = ["information", "consent", "questionnaire", *block, "break", *block, "questionnaire", "debriefing"]
+    assert kinds == expected
+    assert progress == sorted(progress)
+    assert page.locator("#progress-text").text_content() == f"Step {len(kinds)} of {len(kinds)}"
+    answers = {row.step_key: row.value for row in studies.rows(Response)}
+    assert answers["consent"]["purposes"] == {"training": True, "open_data": True}
+    assert sorted(answers["interface_ranking"]["usefulness"]) == ["first_person", "immersive", "top_down"]
+    assert answers["block.immersive.interface_items"] == dict.fromkeys(answers["block.top_down.interface_items"], 3)
+    trials = {row.block: row for row in studies.rows(Trial)}
+    assert trials["top_down"].query_id == trials["immersive"].query_id
+    assert trials["top_down"].trajectory_a == trials["immersive"].trajectory_a
+
+
+def to_the_first_pair(page: Page, link: str) -> None:
+    """By API, as a simulated participant, whose drives need not be waited for."""
+    joined = httpx.post(link, json={"language": "en", "simulated": True}).json()
+    api = f"{link.partition('/join/')[0]}/api/session/{joined['token']}"
+    values = {
+        "consent": {"given": True},
+        "demographics": {"gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3},
+    }
+    while (step := httpx.get(api).json()["step"])["kind"] != "trial":
+        body = {"request_id": f"setup-{step['key']}-{joined['token']}"[:60], "value": values.get(step["key"], {})}
+        httpx.post(f"{api}/steps/{step['key']}", json=body).raise_for_status()
+    page.goto(f"{link.partition('/join/')[0]}/p/{joined['token']}")
+
+
+PAIRS = "      trials:\n"
+
+
+def test_a_pair_can_be_watched_again_as_often_as_the_protocol_says(studies: Studies, page: Page) -> None:
+    to_the_first_pair(page, studies.link((PAIRS, "      viewing: {replays: 1}\n" + PAIRS)))
+    begin(page)
+    for _ in range(2):
+        watch(page, "A")
+        watch(page, "B")
+        expect(page.locator("#question")).to_be_focused()
+        if page.locator("#again").is_visible():
+            page.locator("#again").press("Enter")
+    expect(page.locator("#again")).to_be_hidden()
+    page.keyboard.press("a")
+    expect(page.locator(".step-body[data-kind=trial]")).to_have_count(0)
+    (trial,) = studies.rows(Trial)
+    assert trial.replays == 1
+
+
+def test_an_early_choice_is_possible_once_b_has_begun(studies: Studies, page: Page) -> None:
+    to_the_first_pair(page, studies.link((PAIRS, "      viewing: {early_choice: true}\n" + PAIRS)))
+    begin(page)
+    expect(page.locator("#live")).to_have_text("Watch drive A")
+    page.keyboard.press("a")
+    expect(page.locator("#live")).to_have_text("You can choose as soon as drive B has begun.")
+    watch(page, "A")
+    expect(page.locator("#playing-letter")).to_have_text("B")
+    room_says(page, "playing", playback_id=trial_of(page)["playback_id"])
+    expect(page.locator("[data-choice=a]")).to_have_attribute("aria-disabled", "false")
+    page.keyboard.press("b")
+    expect(page.locator(".step-body[data-kind=trial]")).to_have_count(0)
+    assert [row.value for row in studies.rows(Response) if row.kind == "preference"] == [{"choice": "b"}]
+
+
+def test_when_the_time_to_choose_is_over_the_study_goes_on(studies: Studies, page: Page) -> None:
+    to_the_first_pair(page, studies.link((PAIRS, "      viewing: {choice_limit_s: 3}\n" + PAIRS)))
+    begin(page)
+    watch(page, "A")
+    watch(page, "B")
+    expect(page.locator("#choice-left")).to_contain_text("left to choose")
+    expect(page.locator(".step-body[data-kind=trial]")).to_have_count(0, timeout=10_000)
+    assert [row.value for row in studies.rows(Response) if row.kind == "preference"] == [{"timed_out": True}]
+    assert not [event for event in studies.rows(Event) if event.kind == "refused"]
