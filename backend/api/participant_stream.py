@@ -66,7 +66,7 @@ def _glance(parts: House, token: str) -> _Glance:
         glance = _Glance(s, session)
         unseen = session.last_seen_at is None or utc_now() - session.last_seen_at > SEEN_EVERY
     if unseen:
-        with suppress(DatabaseBusy), acting(parts.database, token, request="stream", now=utc_now()):
+        with suppress(DatabaseBusy), acting(parts.database, token, request="stream", now=utc_now(), durable=False):
             pass  # `acting` notes when the session was last seen; a busy database is told at the next look
     return glance
 

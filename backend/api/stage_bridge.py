@@ -92,7 +92,7 @@ class StageBridge:
         """Apply the checkpoint rule, however busy the database. Whether it changed anything; None: no such session."""
         while True:
             try:
-                with self._house.database.transaction() as s:
+                with self._house.database.transaction(durable=False) as s:
                     session = s.get(Session, session_id, with_for_update=True)
                     if session is None:
                         return None

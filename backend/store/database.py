@@ -136,15 +136,18 @@ class Database:
             event.listen(engine, "connect", _set_up_sqlite)
             event.listen(engine, "begin", _begin_sqlite)
             reading: dict[str, Any] = {"reads_only": True}
+            passing: dict[str, Any] = {"passing": True}
         elif parsed.get_backend_name() == "postgresql":
             self.file = None
             engine = create_engine(parsed, pool_pre_ping=True, pool_size=20, hide_parameters=True)
             reading = {"postgresql_readonly": True, "isolation_level": "REPEATABLE READ"}
+            passing = {}
         else:
             raise StorageError(f"database url {url!r}: known are sqlite:///FILE and postgresql://USER@HOST/NAME")
         self.engine = engine
         self._turns = _Turns()
         self._reading = engine.execution_options(**reading)
+        self._passing = engine.execution_options(**passing)
 
     def migrate(self) -> None:
         """Bring the tables to the newest revision; does nothing where they are. Safe from several processes at once.
@@ -170,14 +173,20 @@ class Database:
             self.compact()
 
     @contextlib.contextmanager
-    def transaction(self) -> Iterator[Session]:
+    def transaction(self, *, durable: bool = True) -> Iterator[Session]:
         """A session that may write; commits when the block ends, rolls back on any exception.
 
+        durable: a commit waits for the disk. False for what may be lost with the machine's power (never with a killed
+        process), like where in a drive somebody is: SQLite then writes the log without waiting, and the next durable
+        commit takes it to the disk in its order. On PostgreSQL `synchronous_commit` is off for the transaction.
         On SQLite writers take turns, and the write lock is taken at the first statement, so what was read in here is
         still true at the commit. On PostgreSQL lock what you are about to change (`with_for_update`) or compare and
         set. Raises DatabaseBusy if the turn does not come in time.
         """
-        with self._turn(), self._explained(), Session(self.engine, expire_on_commit=False) as s, s.begin():
+        engine = self.engine if durable else self._passing
+        with self._turn(), self._explained(), Session(engine, expire_on_commit=False) as s, s.begin():
+            if not (durable or self.is_sqlite):
+                s.execute(text("SET LOCAL synchronous_commit = off"))
             yield s
 
     @contextlib.contextmanager
@@ -302,5 +311,9 @@ def _set_up_sqlite(connection: sqlite3.Connection, _record: object) -> None:
 def _begin_sqlite(connection: Connection) -> None:
     # IMMEDIATE: a transaction that first reads and then writes would otherwise fail when two do so at once.
     reads_only = connection.get_execution_options().get("reads_only", False)
-    connection.connection.cursor().execute(f"PRAGMA query_only = {'ON' if reads_only else 'OFF'}")
+    cursor = connection.connection.cursor()
+    cursor.execute(f"PRAGMA query_only = {'ON' if reads_only else 'OFF'}")
+    # In WAL mode NORMAL waits for the disk at checkpoints only; it has to be said outside a transaction.
+    passing = connection.get_execution_options().get("passing", False)
+    cursor.execute(f"PRAGMA synchronous = {'NORMAL' if passing else 'FULL'}")
     connection.exec_driver_sql("BEGIN" if reads_only else "BEGIN IMMEDIATE")

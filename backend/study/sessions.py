@@ -45,13 +45,15 @@ def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = 
 
 
 @contextmanager
-def acting(db: Database, token: str, *, request: str, now: datetime) -> Iterator[tuple[DatabaseSession, Session]]:
-    """A writing transaction with the token's session locked.
+def acting(
+    db: Database, token: str, *, request: str, now: datetime, durable: bool = True
+) -> Iterator[tuple[DatabaseSession, Session]]:
+    """A writing transaction with the token's session locked; `durable` as in `Database.transaction`.
 
     A refusal rolls everything back, is logged by itself as an event (`request` says what was asked), and goes on up.
     """
     try:
-        with db.transaction() as s:
+        with db.transaction(durable=durable) as s:
             session = find_session(s, token, now=now)
             session.last_seen_at = now
             yield s, session

@@ -163,6 +163,20 @@ def test_a_reading_session_cannot_write_and_the_next_writer_can(database: Databa
         s.add(Setting(key="a", value={}))
 
 
+def test_only_what_may_be_lost_with_the_power_does_not_wait_for_the_disk(database: Database):
+    def waits() -> int:
+        with database.transaction() as s:
+            return s.connection().exec_driver_sql("PRAGMA synchronous").scalar_one()
+
+    assert waits() == 2  # FULL
+    with database.transaction(durable=False) as s:
+        assert s.connection().exec_driver_sql("PRAGMA synchronous").scalar_one() == 1  # NORMAL
+        s.add(Setting(key="passing", value={"n": 1}))
+    assert waits() == 2  # the same connection from the pool, durable again
+    with database.session() as s:
+        assert s.get_one(Setting, "passing").value == {"n": 1}
+
+
 def test_every_connection_is_durable_and_clean(database: Database):
     wanted = {"journal_mode": "wal", "synchronous": 2, "foreign_keys": 1, "secure_delete": 1, "busy_timeout": 10_000}
     with database.session() as s:
