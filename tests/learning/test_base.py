@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 import torch
 
+from backend.analysis.metrics import success_rate, timeout_rate
 from backend.learning.base import BaseConfig, BaseResult, BaseTraining, calm_loss, train_base
 from backend.learning.replay import collect
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.fast import evaluate
 
 
 def test_a_short_training_changes_the_weights_and_says_what_it_did(
@@ -34,6 +37,17 @@ def test_the_progress_term_enters_base_training_only(tiny_base: BaseResult, tiny
     assert (training.buffer.filled().rewards != 0).float().mean() > 0.9
     regenerated = collect(tiny_base.policy, 2_000, noise=(0.05, 0.5), seed=1)
     assert (regenerated.filled().rewards != 0).float().mean() < 0.1
+
+
+def test_a_seed_that_stood_still_with_a_short_random_phase_drives() -> None:
+    """Seed 1 learned never to drive, when replay held no ended episode before the first updates."""
+    training = BaseTraining(BaseConfig(setup="open_field", seed=1, buffer_size=100_000))
+    while training.agent.updates < 1_500:
+        training.vector_step()
+    scenes = scene_set("open_field", 100, purpose=Purpose.SELECT, seed=0)
+    table = evaluate(training.policy().act, training.setup, scenes)
+    assert success_rate(table.outcome) > 0.1
+    assert timeout_rate(table.outcome) < 0.9
 
 
 def test_a_regenerated_buffer_is_the_same_for_the_same_seed(tiny_base: BaseResult) -> None:
