@@ -25,13 +25,16 @@ def export(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     out: Annotated[Path, typer.Option(help="Folder to write; made if missing, must be empty.")],
     pilots: Annotated[bool, typer.Option("--pilots", help="With the pilot participants, marked.")] = False,
+    open_data: Annotated[
+        bool, typer.Option("--open-data", help="For publication: nothing of who did not agree to that.")
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
     from backend.store.export import export_study
 
     database, files = open_store()
-    say(dict(export_study(database, files, study, out, pilots=pilots)), as_json)
+    say(dict(export_study(database, files, study, out, pilots=pilots, open_data=open_data)), as_json)
 
 
 @plain_errors

@@ -11,7 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 
-FORMAT = "desirepath-dataset-2"
+FORMAT = "desirepath-dataset-3"
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
@@ -85,6 +85,8 @@ PARTICIPANTS = Table(
             "pilot", YES_NO, "true: joined while the study was a pilot; in the data set only where it was asked for"
         ),
         Column("withdrawn", YES_NO, "true: the participant withdrew; nothing else of theirs is in the data set"),
+        Column("training", YES_NO, "whether they agreed that models learn from their answers; empty: was not asked"),
+        Column("open_data", YES_NO, "whether they agreed that their answers are published; empty: was not asked"),
         Column("oracle", TEXT, "simulated only: the oracle's name and settings", json=True),
         Column("created_at", MOMENT, "when they followed the recruiting link"),
         Column("withdrawn_at", MOMENT, "when they withdrew; empty if not"),
@@ -99,7 +101,16 @@ SESSIONS = Table(
         _SESSION,
         _PARTICIPANT,
         *_MARKS,
-        Column("state", TEXT, "active, paused, completed or expired"),
+        Column("state", TEXT, "active, paused, completed, expired or screened_out"),
+        Column("ended_because", TEXT, "screened_out only: comprehension (check not passed) or quota (full)"),
+        Column("appointment", WHOLE, "which of the participant's appointments, from 1"),
+        Column("protocol_number", WHOLE, "which protocol of the study it ran on: 1 its first, 2 and on in protocol/"),
+        Column(
+            "assignment",
+            TEXT,
+            "place in the counterbalancing: scheme, row of rows (null: by lot), order of conditions, per block",
+            json=True,
+        ),
         Column("language", TEXT, "language of the pages: en or de"),
         Column("seed", WHOLE, "seed of the session's plan (order of queries, of A and B)"),
         Column("plan", TEXT, "the steps in the order they were planned", json=True),
@@ -109,9 +120,10 @@ SESSIONS = Table(
             "personalisation",
             TEXT,
             "whether the comparison with the own policy was shown, and why not: shown, too_few_answers, job_failed, "
-            "late, gate_not_passed, no_scenes",
+            "late, gate_not_passed, no_consent (to learning from the answers), no_scenes",
         ),
         Column("created_at", MOMENT, "when the session was made"),
+        Column("opens_at", MOMENT, "later appointments: from when the link worked"),
         Column("started_at", MOMENT, "when the first step was begun"),
         Column("finished_at", MOMENT, "when it ended; empty if it did not"),
         Column("last_seen_at", MOMENT, "last sign of life of the page"),
@@ -128,11 +140,18 @@ TRIALS = Table(
         *_TRIAL_MARKS,
         Column("step", TEXT, "key of the trial's step in the plan"),
         Column("index", WHOLE, "order within the session"),
-        Column("block", TEXT, "experimental condition, where the protocol has several"),
+        Column("block", TEXT, "experimental condition (e.g. the view), where the protocol has several"),
         Column("kind", TEXT, "query (two ensemble members) or comparison (base policy and own policy)"),
-        Column("role", TEXT, "learning, regular, repeat (asked again) or swap (asked again, A and B exchanged)"),
+        Column(
+            "role",
+            TEXT,
+            "learning, regular, or a probe: repeat (asked again), swap (asked again, A and B exchanged), transitivity "
+            "(the three pairs of three drives in one scene)",
+        ),
+        Column("probe_of", TEXT, "repeat and swap: the trial that is asked again"),
         Column("view", TEXT, "top_down, first_person or immersive (a desktop camera unless the device says headset)"),
         Column("query", TEXT, "id of the query, the same wherever it is asked"),
+        Column("turned", YES_NO, "true: the query's second trajectory was shown as A; empty in comparisons"),
         Column("trajectory_a", TEXT, "trajectory shown first; see trajectories"),
         Column("trajectory_b", TEXT, "trajectory shown second; see trajectories"),
         Column("arms", TEXT, "comparison only: which policy (artefact id) drove a and b, and which is their own", True),
@@ -147,6 +166,7 @@ TRIALS = Table(
         Column("a_seen_at", MOMENT, "when A had been seen to the end, server's clock"),
         Column("b_seen_at", MOMENT, "when B had been seen to the end, server's clock"),
         Column("restarts", WHOLE, "how often it started over (reload, hidden tab, lost connection)"),
+        Column("replays", WHOLE, "how often it was watched again before the choice, where the protocol allows it"),
     ),
 )
 RESPONSES = Table(
@@ -159,13 +179,15 @@ RESPONSES = Table(
         _PARTICIPANT,
         *_TRIAL_MARKS,
         Column("step", TEXT, "key of the step"),
-        Column("kind", TEXT, "what was asked: preference, comparison, questionnaire, consent, guess, ..."),
+        Column("kind", TEXT, "what was asked: preference, comparison, questionnaire, comprehension, consent, ..."),
         Column("view", TEXT, "view of the trial"),
         Column("role", TEXT, "role of the trial"),
         Column("query", TEXT, "query of the trial"),
         Column("choice", TEXT, "what was chosen, a or b, where that was the question"),
         Column("value", TEXT, "the whole answer as it was given", json=True),
         Column("decision_s", NUMBER, "seconds from the choice becoming possible to the answer"),
+        Column("consent", TEXT, "the consent in force: id of its answer; empty before it was given"),
+        Column("consent_version", TEXT, "version of that consent's text; its hash is in the consent's value"),
         Column("client_time", MOMENT, "when it was given by the browser's clock"),
         Column("created_at", MOMENT, "when it was stored by the server's clock"),
     ),
@@ -208,7 +230,7 @@ PAIRS = Table(
         *_TRIAL_MARKS,
         Column("source", TEXT, "human or simulated"),
         Column("kind", TEXT, "query or comparison; comparisons are no training answers"),
-        Column("role", TEXT, "regular, learning, repeat or swap; repeat and swap are no independent answers"),
+        Column("role", TEXT, "as in trials; repeat, swap and transitivity are no independent answers"),
         Column("view", TEXT, "view it was answered in"),
         Column("query", TEXT, "id of the query"),
         Column("setup", TEXT, "setup of both trajectories"),
@@ -312,6 +334,8 @@ def data_dictionary() -> str:
         "**Who withdrew** is one row in `participants` with code and times, so that the flow of participants adds up.",
         "Their sessions, trials, answers, events and the drives that only they saw are not in the data set. Data sets",
         "written before they withdrew still hold them: replace those by a new one.",
+        "",
+        "**Data for publication** (`--open-data`) hold nothing of who did not agree to it but that row.",
         "",
         "**Before you analyse**, leave out rows with `excluded` or `learning` true, and decide about `simulated` ones.",
         "",

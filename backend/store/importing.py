@@ -41,6 +41,7 @@ from backend.store.dataset import (
 from backend.store.models import (
     Event,
     Participant,
+    ProtocolVersion,
     Response,
     Study,
     Tombstone,
@@ -57,11 +58,12 @@ Row = dict[str, Any]
 PARTICIPANT_FIELDS = ("simulated", "pilot", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
 SESSION_FIELDS = (
     *("state", "language", "simulated", "seed", "plan", "position", "device", "personalisation"),
-    *("created_at", "started_at", "finished_at", "last_seen_at", "expires_at"),
+    *("created_at", "opens_at", "started_at", "finished_at", "last_seen_at", "expires_at"),
+    *("ended_because", "appointment", "protocol_number", "assignment"),
 )
 TRIAL_FIELDS = (
     *("index", "block", "kind", "role", "view", "trajectory_a", "trajectory_b", "arms", "phase"),
-    *("phase_since", "a_seen_at", "b_seen_at", "restarts"),
+    *("phase_since", "a_seen_at", "b_seen_at", "restarts", "replays", "probe_of", "turned"),
 )
 
 
@@ -203,11 +205,31 @@ def _add_study(s: Session, folder: Path, about: Row) -> None:
         )
     )
     s.flush()
+    for version in about["protocol_versions"]:
+        s.add(_version(folder, about["study"], version))
     for tombstone in about["erased_participants"]:
         at = datetime.fromisoformat(tombstone["erased_at"])
         s.add(
             Tombstone(id=tombstone["tombstone"], study_id=about["study"], erased_at=at, erased_by="imported", counts={})
         )
+
+
+def _version(folder: Path, study_id: str, about: Row) -> ProtocolVersion:
+    name = f"{PROTOCOL_FOLDER}/{about['number']}.json"
+    frozen = _read_json(folder / name)
+    if protocol_digest(frozen["yaml"], frozen["files"]) != about["sha256"]:
+        raise DatasetError(f"{name}: is not the protocol whose sha256 {STUDY_FILE} names; use an untouched copy")
+    return ProtocolVersion(
+        study_id=study_id,
+        number=about["number"],
+        protocol_version=about["version"],
+        protocol_yaml=frozen["yaml"],
+        protocol=frozen["protocol"],
+        files=frozen["files"],
+        protocol_hash=about["sha256"],
+        changes=about["changes"],
+        created_at=datetime.fromisoformat(about["created_at"]),
+    )
 
 
 def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list[Row]) -> None:
@@ -243,7 +265,11 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
     people: dict[str, Participant] = {}
     for row in tables[PARTICIPANTS.name]:
         people[row["participant"]] = Participant(
-            id=new_id(), study_id=study_id, code=row["participant"], **_kept(row, PARTICIPANT_FIELDS)
+            id=new_id(),
+            study_id=study_id,
+            code=row["participant"],
+            consents=_consents(row),
+            **_kept(row, PARTICIPANT_FIELDS),
         )
     s.add_all(people.values())
     s.flush()
@@ -281,6 +307,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 request_id=f"imported-{row['response']}",
                 client_time=row["client_time"],
                 decision_s=row["decision_s"],
+                consent_id=row["consent"],
                 created_at=row["created_at"],
             )
         )
@@ -297,6 +324,11 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
             )
         )
         s.flush()  # one by one: their order is their id
+
+
+def _consents(row: Row) -> Row | None:
+    asked = {purpose: row[purpose] for purpose in ("training", "open_data") if row[purpose] is not None}
+    return asked or None
 
 
 def _kept(row: Row, fields: tuple[str, ...]) -> Row:

@@ -30,7 +30,7 @@ from backend.store.models import Session as SessionRow
 
 FORMAT = "desirepath-snapshot-2"
 MIN_ANSWERS = 2  # one pair cannot say which of two reasons it was chosen for
-PROBE_ROLES = ("repeat", "swap")
+PROBE_ROLES = ("repeat", "swap", "transitivity")
 Whose = Literal["people", "simulated", "all"]
 """Whose answers of a study a snapshot holds. A session's own snapshot holds that session's, whoever it is."""
 WHOSE_WORDS = {
@@ -39,6 +39,7 @@ WHOSE_WORDS = {
     "all": "people and simulated participants",
     "session": "a session",
 }
+LEFT_OUT = ("pilot", "learning", "excluded", "withdrawn", "no_consent", "no_choice", "people", "simulated")
 LONGEST_NAME = 160  # of an artefact
 
 
@@ -219,7 +220,7 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
 def _freeze(
     s: Session, files: ArtefactStore, study: Study, rows: Sequence[Any], whose: str, session_id: str | None
 ) -> Artefact:
-    left_out = dict.fromkeys(("pilot", "learning", "excluded", "withdrawn", "no_choice", "people", "simulated"), 0)
+    left_out = dict.fromkeys(LEFT_OUT, 0)
     answers: list[Answer] = []
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
@@ -290,6 +291,8 @@ def _reason_to_leave_out(response: Response, trial: Trial, participant: Particip
         return "excluded"
     if participant.withdrawn_at is not None:
         return "withdrawn"
+    if (participant.consents or {}).get("training") is False:
+        return "no_consent"
     if trial.role == "learning":
         return "learning"
     if response.value.get("choice") not in ("a", "b"):

@@ -180,9 +180,11 @@ def test_a_snapshot_holds_the_answers_that_count_and_says_what_it_left_out(study
         ("P1", "b", "human", True),
     ]
     assert snapshot.left_out == {
+        "pilot": 0,
         "learning": 1,
         "excluded": 3,
         "withdrawn": 2,
+        "no_consent": 0,
         "no_choice": 0,
         "people": 0,
         "simulated": 3,

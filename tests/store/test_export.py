@@ -200,6 +200,8 @@ def test_who_withdrew_is_one_row_without_content(full: SmallStudy, exported: Pat
         "excluded": False,
         "pilot": False,
         "withdrawn": True,
+        "training": None,
+        "open_data": None,
         "oracle": None,
         "created_at": person.created_at,
         "withdrawn_at": person.withdrawn_at,
@@ -430,3 +432,34 @@ def test_an_export_can_be_moved_and_read_elsewhere(copied: Path, tmp_path: Path)
     fresh.migrate()
     said = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), tmp_path / "elsewhere")
     assert said["responses"] == 14
+
+
+def test_data_for_publication_hold_nothing_of_who_did_not_agree_but_one_row(study: SmallStudy, tmp_path: Path):
+    agreed, _ = study.participant("P1", secret="sunshine")
+    refused, _ = study.participant("P2", secret="thunderstorm", drives=100)
+    with study.database.transaction() as s:
+        s.get_one(Participant, agreed).consents = {"training": False, "open_data": True}
+        s.get_one(Participant, refused).consents = {"training": True, "open_data": False}
+    export_study(study.database, study.files, study.id, tmp_path / "open", open_data=True)
+    export_study(study.database, study.files, study.id, tmp_path / "own")
+    told = {
+        row["participant"]: (row["training"], row["open_data"])
+        for row in parquet_rows(tmp_path / "open", "participants")
+    }
+    assert told == {"P1": (False, True), "P2": (True, False)}
+    assert {row["participant"] for row in parquet_rows(tmp_path / "open", "responses")} == {"P1"}
+    assert {row["participant"] for row in parquet_rows(tmp_path / "own", "responses")} == {"P1", "P2"}
+    everything = b"".join(path.read_bytes() for path in (tmp_path / "open").rglob("*.csv"))
+    assert b"sunshine" in everything
+    assert b"thunderstorm" not in everything
+
+
+def test_pooled_snapshots_leave_out_who_did_not_let_us_learn(study: SmallStudy):
+    agreed, _ = study.participant("P1")
+    refused, _ = study.participant("P2", drives=100)
+    with study.database.transaction() as s:
+        s.get_one(Participant, agreed).consents = {"training": True}
+        s.get_one(Participant, refused).consents = {"training": False}
+        snapshot = load_snapshot(s, study.files, take_snapshot(s, study.files, study_id=study.id).id)
+    assert {answer.participant for answer in snapshot.answers} == {"P1"}
+    assert snapshot.left_out["no_consent"] == 5

@@ -12,7 +12,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Column, String, delete, inspect, select, text, update
+from sqlalchemy import Column, Connection, String, delete, inspect, select, text, update
 from sqlalchemy.exc import DBAPIError
 
 from backend.store.artefacts import ArtefactStore
@@ -202,3 +202,75 @@ def test_who_had_an_account_before_there_were_roles_may_still_do_everything(eith
         s.flush()
         assert s.scalars(select(User.role).where(User.name == "new")).one() == "viewer"
         assert s.scalars(select(Participant.pilot)).all() == [False]
+
+
+def test_sessions_of_before_there_were_appointments_are_kept_and_may_end_in_new_ways(
+    either: Database, files: ArtefactStore, tmp_path: Path
+):
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0001")
+        _fill_first_tables(connection)
+    either.migrate()
+    with either.transaction() as s:
+        session = s.scalars(select(Session)).one()
+        assert (session.appointment, session.protocol_number, session.assignment, session.opens_at) == (
+            1,
+            1,
+            None,
+            None,
+        )
+        assert s.scalars(select(Response.value)).all() == [{"given": True}]
+        assert s.scalars(select(Response.consent_id)).all() == [None]
+        assert s.scalars(select(Participant.consents)).all() == [None]
+        session.state, session.ended_because = "screened_out", "quota"
+    with pytest.raises(DBAPIError, match="state"), either.transaction() as s:
+        s.execute(update(Session).values(state="elsewhere"))
+    with pytest.raises(DBAPIError, match=r"session\.simulated"), either.transaction() as s:  # triggers are still there
+        s.execute(update(Session).values(simulated=True))
+    person = "1" * 32
+    erase_participant(either, files, person, "tester", data=tmp_path)
+
+
+def _fill_first_tables(connection: Connection) -> None:
+    """One row in each of the tables that the second revision changes, as the first one had them."""
+    at = "2026-11-01 10:00:00"
+    rows = {
+        "study": {
+            **dict.fromkeys(("id", "name", "protocol_name", "protocol_yaml", "protocol_hash"), "s"),
+            "protocol_version": 1,
+            "protocol": "{}",
+            "files": "{}",
+            "state": "open",
+            "recruiting_token": "r",
+            "seed": 1,
+            "created_at": at,
+        },
+        "participant": {"id": "1" * 32, "study_id": "s", "code": "P1", "simulated": False, "created_at": at},
+        "session": {
+            "id": "x",
+            "participant_id": "1" * 32,
+            "study_id": "s",
+            "token_hash": "t",
+            "state": "active",
+            "language": "en",
+            "simulated": False,
+            "seed": 1,
+            "plan": "[]",
+            "position": 0,
+            "device": "{}",
+            "created_at": at,
+            "expires_at": at,
+        },
+        "response": {
+            "id": "a",
+            "session_id": "x",
+            "step_key": "consent",
+            "kind": "consent",
+            "value": '{"given": true}',
+            "request_id": "q",
+            "created_at": at,
+        },
+    }
+    for table, row in rows.items():
+        names, values = ", ".join(row), ", ".join(f":{name}" for name in row)
+        connection.execute(text(f"INSERT INTO {table} ({names}) VALUES ({values})"), row)

@@ -1,0 +1,289 @@
+"""The rows of an exported study: marked, scrubbed, in a fixed order. Writing the files lives in `export.py`.
+
+Who took part under which recruiting id, from where and with which link never leaves the database; of who withdrew, or
+is left out of data for publication, only that and when.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from backend.store.events import FORBIDDEN_KEYS, mentions
+from backend.store.models import (
+    Event,
+    Participant,
+    ProtocolVersion,
+    RecruitingId,
+    Response,
+    Study,
+    TrajectoryRow,
+    Trial,
+)
+from backend.store.models import Session as SessionRow
+
+Row = dict[str, Any]
+REMOVED = "[removed]"
+MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordinary words
+# Entries of an event's data that hold words and ids of ours; everything else may have been typed or told by a page.
+OWN_WORDS = frozenset(
+    {
+        *("step", "phase", "goes_on_with", "drive", "response", "outcome", "code", "language"),
+        *("job", "snapshot", "protocol", "hash", "tombstone"),
+    }
+)
+
+
+class Content:
+    """The rows of every table, in a fixed order, marked, scrubbed."""
+
+    def __init__(self, s: Session, study: Study, *, pilots: bool, open_data: bool = False) -> None:
+        """pilots: with the pilot participants. open_data: without the answers of who did not consent to publishing."""
+        self.s, self.study = s, study
+        everyone = list(
+            s.scalars(select(Participant).where(Participant.study_id == study.id).order_by(Participant.code))
+        )
+        self.people = {person.id: person for person in everyone if pilots or not person.pilot}
+        sessions = s.scalars(
+            select(SessionRow).where(SessionRow.study_id == study.id).order_by(SessionRow.created_at, SessionRow.id)
+        ).all()
+        self.closed = {one.id for one in everyone if open_data and (one.consents or {}).get("open_data") is False}
+        out = {one.id for one in everyone if one.withdrawn_at is not None or one.id not in self.people} | self.closed
+        gone = {one.id: one.code for one in everyone if one.id in out}
+        kept = [row for row in sessions if row.participant_id not in gone]
+        self.by_id = {row.id: row for row in sorted(kept, key=lambda row: self.people[row.participant_id].code)}
+        # what an event may call somebody who withdrew or is left out
+        self.gone = {*gone, *gone.values()} | {row.id for row in sessions} - self.by_id.keys()
+        order = {session_id: k for k, session_id in enumerate(self.by_id)}
+        in_study = SessionRow.study_id == study.id
+        trials = s.scalars(select(Trial).join(SessionRow, SessionRow.id == Trial.session_id).where(in_study))
+        self.trial_rows = sorted(
+            (trial for trial in trials if trial.session_id in order), key=lambda t: (order[t.session_id], t.index, t.id)
+        )
+        self.trial_by_id = {trial.id: trial for trial in self.trial_rows}
+        answers = s.scalars(select(Response).join(SessionRow, SessionRow.id == Response.session_id).where(in_study))
+        self.answers = sorted(
+            (answer for answer in answers if answer.session_id in order),
+            key=lambda r: (order[r.session_id], r.created_at, r.id),
+        )
+        self.consent_versions = {one.id: one.value.get("version") for one in self.answers if one.kind == "consent"}
+        self.secrets = _recruiting_words(s, study.id)
+        self.chosen_items = _items_without_free_text(s, study)
+
+    def participants(self) -> Iterator[Row]:
+        for person in self.people.values():
+            withdrawn = person.withdrawn_at is not None
+            told = not withdrawn and person.id not in self.closed
+            consents = person.consents or {}
+            yield {
+                **self._of_participant(person),
+                "pilot": person.pilot,
+                "withdrawn": withdrawn,
+                "training": consents.get("training"),
+                "open_data": consents.get("open_data"),
+                "oracle": as_json(person.oracle) if told else None,
+                "created_at": person.created_at,
+                "withdrawn_at": person.withdrawn_at,
+                "excluded_at": person.excluded_at,
+                "excluded_reason": self._scrub(person.excluded_reason) if told else None,
+            }
+
+    def sessions(self) -> Iterator[Row]:
+        for row in self.by_id.values():
+            yield {
+                **self.of_session(row.id),
+                "state": row.state,
+                "ended_because": row.ended_because,
+                "appointment": row.appointment,
+                "protocol_number": row.protocol_number,
+                "assignment": as_json(row.assignment),
+                "language": row.language,
+                "seed": row.seed,
+                "plan": as_json(row.plan),
+                "position": row.position,
+                "device": as_json(row.device),
+                "personalisation": row.personalisation,
+                "created_at": row.created_at,
+                "opens_at": row.opens_at,
+                "started_at": row.started_at,
+                "finished_at": row.finished_at,
+                "last_seen_at": row.last_seen_at,
+                "expires_at": row.expires_at,
+            }
+
+    def trials(self) -> Iterator[Row]:
+        for trial in self.trial_rows:
+            yield {
+                "trial": trial.id,
+                **self.of_session(trial.session_id),
+                "learning": trial.role == "learning",
+                "step": trial.step_key,
+                "index": trial.index,
+                "block": trial.block,
+                "kind": trial.kind,
+                "role": trial.role,
+                "probe_of": trial.probe_of,
+                "view": trial.view,
+                "query": trial.query_id,
+                "turned": trial.turned,
+                "trajectory_a": trial.trajectory_a,
+                "trajectory_b": trial.trajectory_b,
+                "arms": as_json(trial.arms),
+                "look_alike": (trial.arms or {}).get("look_alike"),
+                "phase": trial.phase,
+                "phase_since": trial.phase_since,
+                "a_seen_at": trial.a_seen_at,
+                "b_seen_at": trial.b_seen_at,
+                "restarts": trial.restarts,
+                "replays": trial.replays,
+            }
+
+    def responses(self) -> Iterator[Row]:
+        for answer in self.answers:
+            trial = self.trial_by_id.get(answer.trial_id or "")
+            choice = answer.value.get("choice")
+            yield {
+                "response": answer.id,
+                "trial": answer.trial_id,
+                **self.of_session(answer.session_id),
+                "learning": trial is not None and trial.role == "learning",
+                "step": answer.step_key,
+                "kind": answer.kind,
+                "view": trial.view if trial else None,
+                "role": trial.role if trial else None,
+                "query": trial.query_id if trial else None,
+                "choice": choice if isinstance(choice, str) else None,
+                "value": as_json(self._value(answer)),
+                "decision_s": answer.decision_s,
+                "consent": answer.consent_id,
+                "consent_version": self.consent_versions.get(answer.consent_id or ""),
+                "client_time": answer.client_time,
+                "created_at": answer.created_at,
+            }
+
+    def items(self) -> Iterator[Row]:
+        for answer in self.answers:
+            if answer.kind != "questionnaire":
+                continue
+            for item, given in sorted(self._value(answer).items()):
+                if item == "timed_out":  # a mark of the whole page, in the answer's value
+                    continue
+                is_number = isinstance(given, int | float) and not isinstance(given, bool)
+                yield {
+                    "response": answer.id,
+                    **self.of_session(answer.session_id),
+                    "step": answer.step_key,
+                    "item": item,
+                    "answer": given if isinstance(given, str) else as_json(given),
+                    "answer_number": float(given) if is_number else None,
+                }
+
+    def events(self) -> Iterator[Row]:
+        found = self.s.scalars(select(Event).where(Event.study_id == self.study.id).order_by(Event.id))
+        nobody = {"session": None, "participant": None, "simulated": None, "excluded": None}
+        kept = (e for e in found if e.session_id not in self.gone and not mentions(e.data, self.gone))
+        for number, event in enumerate(kept, start=1):
+            known = event.session_id in self.by_id
+            yield {
+                "number": number,
+                "at": event.at,
+                **(self.of_session(event.session_id) if known and event.session_id else nobody),
+                "trial": event.trial_id,
+                "kind": event.kind,
+                "client_time": event.client_time,
+                "data": as_json({key: v if key in OWN_WORDS else self._scrub_all(v) for key, v in event.data.items()}),
+            }
+
+    def pairs(self, stored: dict[str, TrajectoryRow]) -> Iterator[Row]:
+        for answer in self.answers:
+            trial = self.trial_by_id.get(answer.trial_id or "")
+            choice = answer.value.get("choice")
+            if trial is None or choice not in ("a", "b"):
+                continue
+            person = self.people[self.by_id[answer.session_id].participant_id]
+            drives = (trial.trajectory_a, trial.trajectory_b)
+            chosen, rejected = drives if choice == "a" else drives[::-1]
+            yield {
+                "response": answer.id,
+                **self._of_participant(person),
+                "learning": trial.role == "learning",
+                "source": "simulated" if person.simulated else "human",
+                "kind": trial.kind,
+                "role": trial.role,
+                "view": trial.view,
+                "query": trial.query_id,
+                "setup": stored[chosen].setup,
+                "scene_hash": stored[chosen].scene_hash,
+                "chosen": chosen,
+                "rejected": rejected,
+                "chosen_shown": "first" if choice == "a" else "second",
+            }
+
+    def of_session(self, session_id: str) -> Row:
+        return {"session": session_id, **self._of_participant(self.people[self.by_id[session_id].participant_id])}
+
+    def _of_participant(self, person: Participant) -> Row:
+        return {
+            "participant": person.code,
+            "simulated": person.simulated,
+            "excluded": person.excluded_at is not None,
+        }
+
+    def _value(self, answer: Response) -> Row:
+        """The answer's value, with what was typed freely scrubbed; every other kind of answer holds our own words."""
+        if answer.kind != "questionnaire":
+            return answer.value
+        return {
+            item: given if item in self.chosen_items else self._scrub_all(given) for item, given in answer.value.items()
+        }
+
+    def _scrub_all(self, value: Any) -> Any:
+        """Plain data with every text in it scrubbed."""
+        if isinstance(value, dict):
+            return {key: self._scrub_all(inner) for key, inner in value.items()}
+        if isinstance(value, list):
+            return [self._scrub_all(inner) for inner in value]
+        return self._scrub(value) if isinstance(value, str) else value
+
+    def _scrub(self, text: str | None) -> str | None:
+        """The text without any recruiting id of this study, wherever it came in (an address bar, a free-text field)."""
+        for word in self.secrets if text else ():
+            text = text.replace(word, REMOVED) if text else text
+        return text
+
+
+def as_json(value: Any) -> str | None:
+    """JSON without the entries that must not leave the database."""
+    return None if value is None else json.dumps(_allowed(value), sort_keys=True, ensure_ascii=False)
+
+
+def _allowed(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _allowed(inner) for key, inner in value.items() if key.lower() not in FORBIDDEN_KEYS}
+    return [_allowed(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _items_without_free_text(s: Session, study: Study) -> set[str]:
+    """Keys of the items whose answers were chosen or counted, in every questionnaire that has them."""
+    chosen: set[str] = set()
+    typed: set[str] = set()
+    versions = s.scalars(select(ProtocolVersion.files).where(ProtocolVersion.study_id == study.id))
+    for name, content in (file for files in (study.files, *versions) for file in files.items()):
+        if name.startswith("scales/"):  # a validated scale's items, see study/reading.py
+            chosen |= {item["key"] for item in json.loads(content)["items"]}
+        elif name.startswith("questionnaires/"):
+            for item in (item for block in yaml.safe_load(content)["blocks"] for item in block.get("items", [])):
+                (typed if item["type"] == "text" else chosen).add(item["key"])
+    return chosen - typed
+
+
+def _recruiting_words(s: Session, study_id: str) -> list[str]:
+    words: set[str] = set()
+    for row in s.scalars(select(RecruitingId).where(RecruitingId.study_id == study_id)):
+        words |= {row.external_id, *(value for value in row.details.values() if isinstance(value, str))}
+    return sorted((word for word in words if len(word) >= MIN_SCRUBBED_LENGTH), key=len, reverse=True)
