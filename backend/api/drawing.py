@@ -131,7 +131,7 @@ def _on_drawing(
         row = act(s, session)
         s.flush()
         shown = drawing.showing(row)
-        reply = state_of(request, session, machine.current(s, session))
+        reply = state_of(request, s, session, machine.current(s, session))
         if row is not None:
             reply["problem"] = row.problem if row.state == "refused" else None
     bridge = bridge_of(parts)
