@@ -12,7 +12,7 @@ from typing import Any
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.dependencies import TheHouse, house
+from backend.api.dependencies import house
 from backend.api.drawing_stage import play_stroke
 from backend.api.participant_requests import Json, client_time_of, request_id_of
 from backend.api.session_view import looking, state_of
@@ -89,15 +89,6 @@ def redraw(token: str, key: str, request: Request) -> dict[str, Any]:
         drawing.redraw(s, session, _step(session, key))
 
     return _on_drawing(request, token, key, "redraw", act, afresh=True)
-
-
-@router.get("/api/session/{token}/drawing/{key}/scene")
-def scene(token: str, key: str, parts: TheHouse) -> dict[str, Any]:
-    """The scene of the current drawing, for programmed demonstrators; simulated sessions only."""
-    with looking(parts, token) as (_, session):
-        if not session.simulated:
-            raise Refused(403, "simulated_only", "Only simulated sessions may read scenes.", session_id=session.id)
-        return drawing.scene_of(_step(session, key)).as_dict()
 
 
 def _step(session: Session, key: str) -> dict[str, Any]:

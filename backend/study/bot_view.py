@@ -10,9 +10,9 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Session
-from backend.study import machine
+from backend.study import drawing, machine
 from backend.study.versions import protocol_of
-from backend.study.words import TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 FIELDS = ("block", "view", "role", "questionnaire", "instructed")
 
@@ -23,6 +23,8 @@ def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -
         return {}
     step = machine.step_of(session)
     told: dict[str, Any] = {name: step[name] for name in FIELDS if name in step}
+    if view.kind in DRAWN_KINDS:
+        return told | {"scene": drawing.scene_of(step).as_dict()}
     if view.kind in TRIAL_KINDS:
         trial = machine.trial_of(s, session)
         return told | {"query": trial.query_id if trial is not None else None}

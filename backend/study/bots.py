@@ -20,10 +20,13 @@ import numpy as np
 from backend.learning.oracles import ALWAYS_RIGHT, Habits, Oracle, make_oracle
 from backend.learning.queries import Query
 from backend.report.cohorts import Cohort, MadeUpPerson
+from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
+from backend.study.words import DRAWN_KINDS
 
 POLL_S = 0.5  # how often a waiting bot looks
 BUSY_TRIES = 20  # of a request that a busy server put off (503); nothing of it was stored, so it is simply sent again
+DRAWING_TRIES = 20  # of one path, which is drawn another way every time
 PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
 
 State = Mapping[str, Any]
@@ -45,6 +48,10 @@ class Way(Protocol):
     def start(self, key: str) -> State: ...
     def seen(self, key: str, drive: str, playback_id: str) -> State: ...
     def drives(self) -> tuple[Trajectory, Trajectory]: ...
+    def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
+        """Send a drawn path; the state has `problem` where it cannot be driven."""
+        ...
+
     def submit(self, key: str, value: Mapping[str, Any]) -> State: ...
 
 
@@ -62,13 +69,14 @@ class Walk:
 class Character:
     """What all bots of a study are like. oracle, habits: their taste and how answers stray from it; seed: of their
     random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers; None: they
-    have no opinion on anything but drives.
+    have no opinion on anything but drives. style: of drawing (backend/demonstrations); default each bot the next one.
     """
 
     oracle: str = "min-human-distance"
     habits: Habits = ALWAYS_RIGHT
     seed: int = 0
     cohort: Cohort | None = None
+    style: str | None = None
 
     def check(self) -> None:
         """Raises LearningError for an unknown oracle or habits that cannot be."""
@@ -78,7 +86,8 @@ class Character:
     def told(self, number: int) -> dict[str, Any]:
         """What is stored of a bot's making."""
         cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
-        return {"name": self.oracle, **asdict(self.habits), "seed": self.seed, "number": number, **cohort}
+        style = {"style": self.style} if self.style else {}
+        return {"name": self.oracle, **asdict(self.habits), "seed": self.seed, "number": number, **cohort, **style}
 
 
 def put_off_s(response: httpx.Response) -> float | None:
@@ -175,6 +184,7 @@ class Bot:
         habits = asdict(character.habits)
         self._oracles: dict[str, Oracle] = {name: make_oracle(name, **habits, seed=stream) for name in names}
         self._usual = character.oracle
+        self._style, self._number = character.style, number
         self._participant = way.join(character.told(number))
         self._responses = self._comparisons = 0
 
@@ -190,7 +200,10 @@ class Bot:
                 time.sleep(POLL_S)
                 state = self._way.state()
                 continue
-            value = self._watched(step) if step["trial"] else any_answer(step, self._random, self._person)
+            if step["kind"] in DRAWN_KINDS:
+                value = self._drawn(step)
+            else:
+                value = self._watched(step) if step["trial"] else any_answer(step, self._random, self._person)
             state = self._way.submit(step["key"], value)
             self._responses += not state["duplicate"]
             stood_since = time.monotonic()
@@ -203,6 +216,21 @@ class Bot:
             state = self._way.seen(step["key"], drive, state["step"]["trial"]["playback_id"])
         self._comparisons += step["kind"] == "comparison"
         return {"choice": "ab"[self._choice(step, *self._way.drives())]}
+
+    def _drawn(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        """A path in the bot's style, drawn again where it touches something, then kept."""
+        from backend.demonstrations.demonstrators import STYLES, draw_stroke  # numba comes with it
+
+        style = self._style or list(STYLES)[self._number % len(STYLES)]
+        scene = Scene.from_dict(step["scene"])
+        told: Any = None
+        for _ in range(DRAWING_TRIES):
+            stroke = draw_stroke(style, scene, int(self._random.integers(2**31)))
+            state = self._way.draw(step["key"], stroke.as_dict() | {"pointer": "bot"})
+            told = state.get("problem")
+            if told is None:
+                return {"stroke": state["step"]["trial"]["stroke"]}
+        raise BotError(f"participant {self._participant}: {DRAWING_TRIES} paths were refused, the last one: {told}")
 
     def _choice(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> int:
         """The taste's, then what the cohort makes of it. 0 for A, 1 for B."""
@@ -219,12 +247,15 @@ class Bot:
 class HttpWay:
     """Over HTTP, as a page would."""
 
-    def __init__(self, client: httpx.Client, recruiting_token: str) -> None:
-        self._client, self._link, self._api = client, recruiting_token, ""
+    def __init__(self, client: httpx.Client, recruiting_token: str, language: str = "en") -> None:
+        self._client, self._link, self._language, self._api = client, recruiting_token, language, ""
+        self.token = ""
 
     def join(self, told: Mapping[str, Any]) -> str:
-        joined = self._post(f"/join/{self._link}", {"simulated": True, "language": "en", "oracle": dict(told)})
-        self._api = f"/api/session/{joined['token']}"
+        body = {"simulated": True, "language": self._language, "oracle": dict(told)}
+        joined = self._post(f"/join/{self._link}", body)
+        self.token = str(joined["token"])
+        self._api = f"/api/session/{self.token}"
         return str(joined["participant"])
 
     def state(self) -> State:
@@ -240,6 +271,9 @@ class HttpWay:
         told = self._answered("GET", f"{self._api}/trial-data")
         a, b = (Trajectory.from_bytes(base64.b64decode(told[name])) for name in ("a", "b"))
         return a, b
+
+    def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
+        return self._post(f"{self._api}/drawing/{key}/stroke", {"request_id": uuid4().hex, **stroke})
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": dict(value)})

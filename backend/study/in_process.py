@@ -16,7 +16,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job
-from backend.study import machine, personalisation
+from backend.study import drawing, machine, personalisation
 from backend.study.bot_view import told_to_bots
 from backend.study.bots import BotError, Character, State, walk_all
 from backend.study.joining import join_study
@@ -93,6 +93,19 @@ class _InProcess:
             if trajectory not in self._drives:
                 self._drives[trajectory] = load_trajectory(self._files, trajectory)
         return self._drives[shown[0]], self._drives[shown[1]]
+
+    def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
+        problems: list[dict[str, Any] | None] = []
+
+        def act(s: DatabaseSession, session: Session) -> None:
+            step, now = machine.step_of(session), utc_now()
+            attempt = drawing.attempt_of(step, stroke, simulated=True)
+            problems.append(attempt.problem)
+            drawing.add_stroke(
+                s, self._files, session, step, attempt, request_id=uuid4().hex, client_time=None, now=now
+            )
+
+        return {**self._do("draw", act), "problem": problems[0]}
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         def act(s: DatabaseSession, session: Session) -> bool:
