@@ -30,7 +30,7 @@ def open_store() -> tuple[Database, ArtefactStore]:
     return database, ArtefactStore(settings.artefacts)
 
 
-def _query_sets() -> dict[str, str]:
+def query_sets() -> dict[str, str]:
     """The query sets of this installation, none where there is no installation yet; nothing is made or migrated."""
     from backend.store.query_sets import query_sets_here
 
@@ -39,23 +39,6 @@ def _query_sets() -> dict[str, str]:
         return {}
     with database.session() as s:
         return query_sets_here(s)
-
-
-@commands.command()
-@plain_errors
-def validate(file: Path, as_json: JsonFlag = False) -> None:
-    """Check a protocol file; exit code 1 if it is not valid."""
-    from backend.study.protocol import validate_protocol_file
-    from backend.study.source import Problem
-
-    result = validate_protocol_file(file, _query_sets())
-    if as_json or result["valid"]:
-        say(result, as_json)
-    else:
-        for error in result["errors"]:
-            typer.echo(str(Problem(**error)), err=True)
-    if not result["valid"]:
-        raise typer.Exit(1)
 
 
 @commands.command()
@@ -71,7 +54,7 @@ def create(
     from backend.study.studies import create_study
 
     database, files = open_store()
-    frozen = freeze(file, _query_sets())
+    frozen = freeze(file, query_sets())
     with database.transaction() as s:
         register_shipped(s, files)
         study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)
@@ -120,6 +103,13 @@ def simulate(
     cohort: Annotated[
         Path | None, typer.Option(help="YAML: what they rate and rank, and how conditions change their answers.")
     ] = None,
+    browser: Annotated[
+        int, typer.Option(min=0, help="So many of them in a real Chromium, which plays every drive to its end.")
+    ] = 0,
+    language: Annotated[str, typer.Option(help="In which those in a browser read the pages.")] = "en",
+    pictures: Annotated[
+        Path | None, typer.Option(help="Folder for a picture of every kind of page, from the first in a browser.")
+    ] = None,
     url: Annotated[str | None, typer.Option(help="A running server; default one of the command's own.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -129,6 +119,8 @@ def simulate(
     from backend.store.models import Study
     from backend.study.bots import Character, simulate_study
 
+    if browser > participants:
+        raise ValueError(f"--browser {browser}: there are only {participants} participants")
     character = Character(
         oracle, Habits(noise, indifference, myopia), seed, read_cohort(cohort) if cohort is not None else None
     )
@@ -140,7 +132,12 @@ def simulate(
         token = row.recruiting_token
 
     def walk(base_url: str) -> None:
-        say(simulate_study(base_url, token, participants, character), as_json)
+        if not browser:
+            say(simulate_study(base_url, token, participants, character), as_json)
+            return
+        from backend.commands.browser_way import walk_with_browser
+
+        say(walk_with_browser(base_url, token, participants, browser, character, language, pictures), as_json)
 
     if url:
         walk(url.rstrip("/"))
@@ -207,7 +204,7 @@ def _frozen_protocol(study: str) -> FrozenProtocol:
     from backend.study.versions import newest_protocol
 
     if Path(study).is_file():
-        return freeze(Path(study), _query_sets())
+        return freeze(Path(study), query_sets())
     database, _ = open_store()
     with database.session() as s:
         row = s.get(Study, study)

@@ -1,0 +1,216 @@
+"""The way of a simulated participant who uses the pages: a real Chromium, buttons that are pressed, drives watched.
+
+What is answered is the bot's (`bots.py`); this presses it. Drives play at their own speed, so a session takes its time.
+Playwright and Chromium belong to the tests' equipment and are asked for only here.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx
+
+from backend.study.bots import BotError, Character, HttpWay, State, walk_all
+from backend.study.words import PLAYING
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Locator, Page
+
+FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # 3D without a graphics card
+WINDOW = {"width": 1024, "height": 640}  # the smallest that everything has to fit into, UI.md
+PATIENCE_MS = 120_000.0  # software pictures on a busy machine take their time
+LOOK_S = 0.2
+WATCHED_FIRST_S = 1.5  # into a drive, when its picture is taken
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser with 3D pictures. Raises BotError saying what is missing."""
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        raise BotError("--browser needs playwright, which belongs to the test requirements") from None
+    executable = shutil.which("chromium")
+    if executable is None:
+        raise BotError("--browser needs Chromium; scripts/setup_chromium.sh installs it")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def walk_with_browser(
+    base_url: str,
+    recruiting_token: str,
+    participants: int,
+    in_browser: int,
+    character: Character,
+    language: str = "en",
+    pictures: Path | None = None,
+) -> dict[str, Any]:
+    """As `bots.simulate_study`, the first `in_browser` participants in a browser and the others over HTTP alone."""
+    with httpx.Client(base_url=base_url, timeout=60.0) as client, chromium() as browser:
+        seeing = (
+            BrowserWay(browser, client, recruiting_token, language=language, pictures=None if number else pictures)
+            for number in range(in_browser)
+        )
+        others = (HttpWay(client, recruiting_token) for _ in range(participants - in_browser))
+        return walk_all(chain(seeing, others), character)
+
+
+class BrowserWay:
+    """One participant in a window of their own. pictures: a folder for one picture of every kind of page and view."""
+
+    def __init__(
+        self,
+        browser: Browser,
+        client: httpx.Client,
+        recruiting_token: str,
+        *,
+        language: str = "en",
+        pictures: Path | None = None,
+    ) -> None:
+        self._http = HttpWay(client, recruiting_token, language)
+        self._url, self._link = str(client.base_url).rstrip("/"), recruiting_token
+        self._language, self._pictures = language, pictures
+        self._seen: set[str] = set()
+        context = browser.new_context(viewport=WINDOW, locale=language)  # type: ignore[arg-type]  # a plain dict does
+        context.set_default_timeout(PATIENCE_MS)
+        self._page: Page = context.new_page()
+
+    def join(self, told: Mapping[str, Any]) -> str:
+        """The welcome page and its device check, then in by the API, which alone takes simulated participants.
+
+        Software pictures on a busy machine may be too slow for the study's gate, which lets bots pass all the same.
+        """
+        self._page.goto(f"{self._url}/join/{self._link}?lang={self._language}")
+        self._page.locator("[data-check=rate]:not([data-result=open])").wait_for()
+        self._picture("join")
+        code = self._http.join(told)
+        self._page.goto(f"{self._url}/p/{self._http.token}")
+        return code
+
+    def state(self) -> State:
+        state = self._http.state()
+        if state["state"] != "active":
+            self._page.locator("[data-kind=debriefing], [data-kind=screened_out]").wait_for()
+            self._picture("end")
+        return state
+
+    def start(self, key: str) -> State:
+        self._step(key)
+        start = self._page.locator("#start[aria-disabled=false]")
+        start.wait_for()
+        self._picture(f"ready_{self._view()}")
+        start.click()
+        return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the drive to play")
+
+    def seen(self, key: str, drive: str, playback_id: str) -> State:
+        """Wait while the page plays the drive and tells the server itself."""
+        phase = f"playing_{drive}"
+        if drive == "a":
+            self._page.wait_for_timeout(1000 * (self._http.state()["step"]["trial"]["label_s"] + WATCHED_FIRST_S))
+            self._picture(f"playing_{self._view()}")
+        state = self._until(lambda trial: trial["phase"] != phase, f"{key}: drive {drive.upper()} to end")
+        if state["step"]["trial"]["phase"] == "ready":
+            raise BotError(f"{key}: drive {drive.upper()} was interrupted in the browser")
+        return state
+
+    def drives(self) -> Any:
+        return self._http.drives()
+
+    def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
+        raise BotError(f"{key}: paths are drawn over HTTP alone; simulate this study without --browser")
+
+    def submit(self, key: str, value: Mapping[str, Any]) -> State:
+        body = self._step(key)
+        kind = str(body.get_attribute("data-kind"))
+        self._picture(f"choosing_{self._view()}" if kind in ("trial", "comparison") else kind + self._part(key))
+        if kind in ("trial", "comparison"):
+            self._page.locator(f"[data-choice={value['choice']}][aria-disabled=false]").click()
+        else:
+            self._fill(kind, value)
+            self._press_on(key, value)
+        self._page.locator(f".step-body[data-key='{key}']").wait_for(state="detached")
+        return {"duplicate": False, **self.state()}
+
+    def _step(self, key: str) -> Locator:
+        body = self._page.locator(f".step-body[data-key='{key}']")
+        body.wait_for(state="attached")
+        return body
+
+    def _fill(self, kind: str, value: Mapping[str, Any]) -> None:
+        """What is ticked on a consent: its points, and what else was agreed to."""
+        if kind != "consent":
+            return
+        for point in self._page.locator("[data-point]").all():
+            point.check()
+        agreed = value.get("purposes") or {}
+        for item in self._page.locator("[data-item]").all():
+            name = str(item.get_attribute("data-item"))
+            item.locator(f"[value={'yes' if agreed.get(name) else 'no'}]").check()
+
+    def _press_on(self, key: str, value: Mapping[str, Any]) -> None:
+        """Answer screen after screen of the step until it is sent."""
+        while self._page.locator(f".step-body[data-key='{key}']").count():
+            for item in self._page.locator("[data-item] >> visible=true").all():
+                self._answer(item, value.get(str(item.get_attribute("data-item"))))
+            before = self._screen()
+            self._page.locator(".bottombar .main:enabled").click()
+            deadline = time.monotonic() + PATIENCE_MS / 1000
+            while self._screen() == before:
+                if self._page.locator("[data-missing]").count() or time.monotonic() > deadline:
+                    self._picture(f"stuck_{key}")
+                    raise BotError(f"{key}: the page does not take {value!r}")
+                self._page.wait_for_timeout(50)
+
+    def _answer(self, item: Locator, given: Any) -> None:
+        if given is None:
+            return
+        kind = item.get_attribute("data-type")
+        if kind == "ranking":
+            for option in given:
+                item.locator(f"[data-pool] [data-value='{option}']").click()
+        elif kind in ("scale", "choice"):
+            item.locator(f"[value='{given}']").check()
+        else:
+            item.locator("input, textarea").fill(str(given))
+
+    def _screen(self) -> str:
+        """Which screen of which step is shown."""
+        told = self._page.evaluate(
+            "[document.querySelector('.step-body')?.dataset.key, document.querySelector('#page-count')?.textContent]"
+        )
+        return str(told)
+
+    def _until(self, holds: Any, waited_for: str) -> State:
+        deadline = time.monotonic() + PATIENCE_MS / 1000
+        while time.monotonic() < deadline:
+            state = self._http.state()
+            if holds(state["step"]["trial"]):
+                return state
+            self._page.wait_for_timeout(1000 * LOOK_S)  # lets the page's own events through meanwhile
+        self._picture("stuck")
+        raise BotError(f"waited {PATIENCE_MS / 1000:.0f} s for {waited_for}")
+
+    def _view(self) -> str:
+        return str(self._http.state()["step"].get("view", "stage"))
+
+    def _part(self, key: str) -> str:
+        return "_" + key.rpartition(".")[2]
+
+    def _picture(self, name: str) -> None:
+        """One picture per name, numbered in the order in which they were met."""
+        if self._pictures is None or name in self._seen:
+            return
+        self._seen.add(name)
+        self._pictures.mkdir(parents=True, exist_ok=True)
+        self._page.screenshot(path=self._pictures / f"{len(self._seen):02d}_{name}.png")
