@@ -1,0 +1,225 @@
+"""Drawing paths: every stroke is stored, what can be driven is driven and kept, nothing is lost and nothing jumps."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sqlalchemy import func, select
+
+from backend.demonstrations.demonstration import Demonstration
+from backend.simulation.trajectory import Outcome
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.database import Database
+from backend.store.erasure import erase_participant
+from backend.store.export import export_study
+from backend.store.importing import import_dataset
+from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Study
+from backend.store.strokes import read_demonstrations
+from backend.study import drawing, machine
+from backend.study.in_process import walk_in_process
+from backend.study.protocol import freeze_text
+from backend.study.refusals import Refused
+from backend.study.sessions import acting
+from backend.study.studies import create_study
+from tests.study.walking import Walker
+
+QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
+ONE_PLACE = ("pairs: 2, per_pair: 2", "pairs: 1, per_pair: 1, up_to: 3")
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Database:
+    """An empty one: no query is needed here."""
+    empty = Database(f"sqlite:///{tmp_path / 'desirepath.sqlite'}")
+    empty.migrate()
+    return empty
+
+
+@pytest.fixture
+def study(database: Database, files: ArtefactStore) -> Study:
+    """The quick protocol with one place, one path to draw and two more for who likes."""
+    with database.transaction() as s:
+        text = QUICK.read_text().replace(*ONE_PLACE)
+        return create_study(s, files, freeze_text(text), name="Drawing", created_by=None)
+
+
+@pytest.fixture
+def walker(database: Database, files: ArtefactStore, study: Study) -> Walker:
+    """A person who stands before the first path."""
+    walker = Walker(database, files, study)
+    for key, value in {"information": {}, "consent": {"given": True}, "instruction": {}}.items():
+        walker.submit(key, value)
+    return walker
+
+
+def path(bend_m: float, **more: Any) -> dict[str, Any]:
+    """What a page sends: an arc through the corridor, `bend_m` to the left at its middle."""
+    u = np.linspace(0.0, 1.0, 80)
+    points = np.stack([-3.2 + 6.4 * u, bend_m * np.sin(np.pi * u)], axis=1)
+    return {
+        "points": points.tolist(),
+        "speeds": np.full(80, 0.2).tolist(),
+        "times_s": (4 * u).tolist(),
+        "pointer": "mouse",
+        **more,
+    }
+
+
+def act(walker: Walker, action: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    """One request at the current step: `action(s, session, step, ...)`."""
+    with acting(walker.database, walker.token, request=action.__name__, now=walker.now) as (s, session):
+        return action(s, session, machine.step_of(session), *arguments, **named)
+
+
+def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -> StrokeRow:
+    """Send a stroke at the current step, as the route does."""
+    walker.requests += 1
+    with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
+        step = machine.step_of(session)
+        attempt = drawing.attempt_of(step, given, simulated=session.simulated)
+        name = request_id or f"{session.id}-stroke-{walker.requests}"
+        row = drawing.add_stroke(
+            s, walker.files, session, step, attempt, request_id=name, client_time=None, now=walker.now
+        )
+        s.flush()
+        s.expunge(row)
+        return row
+
+
+def strokes(walker: Walker) -> list[StrokeRow]:
+    with walker.database.session() as s:
+        return list(s.scalars(select(StrokeRow).order_by(StrokeRow.created_at, StrokeRow.attempt)))
+
+
+def refusal(action: Callable[[], Any]) -> str:
+    with pytest.raises(Refused) as told:
+        action()
+    return told.value.code
+
+
+def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: ArtefactStore):
+    key = walker.view.key
+    assert (walker.view.kind, walker.view.trial["phase"]) == ("demonstration", "drawing")
+    assert walker.view.payload["optional"] is False
+    drawn = draw(walker, path(0.7))
+    state = walker.view.trial
+    assert (state["phase"], state["stroke"]) == ("driving", drawn.id)
+    drive = load_trajectory(files, drawn.trajectory)
+    assert drive.outcome == Outcome.SUCCESS
+    assert state["duration_s"] == pytest.approx(drive.duration_s)
+    assert Demonstration.from_bytes(files.get(drawn.demonstration)).trajectory.digest() == drawn.trajectory
+    # The server's clock: nobody has seen it yet, and another showing is not this one.
+    keep = {"stroke": drawn.id}
+    assert refusal(lambda: walker.submit(key, keep)) == "too_early"
+    assert refusal(lambda: act(walker, drawing.driven, state["playback_id"], now=walker.now)) == "too_early"
+    walker.later(state["duration_s"] + 0.1)
+    assert refusal(lambda: act(walker, drawing.driven, "another", now=walker.now)) == "other_playback"
+    act(walker, drawing.driven, state["playback_id"], now=walker.now)
+    assert walker.view.trial["phase"] == "watched"
+    walker.submit(key, keep)
+    assert [row.state for row in strokes(walker)] == ["kept"]
+    # The next path of this place is wanted only by who likes; with it the others fall away, and training begins.
+    assert walker.view.payload["optional"] is True
+    assert refusal(lambda: walker.submit(walker.view.key, {})) == "bad_value"
+    walker.submit(walker.view.key, {"skipped": True})
+    assert walker.view.key == "train.drawing_items"
+    with walker.database.session() as s:
+        (job,) = s.scalars(select(Job)).all()
+        snapshot = s.get_one(Artefact, job.params["snapshot"])
+        assert (job.kind, snapshot.kind, snapshot.setup) == ("train_demonstrations", "demonstrations", "corridor")
+        environment, (kept,) = read_demonstrations(files.get(snapshot.id))
+        assert (environment, kept.stroke, kept.demonstration) == ("corridor", drawn.id, drawn.demonstration)
+        assert s.get_one(Response, kept.response).value == keep
+
+
+def test_what_cannot_be_driven_is_told_and_stored_all_the_same(walker: Walker):
+    y = drawing.scene_of(_step(walker)).person.pose.y
+    told = draw(walker, path(y))
+    assert (told.state, told.trajectory, told.problem["code"], told.problem["thing"]) == (
+        *("refused", None, "collides", "person"),
+    )
+    assert told.problem["at"][1] == pytest.approx(y, abs=0.3)
+    short = {name: value[:4] if isinstance(value, list) else value for name, value in path(0.7).items()}
+    assert draw(walker, short).problem["code"] == "too_short"
+    away = path(0.7) | {"points": [[x + 1.5, y] for x, y in path(0.7)["points"]]}
+    assert draw(walker, away).problem["code"] in ("starts_away", "leaves_room")
+    assert walker.view.trial["phase"] == "drawing"
+    assert [row.attempt for row in strokes(walker)] == [1, 2, 3]
+    assert strokes(walker)[0].drawn["points"] == path(y)["points"]
+    assert refusal(lambda: draw(walker, {"points": [["x", 1]], "speeds": [1], "times_s": [0]})) == "bad_value"
+    assert refusal(lambda: draw(walker, path(0.7, pointer="bot"))) == "bad_value"
+
+
+def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
+    first = draw(walker, path(0.7), request_id="the-same-request")
+    assert draw(walker, path(0.7), request_id="the-same-request").id == first.id
+    assert refusal(lambda: draw(walker, path(0.75))) == "drawn_already"
+    assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is True
+    assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is False
+    assert walker.view.trial["phase"] == "ready"
+    act(walker, drawing.drive, now=walker.now)
+    assert walker.view.trial["playback_id"]
+    act(walker, drawing.redraw)
+    assert walker.view.trial["phase"] == "drawing"
+    assert refusal(lambda: walker.submit(walker.view.key, {"stroke": first.id})) == "nothing_drawn"
+    assert draw(walker, path(0.75)).attempt == 2
+    assert [row.state for row in strokes(walker)] == ["redone", "drawn"]
+    # A later drive than the one that is being shown was never watched.
+    shown = walker.view.trial
+    walker.do(machine.pause, now=walker.now)
+    walker.do(machine.resume, now=walker.now)
+    walker.later(1.0)
+    act(walker, drawing.drive, now=walker.now)
+    walker.later(shown["duration_s"] + 1)
+    told = refusal(lambda: act(walker, drawing.driven, shown["playback_id"], now=walker.now))
+    assert told == "other_playback"
+
+
+def test_bots_draw_are_exported_come_back_and_can_be_erased(
+    database: Database, files: ArtefactStore, study: Study, tmp_path: Path
+):
+    done = walk_in_process(database, files, study, 2, without_jobs=True)
+    assert (done["completed"], done["participants"]) == (2, 2)
+    told = export_study(database, files, study.id, tmp_path / "out")
+    rows = list(csv.DictReader((tmp_path / "out" / "strokes.csv").open()))
+    kept = [row for row in rows if row["state"] == "kept"]
+    assert len(kept) == 6
+    assert {row["pointer"] for row in rows} == {"bot"}
+    assert {row["simulated"] for row in rows} == {"true"}
+    paths = {file["path"] for file in told["files"]}
+    assert {f"demonstrations/{row['demonstration']}.npz" for row in kept} <= paths
+    assert {f"trajectories/{row['trajectory']}.npz" for row in kept} <= paths
+    steps = next(file["rows"] for file in told["files"] if file["path"] == "trajectory_steps.parquet")
+    assert steps == sum(len(load_trajectory(files, row["trajectory"]).actions) for row in kept)
+
+    other = Database(f"sqlite:///{tmp_path / 'other.sqlite'}")
+    other.migrate()
+    elsewhere = ArtefactStore((tmp_path / "elsewhere").as_uri())
+    import_dataset(other, elsewhere, tmp_path / "out")
+    with other.session() as s:
+        again = {row.id: row for row in s.scalars(select(StrokeRow))}
+    for row in rows:
+        assert again[row["stroke"]].drawn == json.loads(row["drawn"])
+    Demonstration.from_bytes(elsewhere.get(kept[0]["demonstration"]))
+
+    mine = [row for row in kept if row["participant"] == kept[0]["participant"]]
+    with database.session() as s:
+        person = s.get_one(Session, mine[0]["session"]).participant_id
+    assert erase_participant(database, files, person, "tester", data=tmp_path)["counts"]["strokes"] >= 3
+    with database.session() as s:
+        left = s.scalar(select(func.count(StrokeRow.id)))
+    assert left == sum(row["participant"] != mine[0]["participant"] for row in rows)
+    assert not any(files.exists(row["demonstration"]) or files.exists(row["trajectory"]) for row in mine)
+    others = [row for row in kept if row not in mine]
+    assert all(files.exists(row["demonstration"]) and files.exists(row["trajectory"]) for row in others)
+
+
+def _step(walker: Walker) -> dict[str, Any]:
+    with walker.database.session() as s:
+        return machine.step_of(s.get_one(Session, walker.session.id))
