@@ -52,11 +52,13 @@ function report(name, good, text) {
 
 /** @param {"webgl" | "phone" | "pointer" | "slow" | null} why */
 function refuse(why) {
+  const news = refused.hidden;
   refused.hidden = why === null;
   if (!why) return;
   const [title, what] = refused.querySelectorAll("p");
   /** @type {HTMLElement} */ (title.querySelector("strong")).textContent = say(`refused_${why}_title`);
   what.textContent = say(`refused_${why}_do`);
+  if (news) refused.scrollIntoView({ block: "nearest" });
 }
 
 function check() {
