@@ -103,6 +103,50 @@ def align(
     run_job("align", {"snapshot": of, "recipe": recipe, "seed": seed, **parsed_settings(more)}, out, as_json)
 
 
+@train.command()
+@plain_errors
+def demonstrations(
+    environment: Annotated[str, typer.Option(help="corridor or room.")] = "room",
+    study: Annotated[str | None, typer.Option(help="Id of a study: what was kept there is learned from.")] = None,
+    participant: Annotated[str | None, typer.Option(help="With --study, only this participant's (code).")] = None,
+    style: Annotated[
+        str | None, typer.Option(help="A programmed demonstrator instead (simulated), such as field_of_view.")
+    ] = None,
+    per_pair: Annotated[int, typer.Option(min=1, max=10, help="With --style, demonstrations of each pair.")] = 4,
+    snapshot: SnapshotFlag = None,
+    seed: SeedFlag = 0,
+    out: OutFlag = None,
+    more: SetFlag = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Learn a personal controller from demonstrations."""
+    from sqlalchemy import select
+
+    from backend.store.models import Participant
+    from backend.store.programmed import take_programmed
+    from backend.store.strokes import take_demonstrations
+
+    if sum(given is not None for given in (study, style, snapshot)) != 1:
+        raise ValueError("give one of --study, --style and --snapshot")
+    database, files = open_store()
+    if snapshot is None:
+        with database.transaction() as s:
+            if style is not None:
+                taken = take_programmed(s, files, style=style, environment=environment, per_pair=per_pair, seed=seed)
+            else:
+                whose = None
+                if participant is not None:
+                    asked = select(Participant.id).where(Participant.study_id == study, Participant.code == participant)
+                    whose = s.scalars(asked).one_or_none()
+                    if whose is None:
+                        raise LookupError(f"--participant {participant}: nobody of that code takes part in {study}")
+                taken = take_demonstrations(
+                    s, files, study_id=study or "", environment=environment, participant_id=whose
+                )
+            snapshot = taken.id
+    run_job("train_demonstrations", {"snapshot": snapshot, "seed": seed, **parsed_settings(more)}, out, as_json)
+
+
 @queries.command()
 @plain_errors
 def generate(

@@ -65,7 +65,7 @@ class RewardModelParams(Params):
     """Learn what the answers of a snapshot say about driving; measure it on answers it did not see."""
 
     snapshot: str = _artefact("snapshot")
-    model: Literal["linear", "weights", "mlp", "auto"] = _from("spec_06_linear", "linear")
+    model: Literal["linear", "weights", "mlp", "auto", "interface"] = _from("spec_06_linear", "linear")
     reduction: Literal["sum", "mean"] = _from("thesis_6_4_4", "sum")
     folds: int = _from("ours", 5, ge=2, le=50, advanced=True)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
@@ -82,7 +82,7 @@ class AlignParams(Params):
     conditioned: str | None = Field(
         None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
     )
-    model: Literal["linear", "weights", "mlp", "auto"] | None = _from("from_recipe_model", None, advanced=True)
+    model: Literal["linear", "weights", "mlp", "auto", "interface"] | None = _from("from_recipe_model", None, advanced=True)
     symmetry: Literal["none", "left_right"] = _from("ours_symmetry", "none", advanced=True)
     reward_weight: float | None = _from("from_recipe_weight", None, gt=0, le=10)
     updates: int | None = _from("from_recipe_updates", None, ge=1, le=200_000)
@@ -133,6 +133,16 @@ class QueriesParams(Params):
     min_gap_m: float = _from("ours_visible", 0.5, ge=0, le=10, advanced=True)
 
 
+class TrainDemonstrationsParams(Params):
+    """Learn a personal controller from a snapshot of demonstrations of one environment."""
+
+    snapshot: str = _artefact("demonstrations")
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+    updates: int = _from("ours_demonstrations", 60_000, ge=16, le=2_000_000)
+    comparisons: int = _from("spec_02_pairs", 4, ge=0, le=4, advanced=True)
+    gate_least_success: float = _from("issue_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+
+
 @dataclass(frozen=True)
 class Kind:
     """One kind of job."""
@@ -170,6 +180,7 @@ KINDS = {
         Kind("train_base", TrainBaseParams),
         Kind("ensemble", EnsembleParams),
         Kind("queries", QueriesParams),
+        Kind("train_demonstrations", TrainDemonstrationsParams),
     )
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from backend.jobs import aligning, comparing, kinds, training
+from backend.jobs import aligning, comparing, demonstrating, kinds, training
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 
@@ -26,4 +26,6 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
             return training.train_ensemble(context, params)
         case kinds.QueriesParams():
             return training.make_query_set(context, params)
+        case kinds.TrainDemonstrationsParams():
+            return demonstrating.train_demonstrations(context, params)
     raise TypeError(f"no runner for {type(params).__name__}")

@@ -1,0 +1,113 @@
+"""The job that learns a personal controller from kept demonstrations of one environment (spec 02).
+
+The algorithm is `backend.demonstrations.td3_bc`'s; here the demonstrations are loaded, the controller, its drives and
+what they are compared with are kept.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from backend.demonstrations.controllers import DWA, SOCIAL_COST, drive
+from backend.demonstrations.demonstration import Demonstration
+from backend.demonstrations.judging import judge_drives
+from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig, train_with_demonstrations
+from backend.jobs.artefacts import find_artefact, keep
+from backend.jobs.context import JobContext
+from backend.jobs.kinds import TrainDemonstrationsParams
+from backend.learning.policy import Policy
+from backend.learning.queries import QueryConfig, look_alike
+from backend.learning.scene_sets import Purpose, describe
+from backend.simulation.demonstration_scenes import demonstration_scene
+from backend.simulation.trajectory import Outcome, Trajectory
+from backend.store.artefacts import save_trajectories
+from backend.store.models import Artefact
+from backend.store.strokes import KeptDemonstration, read_demonstrations
+
+
+def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams) -> dict[str, Any]:
+    """A controller learned from a snapshot of demonstrations, its drives from their starts, and blind comparisons.
+
+    The result holds `policy` (artefact id), `passed` (success from the demonstrated starts), `judged` (those drives
+    against the demonstrations), `rollouts`: [{demonstration (sha256), pair, trajectory}], and `comparisons`, one per
+    demonstrated pair in turn: [{scene, scene_seed, base, own, social_cost, look_alike}]. `base`, the word for what an
+    own policy is compared with, is the drive of the dynamic window approach; drives are ids of stored trajectories.
+    """
+    began = time.monotonic()
+    artefact, kept, demonstrations = _demonstrations(context, params.snapshot)
+    config = DemonstrationConfig(seed=params.seed, updates=params.updates)
+    trained = train_with_demonstrations(demonstrations, config, context.progress.part(0.02, 0.9))
+    policy = trained.policy.without_critic()
+    drives = drive(policy, [d.scene for d in demonstrations])
+    judged = judge_drives(drives, demonstrations)
+    passed = judged.success_rate >= params.gate_least_success
+    policy_id = keep(
+        context,
+        kind="policy",
+        name=f"learned from {artefact.name}",
+        setup=policy.setup,
+        content=policy.to_bytes(),
+        params=params,
+        config=config.as_dict(),
+        results={"judged": judged.as_dict(), "passed": passed, "history": trained.history, "chosen": trained.chosen},
+        parents=[(artefact, "demonstrations")],
+        scenes={"select": describe(Purpose.SELECT, config.selection_scenes, params.seed)},
+        departures=DEPARTURES,
+    )
+    rollouts = [
+        {"demonstration": one.demonstration, "pair": one.pair, "trajectory": trajectory}
+        for one, trajectory in zip(kept, _keep_drives(context, drives, policy_id), strict=True)
+    ]
+    context.progress(0.95)
+    pairs = sorted({one.pair for one in kept})
+    return {
+        "policy": policy_id,
+        "passed": passed,
+        "judged": judged.as_dict(),
+        "rollouts": rollouts,
+        "comparisons": _comparisons(context, pairs, policy, policy_id)[: params.comparisons] if passed else [],
+        "seconds": round(time.monotonic() - began, 2),
+    }
+
+
+def _demonstrations(
+    context: JobContext, reference: str
+) -> tuple[Artefact, Sequence[KeptDemonstration], list[Demonstration]]:
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "demonstrations")
+    _, kept = read_demonstrations(context.files.get(artefact.id))
+    return artefact, kept, [Demonstration.from_bytes(context.files.get(one.demonstration)) for one in kept]
+
+
+def _keep_drives(context: JobContext, drives: Sequence[Trajectory], made_by: str | None) -> list[str]:
+    with context.database.transaction() as s:
+        return [row.id for row in save_trajectories(s, context.files, drives, made_by)]
+
+
+def _comparisons(context: JobContext, pairs: Sequence[int], policy: Policy, policy_id: str) -> list[dict[str, Any]]:
+    """Drives of all three controllers in the demonstrated pairs, where both that are compared first arrive."""
+    scenes = [demonstration_scene(policy.setup, pair) for pair in pairs]
+    own, dwa, social = (drive(controller, scenes) for controller in (policy, DWA, SOCIAL_COST))
+    found = zip(
+        scenes,
+        own,
+        dwa,
+        _keep_drives(context, own, policy_id),
+        _keep_drives(context, dwa, None),
+        _keep_drives(context, social, None),
+        strict=True,
+    )
+    return [
+        {
+            "scene": scene.digest(),
+            "scene_seed": scene.seed,
+            "base": dwa_id,
+            "own": own_id,
+            "social_cost": social_id,
+            "look_alike": look_alike(of_dwa, of_own, QueryConfig()),
+        }
+        for scene, of_own, of_dwa, own_id, dwa_id, social_id in found
+        if of_own.outcome == of_dwa.outcome == Outcome.SUCCESS
+    ]

@@ -1,0 +1,87 @@
+"""From kept demonstrations to a controller: lineage, the mark of simulation, drives and comparisons, the gate."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.demonstrations.controllers import DWA, drive
+from backend.demonstrations.demonstration import Demonstration
+from backend.jobs.artefacts import ArtefactError
+from backend.jobs.context import JobContext, Progress
+from backend.jobs.demonstrating import train_demonstrations
+from backend.jobs.kinds import TrainDemonstrationsParams
+from backend.learning.policy import Policy
+from backend.settings import Settings
+from backend.simulation.demonstration_scenes import demonstration_scene
+from backend.simulation.trajectory import Outcome
+from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
+from backend.store.database import Database
+from backend.store.models import Artefact
+from backend.store.outbox import enqueue_job
+from backend.store.programmed import take_programmed
+from backend.store.strokes import read_demonstrations
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database, ArtefactStore, str]:
+    settings = Settings(data=tmp_path_factory.mktemp("demonstrating"), _env_file=None)
+    database, files = Database(settings.database), ArtefactStore(settings.artefacts)
+    database.migrate()
+    with database.transaction() as s:
+        taken = take_programmed(s, files, style="field_of_view", environment="room", per_pair=1, seed=0)
+        return settings, database, files, taken.id
+
+
+def run(house: tuple[Settings, Database, ArtefactStore, str], **changes: object) -> dict[str, object]:
+    settings, database, files, snapshot = house
+    params = TrainDemonstrationsParams(**{"snapshot": snapshot, "updates": 60, **changes})
+    with database.transaction() as s:
+        job = enqueue_job(s, "train_demonstrations", params.model_dump())
+        job.state = "running"
+    return train_demonstrations(JobContext(settings, database, files, job, Progress(database, job.id)), params)
+
+
+def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_them(house) -> None:
+    _, database, files, snapshot = house
+    made = run(house, gate_least_success=0.0)
+    policy = Policy.from_bytes(files.get(made["policy"]))
+    assert policy.setup == "room"
+    with database.session() as s:
+        artefact = s.get_one(Artefact, made["policy"])
+        assert artefact.simulated  # who drew was programmed
+        assert artefact.card["config"]["updates"] == 60
+        assert artefact.card["results"]["judged"] == made["judged"]
+        assert [(p.artefact.id, p.role) for p in lineage(s, artefact.id).parents] == [(snapshot, "demonstrations")]
+    _, kept = read_demonstrations(files.get(snapshot))
+    assert [r["demonstration"] for r in made["rollouts"]] == [one.demonstration for one in kept]
+    for rollout, one in zip(made["rollouts"], kept, strict=True):
+        demonstration = Demonstration.from_bytes(files.get(one.demonstration))
+        assert (demonstration.style, demonstration.simulated) == ("field_of_view", True)
+        driven = load_trajectory(files, rollout["trajectory"])
+        assert driven.scene == demonstration.scene
+        assert (drive(policy, [driven.scene])[0].poses == driven.poses).all()
+
+
+def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_compared_ones_arrive(house) -> None:
+    files = house[2]
+    made = run(house, gate_least_success=0.0)
+    for compared in made["comparisons"]:
+        scene = demonstration_scene("room", compared["scene_seed"])
+        assert compared["scene"] == scene.digest()
+        drives = {name: load_trajectory(files, compared[name]) for name in ("own", "base", "social_cost")}
+        assert {t.scene for t in drives.values()} == {scene}
+        assert drives["own"].outcome == drives["base"].outcome == Outcome.SUCCESS
+        assert (drives["base"].poses == drive(DWA, [scene])[0].poses).all()
+
+
+def test_a_controller_that_does_not_arrive_is_not_shown(house) -> None:
+    made = run(house, updates=16, seed=3)
+    arrived = made["judged"]["success_rate"]
+    assert made["passed"] == (arrived >= 0.95)
+    assert arrived < 0.95  # 16 updates teach nobody
+    assert made["comparisons"] == []
+
+
+def test_what_is_no_snapshot_of_demonstrations_is_refused(house) -> None:
+    with pytest.raises(ArtefactError, match="no demonstrations"):
+        run(house, snapshot="f" * 64)
