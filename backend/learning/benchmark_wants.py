@@ -127,11 +127,15 @@ def _rows(
     neutral: Mapping[str, _Driven],
     config: WantsConfig,
 ) -> Iterator[dict[str, Any]]:
+    driven_by: dict[tuple[str, str, bytes], _Driven] = {}
     for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
         weights = fit_weights(make_oracle(oracle, noise=noise, seed=seed).answer(asked[seed])).preference_weights()
         wanted = TASTES[oracle].wants
         for name, conditioned in told.items():
-            driven = _Driven.of(conditioned.at(weights), scenes, (oracle,))
+            key = (oracle, name, weights.tobytes())  # many query sets end in the very same weights
+            if key not in driven_by:
+                driven_by[key] = _Driven.of(conditioned.at(weights), scenes, (oracle,))
+            driven = driven_by[key]
             both = driven.drives.success & base.drives.success
             better = np.sign(driven.worth[oracle][both] - base.worth[oracle][both])
             crossings, lengths = (driven.drives.self_intersections, driven.drives.measured[both, 3])

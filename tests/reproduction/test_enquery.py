@@ -64,6 +64,7 @@ def results(out: Path, summary: dict[str, Any]) -> Results:
 def test_one_command_leaves_a_report_with_figures_and_their_data(out: Path, summary: dict[str, Any]) -> None:
     report = (out / "report.html").read_text()
     assert "EnQ-15" in report
+    assert "action diversity. Ours is" in report  # what is not explained is said
     assert "http" not in report.replace("http://www.w3.org", "")  # it needs nothing from elsewhere
     assert report.count("data:image/svg+xml;base64,") == len(summary["figures"]) / 3
     assert {Path(path).suffix for path in summary["figures"]} == {".png", ".svg", ".csv"}
