@@ -245,6 +245,14 @@ def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> s
 
 def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) -> None:
     """Enqueue, wait with progress on stderr, print the result. Raises RuntimeError if the job does not succeed."""
+    job, result = finished_job(kind, params)
+    if out is not None:
+        _write(open_store()[1], result, out)
+    say({"job": job, **result}, as_json)
+
+
+def finished_job(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Id and result of a job once it has succeeded. Raises RuntimeError if it does not."""
     from backend.jobs.kinds import get_kind
     from backend.store.outbox import enqueue_job
     from backend.store.shipped import register_shipped
@@ -257,9 +265,7 @@ def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) 
     state, result, error = _wait(database, job)
     if state != "succeeded":
         raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
-    if out is not None:
-        _write(files, result, out)
-    say({"job": job, **result}, as_json)
+    return job, result
 
 
 def _wait(database: Database, job: str) -> tuple[str, dict[str, Any], str | None]:

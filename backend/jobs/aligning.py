@@ -28,6 +28,7 @@ from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, flaw, look_alike
 from backend.learning.refine import refine, refine_config
+from backend.learning.reward_interface import InterfaceConfig, fit_interface
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import (
     LinearConfig,
@@ -298,6 +299,8 @@ def _fit(model: str, reduction: Reduction, seed: int, symmetry: str = "none") ->
         return lambda preferences: choose_reward_model(preferences, seed=seed, left_right_symmetry=mirrored).model
     if model == "linear":
         return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
+    if model == "interface":
+        return lambda preferences: fit_interface(preferences, InterfaceConfig(seed=seed))
     return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
 
 

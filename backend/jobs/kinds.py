@@ -43,6 +43,9 @@ def _artefact(kind: str, default: Any = PydanticUndefined) -> Any:
     return Field(default, min_length=1, json_schema_extra={"source": "yours", "artefact": kind})
 
 
+ModelName = Literal["linear", "weights", "mlp", "auto", "interface"]
+
+
 class EvaluateParams(Params):
     """Measure one policy on fresh scenes."""
 
@@ -65,7 +68,7 @@ class RewardModelParams(Params):
     """Learn what the answers of a snapshot say about driving; measure it on answers it did not see."""
 
     snapshot: str = _artefact("snapshot")
-    model: Literal["linear", "weights", "mlp", "auto", "interface"] = _from("spec_06_linear", "linear")
+    model: ModelName = _from("spec_06_linear", "linear")
     reduction: Literal["sum", "mean"] = _from("thesis_6_4_4", "sum")
     folds: int = _from("ours", 5, ge=2, le=50, advanced=True)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
@@ -82,7 +85,7 @@ class AlignParams(Params):
     conditioned: str | None = Field(
         None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
     )
-    model: Literal["linear", "weights", "mlp", "auto", "interface"] | None = _from("from_recipe_model", None, advanced=True)
+    model: ModelName | None = _from("from_recipe_model", None, advanced=True)
     symmetry: Literal["none", "left_right"] = _from("ours_symmetry", "none", advanced=True)
     reward_weight: float | None = _from("from_recipe_weight", None, gt=0, le=10)
     updates: int | None = _from("from_recipe_updates", None, ge=1, le=200_000)

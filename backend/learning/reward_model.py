@@ -256,11 +256,13 @@ def reward_model_to_bytes(model: RewardModel) -> bytes:
 
 def reward_model_from_bytes(data: bytes) -> RewardModel:
     """Read `reward_model_to_bytes` back, never unpickling. Raises LearningError on anything else."""
-    from backend.learning.free_form import MlpEnsembleRewardModel  # these two import torch, which the others do without
+    from backend.learning.free_form import MlpEnsembleRewardModel  # these three import torch, which the others do not
+    from backend.learning.reward_interface import InterfaceRewardModel
     from backend.learning.reward_mlp import MlpRewardModel
     from backend.learning.reward_weights import WeightsRewardModel
 
     kinds: dict[str, Callable[[dict[str, str], dict[str, Floats]], RewardModel]] = {
+        "interface": InterfaceRewardModel.from_arrays,
         "linear": LinearRewardModel.from_arrays,
         "mlp": MlpRewardModel.from_arrays,
         "mlp_ensemble": MlpEnsembleRewardModel.from_arrays,

@@ -142,9 +142,11 @@ def take_snapshot(
     study_id: str | None = None,
     participant_ids: Sequence[str] | None = None,
     whose: Whose = "people",
+    view: str | None = None,
 ) -> Artefact:
     """Freeze the usable answers of a session, or of a study (or some of its participants) as a snapshot artefact.
 
+    view: only what was answered in that view (spec 07 learns from each by itself).
     whose: of a study's participants only people (default), only simulated ones, or all; pilot participants are left out
     of it. A session's own snapshot holds its answers, whoever gave them. Raises SnapshotError if fewer than two usable
     answers are left, LookupError if the session or study is unknown.
@@ -164,7 +166,9 @@ def take_snapshot(
         chosen = chosen.where(SessionRow.id == session_id)
     if participant_ids is not None:
         chosen = chosen.where(Participant.id.in_(participant_ids))
-    return _freeze(s, files, study, s.execute(chosen).all(), "session" if session_id else whose, session_id)
+    if view is not None:
+        chosen = chosen.where(Trial.view == view)
+    return _freeze(s, files, study, s.execute(chosen).all(), "session" if session_id else whose, session_id, view)
 
 
 def retake_snapshot(
@@ -218,7 +222,13 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
 
 
 def _freeze(
-    s: Session, files: ArtefactStore, study: Study, rows: Sequence[Any], whose: str, session_id: str | None
+    s: Session,
+    files: ArtefactStore,
+    study: Study,
+    rows: Sequence[Any],
+    whose: str,
+    session_id: str | None,
+    view: str | None = None,
 ) -> Artefact:
     left_out = dict.fromkeys(LEFT_OUT, 0)
     answers: list[Answer] = []
@@ -256,7 +266,7 @@ def _freeze(
         left_out=left_out,
     )
     whom = answers[0].participant if session_id else WHOSE_WORDS[whose]  # in lists, different people's models differ
-    told = f", {len(answers)} answers of {whom}"
+    told = f", {len(answers)} answers of {whom}{f' in {view}' if view else ''}"
     return save_artefact(
         s,
         files,
