@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from backend.commands.output import JsonFlag, plain_errors, say
+
+if TYPE_CHECKING:
+    from backend.report.policies import PolicyRow
+    from backend.store.artefacts import ArtefactStore
+    from backend.store.database import Database
+    from backend.store.snapshots import Whose
 
 
 def register(app: typer.Typer) -> None:
@@ -23,9 +30,18 @@ def report(
     plan: Annotated[
         Path | None, typer.Option(help="Another analysis plan (YAML) than the protocol's; told as deviations.")
     ] = None,
+    policies: Annotated[
+        bool, typer.Option("--policies", help="Also learn a policy from each view's answers, as jobs, and drive them.")
+    ] = False,
+    model: Annotated[str, typer.Option(help="Reward model of the policies: interface, linear, weights or mlp.")] = (
+        "interface"
+    ),
+    recipe: Annotated[str, typer.Option(help="Recipe of the policies: refine, instant or thesis.")] = "refine",
+    scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy drives.")] = 1_000,
     as_json: JsonFlag = False,
 ) -> None:
     """The study's report: tests, agreement, figures; HTML that prints, PNG, SVG and CSV."""
+    from backend.commands.study import open_store
     from backend.report.plan import read_plan
     from backend.report.reading import read_folder, read_study
     from backend.report.run import write_study_report
@@ -34,17 +50,64 @@ def report(
 
     chosen, used = checked_whose(who), read_plan(plan) if plan is not None else None
     command = f"desirepath report STUDY --who {who}{' --plan FILE' if plan is not None else ''}"
+    learned: list[PolicyRow] = []
     if Path(study).is_dir():
+        if policies:
+            raise ValueError("--policies: learns from a study of this installation; import the data set first")
         data, load = read_folder(Path(study))
     else:
-        from backend.commands.study import open_store
-
         database, files = open_store()
         with database.session() as s:
             row = s.get(Study, study)
             if row is None:
-                raise LookupError(
-                    f"no study with id {study!r} and no such folder; `desirepath study list` shows studies"
-                )
+                raise LookupError(f"no study with id {study!r} and no such folder; `desirepath study list` shows all")
             data, load = read_study(s, files, row)
-    say(write_study_report(data, load, out, who=chosen, plan=used, command=command), as_json)
+        if policies:
+            views = sorted({one.view for one in data.choices})
+            learned = _learned(database, files, study, views, chosen, {"model": model, "recipe": recipe}, scenes)
+            command += f" --policies --model {model} --recipe {recipe} --scenes {scenes}"
+    say(write_study_report(data, load, out, who=chosen, plan=used, command=command, policies=learned), as_json)
+
+
+def _learned(
+    database: Database,
+    files: ArtefactStore,
+    study: str,
+    views: Sequence[str],
+    whose: Whose,
+    settings: dict[str, Any],
+    scenes: int,
+) -> list[PolicyRow]:
+    """A policy per view and the base policy, each driven through the same scenes; what is there already is used."""
+    from backend.report.policies import BASE, PolicyRow
+    from backend.store.snapshots import take_snapshot
+
+    rows = []
+    setup = ""
+    for view in views:
+        with database.transaction() as s:
+            snapshot = take_snapshot(s, files, study_id=study, whose=whose, view=view)
+            identity, setup, answers = snapshot.id, snapshot.setup, snapshot.card["answers"] - snapshot.card["probes"]
+        aligned = _job(database, "align", {"snapshot": identity, "comparisons": 0, **settings})
+        measured = _job(database, "evaluate", {"policy": aligned["policy"], "scenes": scenes})["measured"]
+        rows.append(
+            PolicyRow(view, aligned["policy"], measured, answers, aligned.get("training_accuracy"), aligned["passed"])
+        )
+    base = f"{setup}/base"
+    measured = _job(database, "evaluate", {"policy": base, "scenes": scenes})["measured"]
+    return [*rows, PolicyRow(BASE, base, measured)]
+
+
+def _job(database: Database, kind: str, params: dict[str, Any]) -> dict[str, Any]:
+    """The result of such a job: of one that succeeded with these very parameters, else of a new one."""
+    from sqlalchemy import select
+
+    from backend.commands.science import finished_job
+    from backend.jobs.kinds import get_kind
+    from backend.store.models import Job
+
+    wanted = get_kind(kind).parse(params).model_dump(mode="json")
+    with database.session() as s:
+        done = s.scalars(select(Job).where(Job.kind == kind, Job.state == "succeeded").order_by(Job.created_at.desc()))
+        known = next((job.result for job in done if job.params == wanted and job.result), None)
+    return known or finished_job(kind, params)[1]

@@ -138,6 +138,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     return {
         "policy": policy,
         "reward_model": reward_model,
+        "training_accuracy": fitted["training_accuracy"],
         "passed": made.may_be_shown,
         "gate": gate,
         "comparisons": comparisons,

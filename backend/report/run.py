@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,18 +14,27 @@ from backend.explain.printed import page
 from backend.report.data import Load, StudyData
 from backend.report.findings import Findings, Who, analyse
 from backend.report.plan import AnalysisPlan
-from backend.report.words import brief, facts, sections
+from backend.report.policies import PolicyRow, policies_section
+from backend.report.words import brief, every_test, facts, sections
 
 REPORT_FILE = "report.html"
 TESTS_FILE = "tests.csv"
+POLICIES_FILE = "policies.csv"
 FINDINGS_FILE = "findings.json"
 FIGURES_FOLDER = "figures"
 
 
 def write_study_report(
-    data: StudyData, load: Load, out: Path, *, who: Who = "people", plan: AnalysisPlan | None = None, command: str = ""
+    data: StudyData,
+    load: Load,
+    out: Path,
+    *,
+    who: Who = "people",
+    plan: AnalysisPlan | None = None,
+    command: str = "",
+    policies: Sequence[PolicyRow] = (),
 ) -> dict[str, Any]:
-    """Analyse the study and write its report into `out` (made if missing).
+    """Analyse the study and write its report into `out` (made if missing). policies: learned from its views, if any.
 
     Returns {"report", "participants", "answers", "simulated", "tests", "significant", "deviations", "figures"}.
     Raises NothingToReport if nobody of `who` has answers that count.
@@ -38,6 +48,8 @@ def write_study_report(
     files = [path for picture in drawn for path in picture.save(out / FIGURES_FOLDER)]
     if found.tests:
         write_csv(out / TESTS_FILE, [_row(test, found.plan.alpha) for test in found.tests])
+    if policies:
+        write_csv(out / POLICIES_FILE, [one.row() for one in policies])
     (out / FINDINGS_FILE).write_text(json.dumps(findings_dict(found), indent=1) + "\n", encoding="utf-8")
     protocol = f"{data.protocol.get('protocol', 'unknown')}, version {data.protocol.get('version', '–')}"
     html = page(
@@ -48,7 +60,11 @@ def write_study_report(
         analysed=found.flow.analysed,
         brief=brief(found),
         deviations=found.deviations,
-        sections=sections(found, drawn, out / FIGURES_FOLDER),
+        sections=[
+            *sections(found, drawn, out / FIGURES_FOLDER),
+            *([policies_section(policies)] if policies else []),
+            *every_test(found),
+        ],
         facts=facts(found, study=data.study, protocol=protocol, protocol_hash=data.protocol_hash, command=command),
     )
     (out / REPORT_FILE).write_text(html, encoding="utf-8")

@@ -29,7 +29,6 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         _disagreement(found),
         _personalised(found),
         _devices(found),
-        _all_tests(found),
     ]
     shown = {picture.name: shown_picture(picture, folder) for picture in drawn}
     of_part = {
@@ -267,7 +266,8 @@ def _devices(found: Findings) -> Section:
     return Section("Views and devices", [], [Table(caption, ["view", "device", "answers"], rows)] if rows else [])
 
 
-def _all_tests(found: Findings) -> Section:
+def every_test(found: Findings) -> list[Section]:
+    """All tests in one table, at the end; none without tests."""
     rows = [
         [
             test.test,
@@ -280,7 +280,7 @@ def _all_tests(found: Findings) -> Section:
         for test in found.tests
     ]
     heads = ["test", "of", "statistic", "df", "p", "p, corrected", "by", "effect", "n"]
-    return Section("Every test", [], [Table("As in tests.csv.", heads, rows)] if rows else [])
+    return [Section("Every test", [], [Table("As in tests.csv.", heads, rows)])] if rows else []
 
 
 def facts(found: Findings, *, study: str, protocol: str, protocol_hash: str, command: str) -> list[tuple[str, str]]:
