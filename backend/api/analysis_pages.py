@@ -124,8 +124,7 @@ def _error_in(told: bytes) -> str:
 
 def reports_of(parts: House) -> Reports:
     """The house's reports; made at first use."""
-    found: Reports = parts.extras.setdefault("reports", Reports(parts.settings))
-    return found
+    return parts.part("reports", lambda: Reports(parts.settings))
 
 
 def _mark(s: DatabaseSession, study: Study) -> str:

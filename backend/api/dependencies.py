@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 from urllib.parse import urlsplit
 
 from fastapi import Depends, Request
@@ -20,6 +22,9 @@ if TYPE_CHECKING:
     from backend.api.texts import Texts
 
 
+T = TypeVar("T")
+
+
 @dataclass
 class House:
     """Everything one running server is made of; hangs on `app.state.house`."""
@@ -31,6 +36,16 @@ class House:
     templates: Jinja2Templates
     stage: StageServer | None = None
     extras: dict[str, Any] = field(default_factory=dict)
+    _making: threading.Lock = field(default_factory=threading.Lock, repr=False)
+
+    def part(self, name: str, make: Callable[[], T]) -> T:
+        """The house's own part of this name, made at its first use. From any thread."""
+        if name not in self.extras:
+            with self._making:
+                if name not in self.extras:
+                    self.extras[name] = make()
+        found: T = self.extras[name]
+        return found
 
 
 def house(request: Request) -> House:

@@ -143,8 +143,7 @@ class FigureProcess:
 
 def figure_process(parts: House) -> FigureProcess:
     """The house's figure process; made at first use."""
-    found: FigureProcess = parts.extras.setdefault("figures", FigureProcess())
-    return found
+    return parts.part("figures", FigureProcess)
 
 
 def _draw(told: dict[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The API of a trial: start it, a drive was seen or interrupted, watch both again. Each change is committed, then played."""
+"""The API of a trial: start, a drive was seen or interrupted, watch again. Each change is committed, then played."""
 
 from __future__ import annotations
 

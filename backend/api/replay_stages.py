@@ -78,5 +78,4 @@ class ReplayStages:
 
 def replays(parts: House) -> ReplayStages:
     """The house's replays; made at first use."""
-    found: ReplayStages = parts.extras.setdefault("replays", ReplayStages())
-    return found
+    return parts.part("replays", ReplayStages)

@@ -300,8 +300,7 @@ class Listener:
 
 def bridge_of(house: House) -> StageBridge:
     """The house's bridge; made at first use where no server made one."""
-    found: StageBridge = house.extras.setdefault("bridge", StageBridge(house))
-    return found
+    return house.part("bridge", lambda: StageBridge(house))
 
 
 def create_stage_application(house: House, bridge: StageBridge) -> ASGIApp:

@@ -22,10 +22,7 @@ LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answe
 
 def limiter(request: Request) -> MovingWindowRateLimiter:
     """One per house, in memory: a restart forgives, and the server is one process."""
-    found: MovingWindowRateLimiter = house(request).extras.setdefault(
-        "limiter", MovingWindowRateLimiter(MemoryStorage())
-    )
-    return found
+    return house(request).part("limiter", lambda: MovingWindowRateLimiter(MemoryStorage()))
 
 
 def address_of(request: Request) -> str:

@@ -203,14 +203,21 @@ def wants(
 @plain_errors
 def serve(
     sessions: Annotated[int, typer.Option(min=1, help="Participants at once.")] = 20,
-    answers: Annotated[int, typer.Option(min=1, help="Answers each of them gives.")] = 10,
+    answers: Annotated[int, typer.Option(min=1, help="Answers each of them gives.")] = 2,
+    pace: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds between two answers of one participant; default 20 as people take, and as much less "
+            "with fewer than 50 participants."
+        ),
+    ] = None,
     during_alignment: Annotated[bool, typer.Option(help="Let alignments run meanwhile.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Many participants at once, each with a real websocket to the stage: is every acknowledged answer stored?"""
     from backend.commands.benchmark_serve import benchmark_serve
 
-    say(benchmark_serve(sessions=sessions, answers=answers, during_alignment=during_alignment), as_json)
+    say(benchmark_serve(sessions=sessions, answers=answers, pace_s=pace, during_alignment=during_alignment), as_json)
 
 
 @commands.command()

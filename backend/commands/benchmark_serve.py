@@ -40,7 +40,9 @@ from backend.study.protocol import freeze
 from backend.study.studies import create_study
 
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment
-PACE_S = 1.7  # ours: between two answers of one participant; people take about 20 s, so one stands for ten
+PACE_S = 20.0  # ours: a person's pair. The shipped drives take 11 to 14 s a pair; starting, changing over and choosing
+# take the rest.
+AT_LEAST = 50  # ours: fewer participants than this answer so much faster that they are as much work as so many people
 DECIDING = 0.5  # ours: share of the pace that lies between a pair's start and its answer
 PATIENCE_S = 30.0  # how long the stage may take to tell of a drive
 TRIES = 3  # of an answer whose connection broke, always with the same request id, as the page does it
@@ -48,6 +50,7 @@ ALIGNMENTS = 3  # queued one behind the other, so that one runs for as long as t
 ALIGNMENT_BEGUN = 0.04  # progress past loading and fitting the reward model: the policy's training runs
 ALIGNMENT_PATIENCE_S = 180.0
 LOOK_S = 0.5
+MIN_PACE_S, MAX_PACE_S = 0.1, 120.0
 LOG_LINES = 12  # of the server's log, in an error
 
 CAMERA = viser_hooks.CameraReport(
@@ -244,8 +247,18 @@ def _checked(response: httpx.Response) -> httpx.Response:
 # ---- the whole benchmark ---------------------------------------------------------------------------------------------
 
 
-def benchmark_serve(*, sessions: int = 20, answers: int = 10, during_alignment: bool = False) -> dict[str, Any]:
+def usual_pace_s(sessions: int) -> float:
+    """Seconds between two answers of one participant, where none are asked for: a person's, or less where there are few
+    participants, so that the server has as much to do as with AT_LEAST people."""
+    return PACE_S * min(1.0, sessions / AT_LEAST)
+
+
+def benchmark_serve(
+    *, sessions: int = 20, answers: int = 2, pace_s: float | None = None, during_alignment: bool = False
+) -> dict[str, Any]:
     """Let `sessions` participants answer `answers` pairs each, all at once, and compare what was stored.
+
+    pace_s: between two answers of one participant; default `usual_pace_s`.
 
     Returns sessions, answers_sent, answers_acknowledged, answers_stored, p50_ack_ms and p95_ack_ms (from sending an
     answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a drive to the stage's
@@ -263,6 +276,9 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 10, during_alignment: 
         raise ValueError(
             f"answers = {answers}: 1 to {MOST_ANSWERS}; with one more, every session would start an alignment"
         )
+    pace = usual_pace_s(sessions) if pace_s is None else pace_s
+    if not MIN_PACE_S <= pace <= MAX_PACE_S:
+        raise ValueError(f"pace = {pace}: {MIN_PACE_S} to {MAX_PACE_S:.0f} s between two answers of one participant")
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="desirepath-benchmark-") as folder:
         # Named here, so that no setting of the surroundings leads to an installation that is in use.
@@ -275,15 +291,15 @@ def benchmark_serve(*, sessions: int = 20, answers: int = 10, during_alignment: 
         log = Path(folder) / "server.log"
         try:
             with loopback_server(settings, worker=during_alignment, log=log) as (url, server):
-                result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers)}
+                result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers, pace)}
                 if during_alignment:
                     with _alignments(database, files, study) as running:
-                        walked = _walk(database, url, server.pid, study, sessions, answers, running)
+                        walked = _walk(database, url, server.pid, study, sessions, answers, pace, running)
                     result["during_alignment"] = walked
         except ServeBenchmarkError as problem:
             raise ServeBenchmarkError(f"{problem}\nThe server's log ends with:\n{_end_of_errors(log)}") from None
         database.close()
-    return {**result, "pace_s": PACE_S, "cores": os.cpu_count(), "seconds": round(time.monotonic() - began, 1)}
+    return {**result, "pace_s": pace, "cores": os.cpu_count(), "seconds": round(time.monotonic() - began, 1)}
 
 
 def _walk(
@@ -293,13 +309,14 @@ def _walk(
     study: Study,
     sessions: int,
     answers: int,
+    pace_s: float,
     aligning: Callable[[], bool] | None = None,
 ) -> dict[str, Any]:
     """One walk of everybody, checked against the database."""
     tally = _Tally()
     memory_before = _resident_mb(server_pid)
     processor_before = _processor_s(server_pid)
-    memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, aligning))
+    memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, pace_s, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
     stored = _stored(database, tally)
@@ -335,6 +352,7 @@ async def _walk_all(
     study: Study,
     sessions: int,
     answers: int,
+    pace_s: float,
     aligning: Callable[[], bool] | None,
 ) -> tuple[float, list[bool], list[str]]:
     """Returns the server's memory with everybody connected (MB), looks at the alignments, and what went wrong."""
@@ -347,7 +365,7 @@ async def _walk_all(
         async with httpx.AsyncClient(base_url=url, timeout=60.0, verify=trust) as client:
             participant = _Participant(client, number, tally)
             try:
-                await participant.walk(study.recruiting_token, answers, ready, PACE_S * number / sessions, PACE_S)
+                await participant.walk(study.recruiting_token, answers, ready, pace_s * number / sessions, pace_s)
             except BaseException:
                 await ready.abort()  # nobody waits for one who will not come
                 raise

@@ -19,6 +19,12 @@ def test_every_participant_answers_through_http_and_a_websocket() -> None:
     assert measured["rss_mb"] > 0
 
 
+def test_few_participants_are_as_much_work_as_fifty_people_and_many_answer_like_people() -> None:
+    load = {n: n / benchmark.usual_pace_s(n) for n in (1, 20, 50)}
+    assert load[1] == load[20] == load[50] == 2.5
+    assert benchmark.usual_pace_s(100) == benchmark.PACE_S
+
+
 def test_a_lost_and_a_foreign_answer_are_noticed(database: Database, files: ArtefactStore) -> None:
     add_answered_study(database, files, answers=2)
     with database.session() as s:
@@ -36,8 +42,13 @@ def test_a_lost_and_a_foreign_answer_are_noticed(database: Database, files: Arte
 
 
 @pytest.mark.parametrize(
-    ("given", "told"), [({"sessions": 0}, "sessions = 0"), ({"answers": 16}, "answers = 16: 1 to 15")]
+    ("given", "told"),
+    [
+        ({"sessions": 0}, "sessions = 0"),
+        ({"answers": 16}, "answers = 16: 1 to 15"),
+        ({"pace_s": 0.0}, "pace = 0.0: 0.1 to 120 s"),
+    ],
 )
-def test_numbers_without_room_are_refused(given: dict[str, int], told: str) -> None:
+def test_numbers_without_room_are_refused(given: dict[str, float], told: str) -> None:
     with pytest.raises(ValueError, match=told):
         benchmark.benchmark_serve(**given)
