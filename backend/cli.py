@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from backend.commands import benchmark, data, figures, jobs, report, reproduce, science, serve, study
+from backend.commands import benchmark, data, figures, jobs, report, reproduce, science, serve, study, study_protocols
 
 app = typer.Typer(
     name="desirepath",
@@ -17,6 +17,7 @@ data.register(app)
 science.register(app)
 figures.register(app)
 report.register(app)
+study_protocols.register()
 app.add_typer(study.commands, name="study")
 app.add_typer(jobs.commands, name="jobs")
 app.add_typer(benchmark.commands, name="benchmark")

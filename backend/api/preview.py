@@ -22,8 +22,9 @@ from backend.store.models import Study
 from backend.store.query_sets import query_sets_here
 from backend.study.machine import StepView
 from backend.study.pages import payload_of
-from backend.study.planning import Step, make_plan, queries_needed
+from backend.study.planning import Step, make_plan
 from backend.study.protocol import FrozenProtocol, ProtocolError, thaw
+from backend.study.query_plan import placeholders
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -52,25 +53,12 @@ class QueryPreview:
         stage.play(trajectory, label=drive.upper(), view=self.view, playback_id=drive, trajectories=both)
 
 
-@dataclass(frozen=True)
-class _Placeholder:
-    """A query of which a plan only needs that it exists."""
-
-    id: str
-    setup: str = ""
-    scene_hash: str = ""
-    trajectory_a: str = ""
-    trajectory_b: str = ""
-    duration_a_s: float = 0.0
-    duration_b_s: float = 0.0
-
-
 def preview_steps(frozen: FrozenProtocol) -> list[Step]:
-    """One step of every sort that a session has, in its order: the first of each stage, kind and role of trial."""
-    placeholders = [_Placeholder(f"preview-{n}") for n in range(queries_needed(frozen.protocol))]
-    steps: dict[tuple[str, str, str], Step] = {}
-    for step in make_plan(frozen.protocol, 0, placeholders):
-        steps.setdefault((step["stage"], step["kind"], step.get("role", "")), step)
+    """One step of every sort that a session has, in its order: the first of each stage, condition, kind and role."""
+    steps: dict[tuple[str, ...], Step] = {}
+    for step in make_plan(frozen.protocol, 0, placeholders(frozen.protocol)):
+        sort = (step["stage"], step.get("block", ""), step["kind"], step.get("questionnaire", ""), step.get("role", ""))
+        steps.setdefault(sort, step)
     return list(steps.values())
 
 

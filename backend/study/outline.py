@@ -6,12 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from backend.study.counterbalancing import design_of
 from backend.study.named import questionnaires_of, texts_of
+from backend.study.planning import make_plan
+from backend.study.protocol import FrozenProtocol
+from backend.study.query_plan import placeholders
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockBreak, BlockStage
 from backend.study.schema_demonstrations import DemonstrationsStage
 from backend.study.schema_stages import ComparisonStage, StageEntry, stage_keys
-from backend.study.texts import filled, variant
+from backend.study.texts import filled, local, variant
 
 SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
 
@@ -79,10 +83,42 @@ def expected_minutes(protocol: Protocol, *, seconds_per_drive: float = 9.0) -> f
         elif isinstance(stage, DemonstrationsStage):
             drawing_s += stage.pairs * stage.per_pair * SECONDS_PER_PATH
         elif isinstance(stage, ComparisonStage):
-            trials += stage.scenes
+            trials += stage.pairs
         elif isinstance(stage, BlockBreak):
             resting_s += stage.at_least_s
             pages += 1
         else:
             pages += 1
     return round((trials * per_trial + pages * 30.0 + resting_s + drawing_s) / 60.0, 1)
+
+
+def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None) -> dict[str, Any]:
+    """One participant's steps in words: {"protocol", "minutes", "orders", "steps": [{"key", "kind", "told"}]}.
+
+    orders: how many different orders of conditions are filled evenly, 0 where they are drawn by lot. ValueError for a
+    language that the protocol does not have.
+    """
+    languages = frozen.protocol.languages
+    if language is not None and language not in languages:
+        raise ValueError(f"language = {language!r}: must be one of {', '.join(languages)}")
+    steps = make_plan(frozen.protocol, seed, placeholders(frozen.protocol))
+    return {
+        "protocol": frozen.protocol.protocol,
+        "minutes": expected_minutes(frozen.protocol),
+        "orders": len(design_of(frozen.protocol).rows),
+        "steps": [
+            {"key": step["key"], "kind": step["kind"], "told": _told(frozen, step, language or languages[0])}
+            for step in steps
+        ],
+    }
+
+
+def _told(frozen: FrozenProtocol, step: dict[str, Any], language: str) -> str:
+    words = [str(step[name]) for name in ("role", "view") if name in step]
+    if "text" in step and step["kind"] != "comprehension":
+        words.append(frozen.text(step["text"], language)[0])
+    elif "questionnaire" in step:
+        words.append(local(frozen.questionnaires[step["questionnaire"]].title, language))
+    if "when" in step:
+        words.append(f"(when {step['when']['questionnaire']}.{step['when']['item']})")
+    return " ".join(words)

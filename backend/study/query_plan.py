@@ -15,6 +15,7 @@ from backend.study import schema
 from backend.study.schema_blocks import BlockStage, Queries
 
 Step = dict[str, Any]
+PREVIEW_DRIVE_S = 9.0  # a usual drive of the study room, spec 07
 
 
 class PlanError(ValueError):
@@ -38,6 +39,32 @@ class AnyQuery(Protocol):
     def duration_a_s(self) -> float: ...
     @property
     def duration_b_s(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class Placeholder:
+    """A query of which a plan only needs that it exists, for previews."""
+
+    id: str
+    scene_hash: str
+    trajectory_a: str
+    trajectory_b: str
+    duration_a_s: float
+    duration_b_s: float
+    setup: str = ""
+
+
+def placeholders(protocol: schema.Protocol) -> list[Placeholder]:
+    """Queries that fill any plan of the protocol."""
+    sample = protocol.sample
+    long_s = sample.longest_s or max(sample.shortest_s or 0.0, PREVIEW_DRIVE_S)
+
+    def query(scene: int, a: str, b: str) -> Placeholder:
+        return Placeholder(f"preview-{scene}{a}{b}", f"scene-{scene}", f"{scene}{a}", f"{scene}{b}", long_s, long_s)
+
+    needed, triads = queries_needed(protocol), _triads_needed(protocol)
+    beside = [query(needed + n, *sides) for n in range(triads) for sides in (("a", "b"), ("b", "c"))]
+    return [query(n, "a", "b") for n in range(needed)] + beside
 
 
 @dataclass(frozen=True)
@@ -83,6 +110,12 @@ def _counts(protocol: schema.Protocol) -> tuple[int, int]:
     return shared, own
 
 
+def _triads_needed(protocol: schema.Protocol) -> int:
+    """How many scenes with three drives; all blocks share them."""
+    blocks = [entry.block for entry in protocol.stages if entry.block]
+    return max((sum(one.queries.probes.transitivity for one in block.trials) for block in blocks), default=0)
+
+
 def _asked(stage: BlockStage) -> int:
     return sum(entry.queries.count for entry in stage.trials)
 
@@ -92,15 +125,7 @@ def draw(protocol: schema.Protocol, queries: Sequence[AnyQuery], random: np.rand
     shared, own = _counts(protocol)
     sample = protocol.sample
     allowed = [query for query in queries if _fits(query, sample)]
-    triads = max(
-        (
-            sum(one.queries.probes.transitivity for one in entry.block.trials)
-            for entry in protocol.stages
-            if entry.block
-        ),
-        default=0,
-    )
-    made = _triads(allowed, triads, random)
+    made = _triads(allowed, _triads_needed(protocol), random)
     taken = {scene for scene, _ in made}
     rest = [query for query in allowed if query.scene_hash not in taken] if made else allowed
     chosen = _drawn(rest, shared + own, sample.different_scenes, random)

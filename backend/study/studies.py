@@ -11,7 +11,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
-from backend.study.planning import queries_needed
+from backend.study.planning import PlanError, make_plan
 from backend.study.protocol import FrozenProtocol
 from backend.study.refusals import Refused
 from backend.study.versions import FIRST, protocol_row
@@ -39,7 +39,7 @@ def create_study(
     """
     if not name.strip():
         raise StudyError("name: a study needs one")
-    materials = _materials(s, files, frozen, query_set)
+    materials = materials_of(s, files, frozen, query_set)
     study = Study(
         id=new_id(),
         name=name.strip()[:200],
@@ -59,10 +59,13 @@ def create_study(
     return study
 
 
-def _materials(
-    s: DatabaseSession, files: ArtefactStore, frozen: FrozenProtocol, query_set: Artefact | None
+def materials_of(
+    s: DatabaseSession, files: ArtefactStore, frozen: FrozenProtocol, query_set: Artefact | None = None
 ) -> dict[str, str | None]:
-    """The query set's id and the setup of what is shown; no query set where only paths are drawn."""
+    """The query set's id and the setup of what is shown; no query set where only paths are drawn.
+
+    Raises StudyError for a query set that is missing or cannot fill a plan.
+    """
     wanted = frozen.protocol.query_set
     if wanted is None and query_set is None:
         drawn = next(entry.demonstrations for entry in frozen.protocol.stages if entry.demonstrations)
@@ -72,11 +75,11 @@ def _materials(
         queries = queries_of(s, files, artefact.id)
     except ValueError as problem:
         raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
-    if len(queries) < queries_needed(frozen.protocol):
-        raise StudyError(
-            f"query_set = {wanted!r}: has {len(queries)} queries, one session needs {queries_needed(frozen.protocol)}; "
-            "generate more (`desirepath queries generate`) or ask for fewer"
-        )
+    try:
+        make_plan(frozen.protocol, 0, queries)
+    except PlanError as problem:
+        told = "generate more (`desirepath queries generate`) or ask for fewer"
+        raise StudyError(f"query_set = {wanted!r}: {problem}; {told}") from problem
     return {"query_set": artefact.id, "setup": artefact.setup}
 
 

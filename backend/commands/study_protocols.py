@@ -1,0 +1,138 @@
+"""`desirepath study validate|preview|diff|revise|schema`: protocols, before and while a study runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.study import commands, open_store, query_sets
+
+if TYPE_CHECKING:
+    from backend.study.protocol import FrozenProtocol
+
+
+def register() -> None:
+    """Add this module's commands to `desirepath study`."""
+    for command in (validate, preview, diff, revise):
+        commands.command()(command)
+    commands.command("schema")(schema_command)
+
+
+@plain_errors
+def validate(file: Path, as_json: JsonFlag = False) -> None:
+    """Check a protocol file; exit code 1 if it is not valid."""
+    from backend.study.protocol import validate_protocol_file
+    from backend.study.source import Problem
+
+    result = validate_protocol_file(file, query_sets())
+    if as_json or result["valid"]:
+        say(result, as_json)
+    else:
+        for error in result["errors"]:
+            typer.echo(str(Problem(**error)), err=True)
+    if not result["valid"]:
+        raise typer.Exit(1)
+
+
+@plain_errors
+def preview(
+    file: Path,
+    seed: Annotated[int, typer.Option(help="Of the participant: another one, another order.")] = 0,
+    language: Annotated[str | None, typer.Option(help="Of the titles; default the protocol's first.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Show the steps that one participant would meet, without opening a study. Pages are previewed in the lab."""
+    from backend.study.outline import plan_preview
+    from backend.study.protocol import freeze
+
+    shown = plan_preview(freeze(file, query_sets()), seed, language)
+    if as_json:
+        say(shown, as_json)
+        return
+    for number, step in enumerate(shown["steps"], 1):
+        typer.echo(f"{number:4} {step['kind']:14} {step['key']:36} {step['told']}")
+    typer.echo(
+        f"{len(shown['steps'])} steps, about {shown['minutes']:g} minutes; orders: {shown['orders'] or 'by lot'}"
+    )
+
+
+@plain_errors
+def diff(
+    before: Annotated[str, typer.Argument(help="A protocol file, or the id of a study (its newest protocol).")],
+    after: Annotated[str, typer.Argument(help="The same.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what differs between two protocols and what that means for data that are there already."""
+    from backend.study.revising import differences
+
+    changes = differences(_protocol(before), _protocol(after))
+    if as_json:
+        say({"same": not changes, "changes": [change.as_dict() for change in changes]}, as_json)
+        return
+    for change in changes:
+        typer.echo(f"{change.field}: {_shown(change.before)} -> {_shown(change.after)}")
+    for means in dict.fromkeys(change.means for change in changes):
+        typer.echo(f"  {means}")
+    if not changes:
+        typer.echo("no difference")
+
+
+def _shown(value: object) -> str:
+    return "nothing" if value is None else str(value)
+
+
+def _protocol(named: str) -> FrozenProtocol:
+    """The protocol of a file, or the newest one of a study."""
+    from backend.store.models import Study
+    from backend.study.protocol import freeze
+    from backend.study.versions import newest_protocol
+
+    if Path(named).is_file():
+        return freeze(Path(named), query_sets())
+    database, _ = open_store()
+    with database.session() as s:
+        study = s.get(Study, named)
+        if study is None:
+            raise LookupError(f"{named!r} is neither a file nor the id of a study; `desirepath study list` shows those")
+        return newest_protocol(s, study)[1]
+
+
+@plain_errors
+def revise(
+    study: Annotated[str, typer.Argument(help="Id of a running study.")],
+    file: Annotated[Path, typer.Argument(help="The edited protocol, with a higher version.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Give a running study a new version of its protocol, for whoever joins from now on."""
+    from backend.store.models import Study
+    from backend.study.protocol import freeze
+    from backend.study.revising import revise_study, versions_of
+
+    database, files = open_store()
+    frozen = freeze(file, query_sets())
+    with database.transaction() as s:
+        row = s.get(Study, study)
+        if row is None:
+            raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
+        version = revise_study(s, files, row, frozen, by="command line")
+        on = {line.number: line.people + line.simulated for line in versions_of(s, row)}
+    result = {"study": study, "number": version.number, "changes": version.changes, "participants_on_version": on}
+    if as_json:
+        say(result, as_json)
+        return
+    for means in dict.fromkeys(change["means"] for change in version.changes):
+        typer.echo(means)
+    typer.echo(f"Who is under way goes on with the protocol they began with; participants by version: {on}")
+
+
+@plain_errors
+def schema_command() -> None:
+    """Print the JSON Schema of protocols, for editors that complete and check while you write."""
+    import json
+
+    from backend.study.schema import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=1, ensure_ascii=False))
