@@ -47,3 +47,31 @@ def enquery(
         ),
         as_json,
     )
+
+
+@commands.command()
+@plain_errors
+def demonstrations(
+    out: Annotated[Path, typer.Option(help="Folder for report, figures and finished work; again: it goes on there.")],
+    budget: Annotated[str, typer.Option(help="small (minutes) or full (hours); an estimate is told first.")] = "small",
+    processes: Annotated[int, typer.Option(min=1, help="One thread each.")] = 2,
+    as_json: JsonFlag = False,
+) -> None:
+    """Chapter 2: programmed demonstrators, personal controllers, DWA and social cost beside them."""
+    from backend.reproduction.demonstrations import BUDGETS
+    from backend.reproduction.demonstrations_run import reproduce_demonstrations
+
+    if budget not in BUDGETS:
+        raise LookupError(f"--budget {budget!r}: known are {', '.join(BUDGETS)}")
+    command = f"desirepath reproduce demonstrations --out DIR --budget {budget} --processes {processes}"
+    console = Console(stderr=True)
+    say(
+        reproduce_demonstrations(
+            out,
+            BUDGETS[budget],
+            processes=processes,
+            command=command,
+            tell=lambda words: console.print(words, highlight=False, soft_wrap=True),
+        ),
+        as_json,
+    )

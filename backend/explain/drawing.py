@@ -236,14 +236,8 @@ def _frame(
 ) -> None:
     """The scene's outlines, equal scales, and labels at the outer axes."""
     for number, ax in enumerate(axes):
-        bodies = [Polygon(solid.corners()) for solid in scene.obstacles]
-        ax.add_collection(PatchCollection(bodies, facecolor=SOLID, edgecolor=INK, linewidth=0.7, zorder=3))
-        if scene.room is not None:
-            x, y = scene.room.length / 2, scene.room.width / 2
-            outline = Polygon([(-x, -y), (x, -y), (x, y), (-x, y)], fill=False, edgecolor=INK, linewidth=1.6, zorder=3)
-            outline.set_clip_on(False)
-            ax.add_patch(outline)
-        _person(ax, scene)
+        draw_solids(ax, scene)
+        draw_person(ax, scene)
         goal = (scene.goal.x, scene.goal.y)
         ax.add_patch(Circle(goal, scene.goal_radius, fill=False, edgecolor=INK, linewidth=1.3, zorder=6))
         ax.plot(*goal, marker="x", color=INK, markersize=4, zorder=6)
@@ -264,14 +258,26 @@ def _frame(
             ax.set_ylabel(words.y)
 
 
-def _person(ax: Axes, scene: Scene) -> None:
+def draw_solids(ax: Axes, scene: Scene) -> None:
+    """Obstacles and the room's outline."""
+    bodies = [Polygon(solid.corners()) for solid in scene.obstacles]
+    ax.add_collection(PatchCollection(bodies, facecolor=SOLID, edgecolor=INK, linewidth=0.7, zorder=3))
+    if scene.room is not None:
+        x, y = scene.room.length / 2, scene.room.width / 2
+        outline = Polygon([(-x, -y), (x, -y), (x, y), (-x, y)], fill=False, edgecolor=INK, linewidth=1.6, zorder=3)
+        outline.set_clip_on(False)
+        ax.add_patch(outline)
+
+
+def draw_person(ax: Axes, scene: Scene, colour: str = PERSON) -> None:
+    """The person from above, with a nose where they look."""
     pose, radius = scene.person.pose, scene.person.radius
     nose = [
         (pose.x + reach * math.cos(pose.yaw + turn), pose.y + reach * math.sin(pose.yaw + turn))
         for reach, turn in ((radius, 0.6), (1.75 * radius, 0.0), (radius, -0.6))
     ]
     for patch in (Polygon(nose), Circle((pose.x, pose.y), radius)):
-        patch.set(facecolor=PERSON, edgecolor=PAPER, linewidth=0.6, zorder=6)
+        patch.set(facecolor=colour, edgecolor=PAPER, linewidth=0.6, zorder=6)
         ax.add_patch(patch)
 
 

@@ -6,7 +6,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -60,9 +60,9 @@ def measure_speed(heads: tuple[int, int]) -> Speed:
     return Speed(per_update)
 
 
-def estimate(plan: Plan, work: Work) -> Estimate:
-    """What the plan still needs."""
-    pieces = in_order(plan.pieces())
+def estimate(wanted: Sequence[Piece], work: Work) -> Estimate:
+    """What these pieces and those they need still take."""
+    pieces = in_order(wanted)
     missing = [piece for piece in pieces if not work.has(piece)]
     return Estimate(len(pieces), len(pieces) - len(missing), sum(piece.seconds for piece in missing))
 
@@ -84,7 +84,7 @@ def reproduce_enquery(
     work = Work(out / "work")
     began = time.perf_counter()
     with work.claimed():
-        tell(estimate(plan, work).in_words(processes))
+        tell(estimate(plan.pieces(), work).in_words(processes))
 
         def told(piece: Piece, done: int, todo: int, left: float) -> None:
             tell(f"[{done}/{todo}] {piece.kind.replace('_', ' ')}; about {told_time(left)} left")
@@ -112,7 +112,7 @@ def reproduce_enquery(
             "pieces": made,
         }
         told_results = out / "results.json"
-        told_results.write_text(json.dumps(_plain(summary), indent=1) + "\n", encoding="utf-8")
+        told_results.write_text(json.dumps(plain(summary), indent=1) + "\n", encoding="utf-8")
         _card(plan, results, run, told_results).save(card_path(told_results))
     return {
         "report": str(out / "report.html"),
@@ -172,10 +172,10 @@ def _row_summary(row: TableRow) -> dict[str, Any]:
     return {name: getattr(row, name) for name in names} | {"p": p}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """JSON has no NaN: null instead."""
     if isinstance(value, dict):
-        return {key: _plain(part) for key, part in value.items()}
+        return {key: plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
+        return [plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
