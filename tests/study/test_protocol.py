@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from pathlib import Path
 
@@ -250,3 +252,12 @@ def test_schema_and_words_agree():
 def test_only_true_and_false_are_booleans():
     """YAML 1.1 reads `on:` as True, which would make our own keys unreadable."""
     assert freeze(QUICK).protocol.stages[5].train.on == "own_answers"
+
+
+def test_the_published_schema_is_the_schema_and_the_reference_names_every_key():
+    docs = PROTOCOLS.parent / "docs"
+    told = "run `desirepath study schema > docs/protocol.schema.json`"
+    assert json.loads((docs / "protocol.schema.json").read_text()) == json_schema(), told
+    reference = (docs / "protocol-reference.md").read_text()
+    keys = {key for part in (json_schema(), *json_schema()["$defs"].values()) for key in part.get("properties", {})}
+    assert sorted(key for key in keys if not re.search(rf"\b{key}\b", reference)) == []
