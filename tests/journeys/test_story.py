@@ -1,7 +1,7 @@
 """The whole story in a real browser: a study is opened, answered, watched, exported, aligned again and compared.
 
 The tests run in order on one installation. The browser's clock is driven fast for the simulated participant; another
-one watches a pair in real time. Pictures of the way go to $DESIREPATH_SCREENSHOTS.
+one watches a pair in real time, and so does a bot in a browser of its own. Pictures go to $DESIREPATH_SCREENSHOTS.
 """
 
 import csv
@@ -11,11 +11,24 @@ import re
 import time
 import zipfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import httpx
 import pytest
 from playwright.sync_api import Page, expect
+from sqlalchemy import select
 
+from backend.commands.browser_way import walk_with_browser
+from backend.learning.queries import QuerySet
+from backend.learning.shipped import load_queries
+from backend.settings import Settings
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.models import Response, Session, Trial
+from backend.study.bots import Character
+from backend.study.protocol import PROTOCOLS, freeze_text
+from backend.study.studies import create_study
 from tests.journeys.conftest import Installation
 
 pytestmark = pytest.mark.journey
@@ -303,3 +316,49 @@ def _finished(page: Page, installation: Installation, job: str) -> dict:
             return shown["result"]
         time.sleep(1)
     pytest.fail(f"job {job} did not finish: {shown}")
+
+
+def one_pair(folder: Path) -> str:
+    """The shipped interface study with one short pair, in one view."""
+    shipped = load_queries("study_room/queries_500")
+    shortest = min(shipped.queries, key=lambda q: q.trajectory_a.duration_s + q.trajectory_b.duration_s)
+    QuerySet(shipped.setup, (shortest,), {}).save(folder / "one.npz")
+    text = (PROTOCOLS / "interface_study.yaml").read_text()
+    for old, new in (
+        ("study_room/queries_500", str(folder / "one.npz")),
+        ("each: [top_down, first_person, immersive]", "view: immersive"),
+        ("        - queries: {count: 1, role: learning}    # for practice: stored, marked, never analysed\n", ""),
+        ("count: 25, probes: {repeat: 5}", "count: 1"),
+        ("{view}", "immersive"),
+        ("scheme: all_orders", "scheme: random"),
+        ("      between:\n        - break: {text: texts/interface_break.md}\n", ""),
+    ):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return text
+
+
+def test_a_bot_in_a_browser_and_one_over_http_leave_the_same(installation: Installation, tmp_path: Path) -> None:
+    settings = Settings(data=installation.data)
+    database = Database(settings.database)
+    with database.transaction() as s:
+        study = create_study(
+            s, ArtefactStore(settings.artefacts), freeze_text(one_pair(tmp_path)), name="One pair", created_by=None
+        )
+        study_id, token = study.id, study.recruiting_token
+    pictures = tmp_path / "pictures"
+    with ThreadPoolExecutor(1) as elsewhere:  # playwright keeps a loop on this thread already
+        walk = elsewhere.submit(walk_with_browser, installation.url, token, 2, 1, Character(), "de", pictures)
+        assert walk.result()["completed"] == 2
+    names = {path.stem.partition("_")[2] for path in pictures.glob("*.png")}
+    assert names >= {"join", "consent_consent", "ready_immersive", "playing_immersive", "choosing_immersive", "end"}
+    with database.session() as s:
+        sessions = list(s.scalars(select(Session.id).where(Session.study_id == study_id)))
+        answered = [
+            {row.step_key: sorted(row.value) for row in s.scalars(select(Response).where(Response.session_id == one))}
+            for one in sessions
+        ]
+        trials = list(s.scalars(select(Trial).where(Trial.session_id.in_(sessions))))
+    assert answered[0] == answered[1]
+    assert [(trial.phase, trial.view, trial.restarts) for trial in trials] == [("answered", "immersive", 0)] * 2
+    database.close()
