@@ -1,0 +1,74 @@
+"""The controllers that learned ones are compared with: they arrive, and each does what it is for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.analysis.metrics import measure
+from backend.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, drive
+from backend.demonstrations.dwa import lidar_setup
+from backend.demonstrations.social_cost import SocialCost
+from backend.learning.shipped import load_policy
+from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
+from backend.simulation.fast import FastEngine
+from backend.simulation.scene import Person, Pose
+from backend.simulation.setups import CORRIDOR, DEMONSTRATION_SETUPS, ROOM, SetupError
+from backend.simulation.trajectory import Outcome
+from backend.simulation.walks import Walk
+
+
+@pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("controller", BASELINES)
+def test_both_arrive_in_every_pair_with_the_setups_own_observations(setup: str, controller: str) -> None:
+    drives = drive(controller, demonstration_scenes(setup))
+    assert [d.outcome for d in drives] == [Outcome.SUCCESS] * 4
+    size = {"corridor": CORRIDOR, "room": ROOM}[setup].observation_size
+    assert all(d.observations.shape[1] == size for d in drives)
+
+
+def test_social_cost_keeps_more_distance_than_the_window_that_knows_no_person() -> None:
+    scenes = demonstration_scenes("room")
+    social, window = (measure(drive(name, scenes)).min_human_distance for name in (SOCIAL_COST, DWA))
+    assert (social > window + 0.1).all()
+    assert window.max() < 0.7
+
+
+def test_the_window_reads_goal_velocity_and_every_beam() -> None:
+    setup = lidar_setup(ROOM)
+    scene = demonstration_scene("room", 0)
+    seen = FastEngine(setup, 1, scenes=[scene]).observations[0]
+    assert len(seen) == 6 + 360
+    turned = FastEngine(setup, 1, scenes=[replace(scene, person=replace(scene.person, pose=Pose(-0.1, 0.0, 1.0)))])
+    assert (turned.observations[0] == seen).all()  # it cannot tell where the person looks
+
+
+def test_social_cost_finds_itself_by_the_walls_and_plans_around_who_walks() -> None:
+    scene = demonstration_scene("room", 3)
+    controller = SocialCost(scene)
+    for x, y, yaw in ((-2.0, 1.0, 0.3), (1.0, -0.5, -2.8), (0.5, 1.7, 3.1)):
+        seen = FastEngine(ROOM, 1, scenes=[replace(scene, start=Pose(x, y, yaw))]).observations[0]
+        found = controller._where(seen.astype(np.float64))
+        assert (found.x, found.y) == pytest.approx((x, y), abs=1e-4)
+        assert found.yaw == pytest.approx(yaw, abs=1e-4)
+    begin = scene.person.pose
+    times = np.linspace(0, 12, 60)
+    poses = np.stack([begin.x + 0.12 * times, begin.y + 0.08 * times, np.full(60, begin.yaw)], axis=1)
+    walk = Walk.recorded(times, poses)
+    walked = replace(scene, walk=walk, person=Person(Pose(*map(float, walk.poses_at([0.0])[0]))))
+    (driven,) = drive(SOCIAL_COST, [walked])
+    assert driven.outcome == Outcome.SUCCESS
+    (standing,) = drive(SOCIAL_COST, [scene])
+    assert len(driven.poses) != len(standing.poses) or np.abs(driven.poses - standing.poses).max() > 0.05
+
+
+def test_strangers_are_refused() -> None:
+    with pytest.raises(ValueError, match="dwa, social_cost"):
+        drive("teleport", [demonstration_scene("room", 0)])
+    with pytest.raises(SetupError, match="differ"):
+        drive(DWA, [demonstration_scene("room", 0), demonstration_scene("corridor", 0)])
+    with pytest.raises(SetupError, match="differ"):
+        drive(load_policy("study_room/base"), [demonstration_scene("room", 0)])
+    assert drive(DWA, []) == []

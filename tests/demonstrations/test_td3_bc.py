@@ -1,0 +1,145 @@
+"""Learning from demonstrations: the static buffer, the boost, the cloning term, the beginnings, what comes out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from backend.demonstrations.controllers import DWA
+from backend.demonstrations.demonstration import augmented
+from backend.demonstrations.judging import judge, judge_drives, unseen_scenes
+from backend.demonstrations.placement import Placements
+from backend.demonstrations.td3_bc import (
+    DemonstrationConfig,
+    DemonstrationTraining,
+    cloning_term,
+    demonstration_batch,
+    train_with_demonstrations,
+)
+from backend.learning.scene_sets import Purpose
+from backend.simulation import kernels as k
+from backend.simulation.scenes import check_scene, row_to_scene
+from backend.simulation.setups import SetupError
+
+QUICK = DemonstrationConfig(updates=96, n_envs=16, random_transitions=256, augmentation=2, selection_scenes=20)
+
+
+def test_the_demonstration_buffer_rewards_each_goal_and_only_goals(slow_ones) -> None:
+    batch = demonstration_batch(slow_ones[:2], QUICK)
+    drives = [drive for d in slow_ones[:2] for drive in augmented(d, 2)]
+    assert len(batch.rewards) == sum(len(drive.actions) for drive in drives)
+    assert (batch.rewards != 0).sum() == len(drives)
+    assert (batch.rewards[batch.continues == 0] == 5.0).all()
+    assert (demonstration_batch(slow_ones[:2], replace(QUICK, goal_boost=0.0)).rewards == 0).all()
+
+
+def test_the_cloning_term_is_the_summed_square_over_the_demonstrated_part_alone() -> None:
+    demonstrated = torch.tensor([[0.5, 0.0], [0.0, -1.0]])
+    actions = torch.tensor([[9.0, 9.0], [0.0, 0.0], [0.0, 0.0]])
+    term = cloning_term(demonstrated, 10 / 3, 20 / 3)
+    assert float(term(torch.zeros(3, 1), actions)) == pytest.approx(2 * (0.25 + 1.0))
+    varied = actions.clone().requires_grad_(True)
+    term(torch.zeros(3, 1), varied).backward()
+    assert varied.grad is not None
+    assert (varied.grad[0] == 0).all()
+    assert varied.grad[1].tolist() == pytest.approx([2 * 2 * -0.5, 0.0])
+
+
+def test_exploring_never_changes_the_demonstrations_and_pays_no_goal(slow_ones) -> None:
+    training = DemonstrationTraining(slow_ones, QUICK)
+    before = training._demonstrated.rewards.clone(), training._demonstrated.observations.clone()
+    while training.agent.updates < 48:
+        training.vector_step()
+    assert (training._demonstrated.rewards == before[0]).all()
+    assert (training._demonstrated.observations == before[1]).all()
+    assert float(training._buffer.filled().rewards.max()) <= 0.0
+    paid = DemonstrationTraining(slow_ones, replace(QUICK, explored_goal=5.0))
+    assert paid.setup.reward.goal == 5.0
+
+
+def test_episodes_begin_near_demonstrations_as_often_as_asked(slow_ones) -> None:
+    drives = [d.trajectory for d in slow_ones]
+    paths = np.concatenate([drive.poses[:, :2] for drive in drives])
+
+    def near(share: float) -> float:
+        rows, seeds = Placements(drives, near=share, seed=0).take(200)
+        people = {(round(d.scene.person.pose.x, 6), round(d.scene.person.pose.y, 6)) for d in slow_ones}
+        found = 0
+        for row, seed in zip(rows, seeds, strict=True):
+            check_scene(row_to_scene("room", int(seed), row)) if share == 0 else None
+            beside = np.linalg.norm(paths - row[[k.START_X, k.START_Y]], axis=1).min() < 0.6
+            known = min(math.dist(p, row[[k.PERSON_X, k.PERSON_Y]]) for p in people) < 0.8
+            found += bool(beside and known)
+        return found / 200
+
+    assert near(1.0) > 0.97
+    assert near(0.0) < 0.4
+    assert near(0.0) < near(0.5) < near(1.0)
+
+
+def test_training_begins_to_follow_and_is_repeatable(slow_ones) -> None:
+    config = replace(QUICK, updates=400)
+    progress: list[float] = []
+    trained = train_with_demonstrations(slow_ones, config, lambda share, _: progress.append(share))
+    again = train_with_demonstrations(slow_ones, config)
+    assert trained.policy.digest() == again.policy.digest()
+    assert trained.history == again.history
+    assert [point["updates"] for point in trained.history] == [112, 208, 304, 400]
+    assert trained.selection == max(trained.history, key=lambda point: point["score"])
+    assert progress == sorted(progress)
+    untrained = DemonstrationTraining(slow_ones, config).policy()
+    begun, before = judge(trained.policy, slow_ones), judge(untrained, slow_ones)
+    assert begun.t_star - begun.frechet_m > before.t_star - before.frechet_m
+
+
+def test_demonstrations_of_two_environments_do_not_mix(slow_ones) -> None:
+    other = replace(
+        slow_ones[0], trajectory=replace(slow_ones[0].trajectory, scene=replace(slow_ones[0].scene, setup="corridor"))
+    )
+    with pytest.raises(SetupError, match="corridor"):
+        DemonstrationTraining([slow_ones[0], other], QUICK)
+    with pytest.raises(ValueError, match="none given"):
+        train_with_demonstrations([], QUICK)
+
+
+# --- judging ----------------------------------------------------------------------------------------------------------
+
+
+def test_demonstrations_judged_against_themselves_are_perfect(slow_ones) -> None:
+    judged = judge_drives([d.trajectory for d in slow_ones], slow_ones)
+    assert (judged.success_rate, judged.t_star) == (1.0, 1.0)
+    assert judged.frechet_m < 0.005
+    assert judged.speed_correlation > 0.999
+    assert judged.as_dict()["drives"] == len(slow_ones)
+
+
+def test_who_drives_straight_past_the_person_misses_the_bars(slow_ones) -> None:
+    judged = judge(DWA, slow_ones)
+    assert judged.success_rate == 1.0
+    assert judged.frechet_m > 0.25 or judged.t_star < 0.8
+    assert judged.speed_correlation < 0.8
+
+
+@pytest.mark.parametrize("kind", ["starts", "goals", "people", "anywhere"])
+def test_unseen_scenes_change_what_they_say_and_can_be_driven(slow_ones, kind: str) -> None:
+    pairs = [d.drawn_in for d in slow_ones[::2]]
+    scenes = unseen_scenes(pairs, kind, 8, purpose=Purpose.REPORT, seed=1)
+    assert len(scenes) == 8
+    for number, scene in enumerate(scenes):
+        check_scene(scene)
+        pair = pairs[number % 4]
+        same = [scene.start == pair.start, scene.goal == pair.goal, scene.person == pair.person]
+        assert (
+            same
+            == {
+                "starts": [False, True, True],
+                "goals": [True, False, True],
+                "people": [True, True, False],
+                "anywhere": [False, False, False],
+            }[kind]
+        )
+    assert unseen_scenes(pairs, kind, 8, purpose=Purpose.SELECT, seed=1) != scenes
