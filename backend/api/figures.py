@@ -237,47 +237,81 @@ def shares_by_answer(
     return drawing.svg()
 
 
+class _Plan:
+    """A scene from above with room for a legend below it; `at` turns metres into pixels of `drawing`."""
+
+    def __init__(self, scene: Scene, paths: Sequence[ArrayLike], *, legend_lines: int, title: str) -> None:
+        spare = 0.8 if scene.room is None else 0.05
+        points = np.concatenate(
+            [
+                *(np.asarray(path, float)[:, :2] for path in paths),
+                [[p.x, p.y] for p in (scene.start, scene.goal, scene.person.pose, *(o.pose for o in scene.obstacles))],
+                *([wall.corners() for wall in scene.room.walls()] if scene.room else []),
+            ]
+        )
+        (x_low, y_low), (x_high, y_high) = points.min(0) - spare, points.max(0) + spare
+        self._scale = min(600 / (x_high - x_low), 440 / (y_high - y_low))
+        self._left, self._top = x_low, y_high
+        self._legend_top = (y_high - y_low) * self._scale
+        self._lines = 0
+        self._width = (x_high - x_low) * self._scale
+        self.drawing = _Drawing(self._width, self._legend_top + 22 * legend_lines + 6, title)
+        self._add(scene)
+
+    def at(self, x: float, y: float) -> tuple[float, float]:
+        return (x - self._left) * self._scale, (self._top - y) * self._scale
+
+    def path(self, points: ArrayLike, *, stroke: str, css: str, width: float) -> tuple[float, float]:
+        """Draw a path of points (n, 2 or more) in metres; returns its end in pixels."""
+        places = [self.at(float(x), float(y)) for x, y in np.asarray(points)[:, :2]]
+        self.drawing.path(places, stroke=stroke, css=css, width=width)
+        return places[-1]
+
+    def tell(self, name: str, *, stroke: str, css: str) -> None:
+        """A line of the legend."""
+        y = self._legend_top + 22 * self._lines + 14
+        self._lines += 1
+        self.drawing.line(8, y, 30, y, stroke=stroke, css=css, width=3)
+        fits = int((self._width - 44) / 6.5)
+        told = name if len(name) <= fits else f"{name[: fits - 1]}…"
+        self.drawing.text(36, y + 4, told, fill=INK, css="ink")
+
+    def _add(self, scene: Scene) -> None:
+        drawing, scale, at = self.drawing, self._scale, self.at
+        for solid in scene.solids():
+            drawing.polygon([at(*corner) for corner in solid.corners()], fill="#b9ae97", css=f"solid {solid.kind}")
+        drawing.circle(*at(scene.goal.x, scene.goal.y), scene.goal_radius * scale, fill="none", css="goal", stroke=INK)
+        drawing.circle(*at(scene.start.x, scene.start.y), 4, fill=INK, css="ink-fill")
+        person = scene.person.pose
+        drawing.circle(*at(person.x, person.y), scene.person.radius * scale, fill=PERSON, css="person")
+        nose = 0.55
+        drawing.line(
+            *at(person.x, person.y),
+            *at(person.x + nose * math.cos(person.yaw), person.y + nose * math.sin(person.yaw)),
+            stroke=PERSON,
+            css="person-line",
+            width=3,
+        )
+
+
 def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[str], title: str) -> str:
     """One scene from above with up to two drives in it: what the 3D stage shows, for print and without WebGL."""
-    spare = 0.8
-    points = np.concatenate(
-        [
-            *(np.asarray(t.poses, float)[:, :2] for t in trajectories),
-            [[p.x, p.y] for p in (scene.start, scene.goal, scene.person.pose, *(o.pose for o in scene.obstacles))],
-            *([wall.corners() for wall in scene.room.walls()] if scene.room else []),
-        ]
-    )
-    if scene.room is not None:
-        spare = 0.05
-    (x_low, y_low), (x_high, y_high) = points.min(0) - spare, points.max(0) + spare
-    scale = min(600 / (x_high - x_low), 440 / (y_high - y_low))
-    legend = 22 * len(trajectories) + 6
-    width, height = (x_high - x_low) * scale, (y_high - y_low) * scale + legend
-    drawing = _Drawing(width, height, title)
-
-    def at(x: float, y: float) -> tuple[float, float]:
-        return (x - x_low) * scale, (y_high - y) * scale
-
-    for solid in scene.solids():
-        drawing.polygon([at(*corner) for corner in solid.corners()], fill="#b9ae97", css=f"solid {solid.kind}")
-    drawing.circle(*at(scene.goal.x, scene.goal.y), scene.goal_radius * scale, fill="none", css="goal", stroke=INK)
-    drawing.circle(*at(scene.start.x, scene.start.y), 4, fill=INK, css="ink-fill")
-    person = scene.person.pose
-    drawing.circle(*at(person.x, person.y), scene.person.radius * scale, fill=PERSON, css="person")
-    nose = 0.55
-    drawing.line(
-        *at(person.x, person.y),
-        *at(person.x + nose * math.cos(person.yaw), person.y + nose * math.sin(person.yaw)),
-        stroke=PERSON,
-        css="person-line",
-        width=3,
-    )
+    plan = _Plan(scene, [t.poses for t in trajectories], legend_lines=len(trajectories), title=title)
     for k, (trajectory, name) in enumerate(zip(trajectories, names, strict=True)):
-        path = [at(float(x), float(y)) for x, y in np.asarray(trajectory.poses)[:, :2]]
-        drawing.path(path, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
-        drawing.circle(*path[-1], 4.5, fill=SIDES[k], css=f"fill-{k + 1}")
-        y = height - legend + 22 * k + 14
-        drawing.line(8, y, 30, y, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
-        fits = int((width - 44) / 6.5)
-        drawing.text(36, y + 4, name if len(name) <= fits else f"{name[: fits - 1]}…", fill=INK, css="ink")
-    return drawing.svg()
+        end = plan.path(trajectory.poses, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
+        plan.drawing.circle(*end, 4.5, fill=SIDES[k], css=f"fill-{k + 1}")
+        plan.tell(name, stroke=SIDES[k], css=f"line-{k + 1}")
+    return plan.drawing.svg()
+
+
+def paths(scene: Scene, drawn: Mapping[str, Sequence[ArrayLike]], *, title: str) -> str:
+    """Many paths in one scene from above, laid over each other. drawn: name of a group -> paths (n, 2 or more) in
+    metres; groups are told apart by colour, in turn, and named below.
+    """
+    plan = _Plan(scene, [path for group in drawn.values() for path in group], legend_lines=len(drawn), title=title)
+    for k, (name, group) in enumerate(drawn.items()):
+        colour = (MAIN, *SIDES)[k % 3]
+        for path in group:
+            plan.path(path, stroke=colour, css=f"line-{k % 3}", width=2)
+        plan.tell(name, stroke=colour, css=f"line-{k % 3}")
+    return plan.drawing.svg()

@@ -33,4 +33,6 @@ def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
 
 def study_tab(request: Request, study: Study, tab: str, template: str | None = None, **context: Any) -> Response:
     """A page of a study; without a template, the tab's own."""
-    return lab_page(request, template or f"lab/study_{tab}.html", study=study, tab=tab, tabs=TABS, **context)
+    drawn = any("demonstrations" in entry and entry["demonstrations"] for entry in study.protocol.get("stages", []))
+    tabs = (*TABS[:2], "paths", *TABS[2:]) if drawn else TABS
+    return lab_page(request, template or f"lab/study_{tab}.html", study=study, tab=tab, tabs=tabs, **context)
