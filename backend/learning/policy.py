@@ -179,7 +179,9 @@ class Policy(StoredPolicy):
                 "shape": [setup.observation_size],
                 "layout": setup.observation_layout(),
             },
-            "lidar": {
+            "lidar": None  # walls and obstacles are known, see the layout
+            if setup.solids
+            else {
                 "beams": lidar.beams,
                 "sectors": lidar.sectors,
                 "range_m": lidar.range_m,
