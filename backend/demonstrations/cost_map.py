@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from backend.simulation import kernels as k
 from backend.simulation.scene import Pose, Scene, SceneError
@@ -20,6 +21,8 @@ from backend.simulation.setups import ROBOT_RADIUS_M
 
 Doubles = NDArray[np.float64]
 CELL_M = 0.05
+SMOOTHED_OVER_M = 0.3  # standard deviation along a path: nobody draws or walks in a grid's directions
+EVERY_M = 0.02  # spacing of smoothed paths
 # Sixteen directions: eight to the neighbours, eight knight's moves between them.
 STEPS = np.array([(i, j) for i in range(-2, 3) for j in range(-2, 3) if math.gcd(i, j) == 1])
 Price = Callable[[Doubles], Doubles]
@@ -57,14 +60,20 @@ def _mark_free(row: k.Row, places: NDArray[np.float64], radius: float, free: NDA
             free[i, j] = min(apart, k.surface_distance(row, x, y)) >= radius
 
 
-def free_grid(scene: Scene, *, spare_m: float) -> Grid:
-    """Where the robot fits with `spare_m` to spare. Raises SceneError for a scene without a room."""
+def free_grid(scene: Scene, *, spare_m: float, around_person: bool = True) -> Grid:
+    """Where the robot fits with `spare_m` to spare; `around_person` False: as if nobody stood there.
+
+    Raises SceneError for a scene without a room.
+    """
     if scene.room is None:
         raise SceneError("room", None, "a cost map needs walls around it")
     half_x, half_y = scene.room.length / 2, scene.room.width / 2
     origin = (-half_x + CELL_M / 2, -half_y + CELL_M / 2)
     grid = Grid(origin, np.zeros((round(2 * half_x / CELL_M), round(2 * half_y / CELL_M)), dtype=np.bool_))
-    _mark_free(scene_to_row(scene), grid.places(), ROBOT_RADIUS_M + spare_m, grid.free)
+    row = scene_to_row(scene)
+    if not around_person:
+        row[k.PERSON_X] = math.inf
+    _mark_free(row, grid.places(), ROBOT_RADIUS_M + spare_m, grid.free)
     return grid
 
 
@@ -117,3 +126,13 @@ def cheapest_path(grid: Grid, costs: Doubles, start: Pose, *, longest_m: float =
         i, j = following
         path.append(following)
     return np.array(grid.origin) + CELL_M * np.array(path, dtype=float)
+
+
+def smoothed(path: Doubles) -> Doubles:
+    """(m, 2) points EVERY_M apart along a path (n, 2) without its corners; both ends stay where they are."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    places = np.linspace(0.0, along[-1], max(10, round(along[-1] / EVERY_M)))
+    even = np.stack([np.interp(places, along, path[:, axis]) for axis in range(2)], axis=1)
+    n = len(even)
+    mirrored = np.concatenate([2 * even[0] - even[:0:-1], even, 2 * even[-1] - even[-2::-1]])
+    return np.asarray(gaussian_filter1d(mirrored, SMOOTHED_OVER_M / EVERY_M, axis=0)[n - 1 : 2 * n - 1])

@@ -12,17 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
-from backend.demonstrations.cost_map import cheapest_path, cost_to_go, free_grid
+from backend.demonstrations.cost_map import cheapest_path, cost_to_go, free_grid, smoothed
 from backend.demonstrations.demonstration import Demonstration, demonstration_from
 from backend.demonstrations.stroke import Stroke, StrokeProblem
 from backend.simulation.scene import Scene, SceneError
 
 Doubles = NDArray[np.float64]
 SPARE_M = 0.08  # that a drawn path leaves between robot and things
-SMOOTHED_OVER_M = 0.3  # standard deviation along the path: nobody draws in a grid's directions
-DRAWN_EVERY_M = 0.02
 HAND_M = 0.006  # standard deviation of a trembling hand
 DRIFT_M = 0.05  # largest of a slow sideways drift, so that no two strokes are alike
 HAND_M_S = 0.8  # how fast the hand draws
@@ -115,7 +112,7 @@ def draw_stroke(style: str, scene: Scene, seed: int) -> Stroke:
         raise StrokeProblem("collides", "no way is free for this demonstrator", start, thing="wall")
     path = cheapest_path(grid, costs, scene.start)
     path = np.concatenate([start[None], path[1:-1], [[scene.goal.x, scene.goal.y]]])
-    path = _smooth(_even(path))
+    path = smoothed(path)
     random = np.random.default_rng([seed, *style.encode()])
     path = path + _unsteady(path, random)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -137,20 +134,6 @@ def demonstrate(style: str, scene: Scene, seed: int) -> Demonstration:
             if problem.code not in ("collides", "too_tight") or attempt == TRIES - 1:
                 raise
     raise AssertionError("the last attempt returns or raises")
-
-
-def _even(path: Doubles) -> Doubles:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    places = np.linspace(0.0, along[-1], max(10, round(along[-1] / DRAWN_EVERY_M)))
-    return np.stack([np.interp(places, along, path[:, axis]) for axis in range(2)], axis=1)
-
-
-def _smooth(path: Doubles) -> Doubles:
-    """Gaussian along the path; odd reflection keeps both ends where they are."""
-    n = len(path)
-    mirrored = np.concatenate([2 * path[0] - path[:0:-1], path, 2 * path[-1] - path[-2::-1]])
-    smoothed = gaussian_filter1d(mirrored, SMOOTHED_OVER_M / DRAWN_EVERY_M, axis=0)
-    return np.asarray(smoothed[n - 1 : 2 * n - 1])
 
 
 def _unsteady(path: Doubles, random: np.random.Generator) -> Doubles:
