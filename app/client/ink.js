@@ -12,6 +12,7 @@
   const SLOW = [64, 44, 140];
   const MIDDLE = [30, 140, 140];
   const FAST = [250, 200, 40];
+  const WOOD = [216, 188, 154]; // a see-through stroke would show where its pieces overlap
   const RED = "rgb(190 32 22)";
   const AMBER = "rgb(206 122 10)";
   const INK = "rgb(34 32 28)";
@@ -56,11 +57,12 @@
     return Math.max(0, Math.min(1, (speed - slowest) / (fastest - slowest)));
   }
 
-  /** @param {number} speed m/s @returns {string} */
-  function colour(speed) {
+  /** @param {number} speed m/s @param {boolean} faded nearer to the floor's colour @returns {string} */
+  function colour(speed, faded) {
     const u = 2 * share(speed);
     const [from, to] = u < 1 ? [SLOW, MIDDLE] : [MIDDLE, FAST];
-    return `rgb(${from.map((value, i) => Math.round(value + (to[i] - value) * (u < 1 ? u : u - 1)))})`;
+    const full = from.map((value, i) => value + (to[i] - value) * (u < 1 ? u : u - 1));
+    return `rgb(${full.map((value, i) => Math.round(faded ? 0.5 * (value + WOOD[i]) : value))})`;
   }
 
   /** A text of the page's catalogue. @param {string} key @param {Record<string, string>} [values] */
@@ -119,7 +121,6 @@
     const last = points.length - 1;
     const wide = points.map(([x, y], i) => (i % 8 ? 0 : Math.max(3, STROKE_M * pixelsPerMetre(project, x, y))));
     for (let i = 0; i <= last; i += 1) wide[i] ||= wide[i - 1];
-    pen.globalAlpha = faded ? 0.45 : 1;
     if (!faded) {
       pen.strokeStyle = "rgb(255 255 255 / 0.55)"; // the glow
       for (let i = 0; i < last; i += 8) {
@@ -129,13 +130,12 @@
       }
     }
     for (let i = 0; i < last; i += 1) {
-      pen.lineWidth = wide[i];
-      pen.strokeStyle = colour(speeds[i]);
+      pen.lineWidth = faded ? wide[i] / 2 : wide[i];
+      pen.strokeStyle = colour(speeds[i], faded);
       trace(spots, i, i + 1);
       pen.stroke();
     }
     if (!faded) for (const place of tight) hatch(spots, wide, place);
-    pen.globalAlpha = 1;
   }
 
   /** Bars across a stretch that is too tight. @param {(number[] | null)[]} spots @param {number[]} wide @param {any} place */

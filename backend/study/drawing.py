@@ -122,7 +122,7 @@ def attempt_of(step: Step, given: Mapping[str, Any], *, simulated: bool) -> Atte
 
     drawn = {name: given.get(name) for name in ("points", "speeds", "times_s")}
     pointer = str(given.get("pointer", "mouse"))
-    if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+")) != simulated:
+    if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+") and not simulated):
         raise Refused(422, "bad_value", "must be mouse, touch, pen or keys, or several with +", field="pointer")
     if not isinstance(drawn["points"], list) or not len(drawn["points"]) <= MOST_POINTS:
         raise Refused(422, "bad_value", f"must be a list of at most {MOST_POINTS} points", field="points")

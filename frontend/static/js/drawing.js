@@ -342,6 +342,7 @@ export class Drawing {
 
   /** @param {string} name of the phase */
   part(name) {
+    this.root.dataset.shown = name;
     for (const part of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-phase]"))) {
       part.hidden = part.dataset.phase !== name;
     }

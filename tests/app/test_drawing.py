@@ -1,0 +1,132 @@
+"""The stage's pen in a real Chromium: mouse, keys, speed, undo and redo, in the views from above and from the eyes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from app.drawing import Paper
+from app.stage import Stage
+from backend.simulation.demonstration_scenes import demonstration_scene
+from tests.app.stage_house import StageHouse, Visitor
+
+SCENE = demonstration_scene("corridor", 0)
+Visit = Callable[..., Visitor]
+
+
+def paper(house: StageHouse, visit: Visit, view: str) -> Visitor:
+    """A visitor before an empty sheet."""
+    visitor = visit(width=800, height=500)
+    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects")
+    stage = house.server.stage("amber")
+    assert isinstance(stage, Stage)
+    stage.draw(SCENE, view, Paper("sheet-1"))  # type: ignore[arg-type]
+    visitor.wait_for("ready")
+    visitor.wait_for("drawing")
+    return visitor
+
+
+def order(visitor: Visitor, **message: Any) -> None:
+    """What the page orders of the pen."""
+    visitor.page.evaluate(
+        "([message, origin]) => document.getElementById('stage').contentWindow.postMessage(message, origin)",
+        [{"type": "draw", **message}, visitor.house.stage_origin],
+    )
+
+
+def spot(visitor: Visitor, x: float, y: float) -> tuple[float, float]:
+    """Where a place on the floor is in the window, pixels."""
+    px: list[float] = visitor.frame.evaluate(f"window.desirePath.viser.projector()({x}, {y})")
+    return px[0], px[1]
+
+
+def drag(visitor: Visitor, places: list[tuple[float, float]]) -> None:
+    mouse = visitor.page.mouse
+    mouse.move(*spot(visitor, *places[0]))
+    mouse.down()
+    for place in places[1:]:
+        mouse.move(*spot(visitor, *place))
+    mouse.up()
+
+
+def arc(share: float = 1.0, bend_m: float = 0.7) -> list[tuple[float, float]]:
+    """From the robot towards the goal, `share` of the way."""
+    steps = [share * k / 24 for k in range(25)]
+    return [(-3.2 + 6.4 * u, bend_m * math.sin(math.pi * u)) for u in steps]
+
+
+def newest(visitor: Visitor) -> dict[str, Any]:
+    return visitor.events("drawing")[-1]
+
+
+def test_a_path_is_drawn_section_by_section_and_goes_off_at_the_goal(house: StageHouse, visit: Visit) -> None:
+    visitor = paper(house, visit, "top_down")
+    order(visitor, do="speed", value=0.1)
+    drag(visitor, arc(0.5))
+    visitor.wait_until(lambda: newest(visitor)["can_finish"], "half of it is drawn")
+    half = newest(visitor)
+    assert not visitor.events("stroke"), "away from the goal it waits to be drawn on"
+    assert half["length_m"] == pytest.approx(3.35, abs=0.2)
+    assert half["seconds"] == pytest.approx(half["length_m"] / 0.1, rel=0.02)
+    assert (half["near"]["name"], half["tight"]) == ("wall", None)
+    order(visitor, do="undo")
+    visitor.wait_until(lambda: newest(visitor)["length_m"] == 0, "undo takes it away")
+    order(visitor, do="redo")
+    visitor.wait_until(lambda: newest(visitor)["length_m"] == half["length_m"], "redo brings it back")
+    order(visitor, do="speed", value=0.25)
+    drag(visitor, arc()[12:])
+    stroke = visitor.wait_for("stroke", id="sheet-1")
+    points, speeds, times = stroke["points"], stroke["speeds"], stroke["times_s"]
+    assert len(points) == len(speeds) == len(times)
+    assert points[0] == pytest.approx([-3.2, 0.0], abs=0.01)
+    assert points[-1] == pytest.approx([3.2, 0.0], abs=0.05)
+    assert (speeds[1], speeds[-1]) == (pytest.approx(0.1), pytest.approx(0.25))
+    assert times == sorted(times)
+    assert stroke["pointer"] == "mouse"
+
+
+def test_what_is_too_close_is_said_while_drawing(house: StageHouse, visit: Visit) -> None:
+    visitor = paper(house, visit, "top_down")
+    drag(visitor, arc(0.6, SCENE.person.pose.y))
+    visitor.wait_until(lambda: newest(visitor)["tight"] is not None, "the person is in the way")
+    assert newest(visitor)["tight"]["name"] == "person"
+    assert newest(visitor)["tight"]["metres"] < 0
+    before = newest(visitor)["length_m"]
+    order(visitor, do="problem", at=[SCENE.person.pose.x - 0.4, SCENE.person.pose.y], text="would touch the person")
+    order(visitor, do="cut")
+    visitor.wait_until(lambda: 0 < newest(visitor)["length_m"] < before - 0.5, "the good part is left")
+
+
+def test_by_keys_alone(house: StageHouse, visit: Visit) -> None:
+    visitor = paper(house, visit, "top_down")
+    for _ in range(4):
+        order(visitor, do="key", key="ArrowRight", shift=False)
+    order(visitor, do="key", key="Enter", shift=False)
+    order(visitor, do="key", key="ArrowUp", shift=True)
+    order(visitor, do="key", key="Enter", shift=False)
+    visitor.wait_until(lambda: newest(visitor)["length_m"] > 0.41, "two points are set")
+    order(visitor, do="finish")
+    stroke = visitor.wait_for("stroke")
+    assert stroke["pointer"] == "keys"
+    assert stroke["points"][-1] == pytest.approx([-2.8, 0.02], abs=0.01)
+
+
+@pytest.mark.parametrize("view", ["first_person", "immersive"])
+def test_from_the_eyes_the_ring_begins_a_path_and_elsewhere_the_gaze_turns(
+    house: StageHouse, visit: Visit, view: str
+) -> None:
+    visitor = paper(house, visit, view)
+    before = visitor.camera()
+    mouse = visitor.page.mouse
+    mouse.move(600, 420)
+    mouse.down()
+    mouse.move(560, 420, steps=3)
+    mouse.up()
+    visitor.wait_until(lambda: visitor.camera()[3:] != before[3:], "the gaze turns")
+    assert newest(visitor)["length_m"] == 0
+    drag(visitor, [(-3.2 + 0.1 * k, 0.02 * k) for k in range(12)])
+    visitor.wait_until(lambda: newest(visitor)["length_m"] > 0.9, "a path from the ring")
+    assert newest(visitor)["near"]["name"] in ("wall", "you")
