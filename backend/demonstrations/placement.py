@@ -13,6 +13,7 @@ from backend.simulation.trajectory import Trajectory
 
 NEAR_M = 0.15  # standard deviation of robot, person and goal around their demonstrated places, ours
 NEAR_RAD = 0.3
+NOT_AT_THE_GOAL = 10  # last poses of a drive that are no beginning
 TRIES = 20
 
 
@@ -20,13 +21,14 @@ class Placements:
     """A start pool (`FastEngine`'s `pool`) of both kinds.
 
     near: share of episodes that begin around a pose of a demonstrated drive, with person and goal about where they
-    were; the others are drawn scenes of the environment.
+    were at that moment; the others are drawn scenes of the environment. People stand in both.
     """
 
     def __init__(self, drives: Sequence[Trajectory], *, near: float, seed: int) -> None:
         self._anywhere = ScenePool(drives[0].scene.setup, seed)
         self._rows = scenes_to_rows([drive.scene for drive in drives])
         self._poses = [drive.poses.astype(float) for drive in drives]
+        self._people = [drive.scene.person_poses(drive.times) for drive in drives]
         self._near = near
         self._random = np.random.default_rng([seed, 0xDE])
 
@@ -45,8 +47,9 @@ class Placements:
         for _ in range(TRIES):
             which = random.integers(len(self._poses))
             row: k.Row = self._rows[which].copy()
-            path = self._poses[which]
-            row[k.START_X : k.START_YAW + 1] = path[random.integers(max(1, len(path) - 10))]
+            moment = random.integers(max(1, len(self._poses[which]) - NOT_AT_THE_GOAL))
+            row[k.START_X : k.START_YAW + 1] = self._poses[which][moment]
+            row[k.PERSON_X : k.PERSON_YAW + 1] = self._people[which][moment]
             for column in (k.START_X, k.GOAL_X, k.PERSON_X):
                 row[column : column + 2] += random.normal(0.0, NEAR_M, 2)
                 row[column + 2] = k.wrap(row[column + 2] + random.normal(0.0, NEAR_RAD))

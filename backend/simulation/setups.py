@@ -189,7 +189,7 @@ def require_lidar(setup: Setup) -> None:
     """Raise SetupError for a setup whose observation holds no lidar scan: its inputs mean something else."""
     if setup.solids:
         raise SetupError(
-            f"setup {setup.name} observes closest points; this needs one of {', '.join(PREFERENCE_SETUPS)}"
+            f"setup {setup.name} observes closest points, no lidar; this needs one of {', '.join(PREFERENCE_SETUPS)}"
         )
 
 
