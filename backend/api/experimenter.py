@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Form, Request
+from sqlalchemy.orm import Session as DatabaseSession
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
 
@@ -38,7 +39,8 @@ from backend.store.retention import checked_day, is_overdue
 from backend.study.assignment import STANDINGS, assignment_table
 from backend.study.outline import describe_stages
 from backend.study.protocol import thaw
-from backend.study.versions import newest_protocol
+from backend.study.revising import versions_of
+from backend.study.versions import newest_protocol, protocol_row
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
@@ -75,7 +77,7 @@ def now(request: Request, study_id: str, database: Db) -> Response:
             template,
             everyone=everyone,
             shown=people_rows.shown,
-            stages=people_rows.stages_of(everyone, _stage_keys(study)),
+            stages=people_rows.stages_of(everyone, _stage_keys(s, study)),
             orders=assignment_table(s, study, newest_protocol(s, study)[1].protocol, now=utc_now()),
             standings=STANDINGS,
             order_name=people_rows.order_name,
@@ -115,7 +117,7 @@ def monitor(study_id: str, database: Db) -> dict[str, Any]:
             ],
             "stages": [
                 {"stage": stage, "under_way": here, "dropped": gone}
-                for stage, here, gone in people_rows.stages_of(everyone, _stage_keys(study))
+                for stage, here, gone in people_rows.stages_of(everyone, _stage_keys(s, study))
             ],
             "median_trial_s": people_rows.median_trial_s(everyone),
             "orders": [asdict(line) for line in assignment_table(s, study, newest, now=utc_now())],
@@ -203,21 +205,34 @@ def problems(request: Request, study_id: str, database: Db, participant: str = "
 
 
 @router.get("/lab/studies/{study_id}/protocol")
-def protocol(request: Request, study_id: str, database: Db) -> Response:
+def protocol(request: Request, study_id: str, database: Db, number: int = 0) -> Response:
+    """The study's newest protocol, or the one of that number, with the list of all."""
     with database.session() as s:
         study = the_study(s, study_id)
-        stages = describe_stages(study.protocol, study.files)
-        frozen = thaw(study)
-        return study_tab(request, study, "protocol", frozen=frozen, stages=stages, first_steps=first_steps(frozen))
+        versions = versions_of(s, study)
+        shown = next((line.number for line in versions if line.number == number), versions[-1].number)
+        row = protocol_row(s, study, shown)
+        frozen = thaw(row)
+        return study_tab(
+            request,
+            study,
+            "protocol",
+            frozen=frozen,
+            stages=describe_stages(row.protocol, row.files),
+            first_steps=first_steps(frozen),
+            versions=versions,
+            shown=shown,
+        )
 
 
 @router.get("/lab/studies/{study_id}/protocol.yaml")
-def protocol_file(study_id: str, database: Db) -> Response:
-    """The study's frozen copy, byte for byte."""
+def protocol_file(study_id: str, database: Db, number: int = 0) -> Response:
+    """The study's frozen copy, the newest or that number's, byte for byte."""
     with database.session() as s:
         study = the_study(s, study_id)
+        numbers = [line.number for line in versions_of(s, study)]
         return PlainTextResponse(
-            study.protocol_yaml,
+            protocol_row(s, study, number if number in numbers else numbers[-1]).protocol_yaml,
             media_type="application/yaml",
             headers={"Content-Disposition": f'attachment; filename="{study.protocol_name}.yaml"'},
         )
@@ -353,8 +368,9 @@ def report_data(study_id: str, database: Db, user: SignedIn, who: str = "people"
         return JSONResponse(study_report(s, study, wanted, utc_now()).as_dict())
 
 
-def _stage_keys(study: Study) -> list[str]:
-    return [stage.key for stage in describe_stages(study.protocol, study.files)]
+def _stage_keys(s: DatabaseSession, study: Study) -> list[str]:
+    newest = newest_protocol(s, study)[1]
+    return [stage.key for stage in describe_stages(newest.data, newest.files)]
 
 
 def _is_loopback(address: str) -> bool:
