@@ -188,11 +188,13 @@ def answer_kinds(s: DatabaseSession, study_id: str) -> list[tuple[str, str | Non
 
 
 def own_chosen(answer: Answer) -> bool | None:
-    """Whether a comparison or a guess named the drive made from the participant's own answers; None for others."""
+    """Whether a comparison with the base policy, or a guess, named the drive made from the participant's own answers;
+    None for others. Comparisons with another participant's policy are the whole report's."""
     if answer.response.kind == "guess":
         right: bool | None = answer.response.value.get("right")
         return right
-    own = (answer.trial.arms or {}).get("own") if answer.trial else None
+    arms = (answer.trial.arms or {}) if answer.trial else {}
+    own = None if "other" in arms else arms.get("own")
     return None if own is None else answer.response.value.get("choice") == own
 
 

@@ -7,7 +7,7 @@ drives for the participant's comparison are prepared, so that no page has to wai
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -90,7 +90,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     """A policy aligned with the answers, its gate, and drives of it and the base policy for a blind comparison.
 
     The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
-    `scene` a hash, `base` and `own` ids of stored trajectories; empty where the gate was not passed.
+    `scene` a hash, `base` and `own` ids of stored trajectories; empty where the gate was not passed. `yoked`: the same
+    with `other` instead of `base`, in other scenes, where another participant's policy is named.
     """
     began = time.monotonic()
     snapshot_artefact, snapshot = _load_snapshot(context, params.snapshot)
@@ -132,9 +133,14 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         departures=made.departures,
     )
     context.progress(0.93)
-    comparisons = []
+    comparisons: list[dict[str, Any]] = []
+    yoked: list[dict[str, Any]] = []
     if made.may_be_shown and params.comparisons:
-        comparisons = _comparisons(context, params, (base, base_artefact.id), (made.policy, policy))
+        comparisons = _comparisons(context, params, "base", (base, base_artefact.id), (made.policy, policy))
+        if params.other is not None:
+            lent_artefact, lent = load_policy(context, params.other)
+            seen = {one["scene_seed"] for one in comparisons}
+            yoked = _comparisons(context, params, "other", (lent, lent_artefact.id), (made.policy, policy), seen)
     return {
         "policy": policy,
         "reward_model": reward_model,
@@ -142,6 +148,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "passed": made.may_be_shown,
         "gate": gate,
         "comparisons": comparisons,
+        "yoked": yoked,
         "seconds": round(time.monotonic() - began, 2),
     }
 
@@ -337,26 +344,35 @@ def _keep_reward_model(
 
 
 def _comparisons(
-    context: JobContext, params: AlignParams, base: tuple[Policy, str], own: tuple[Policy, str]
+    context: JobContext,
+    params: AlignParams,
+    against: str,
+    rival: tuple[Policy, str],
+    own: tuple[Policy, str],
+    seen: Collection[int] = (),
 ) -> list[dict[str, Any]]:
-    """Drives of both policies in fresh scenes in which both arrive soon; pairs that look different come first."""
-    setup = get_setup(base[0].setup)
-    scenes = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
+    """Drives of both policies in fresh scenes in which both arrive soon; pairs that look different come first.
+
+    against: what the rival is called. seen: seeds of scenes that are shown already.
+    """
+    setup = get_setup(require_same(rival=rival[0].setup, own=own[0].setup))
+    candidates = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
+    scenes = [scene for scene in candidates if scene.seed not in seen]
     rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
     different: list[tuple[Trajectory, Trajectory]] = []
     alike: list[tuple[Trajectory, Trajectory]] = []
-    drives = [rollout(setup, policy.act, scenes) for policy, _ in (base, own)]
-    for of_base, of_own in zip(*drives, strict=True):
-        if flaw(of_base, rules) is None and flaw(of_own, rules) is None:
-            (alike if look_alike(of_base, of_own, rules) else different).append((of_base, of_own))
+    drives = [rollout(setup, policy.act, scenes) for policy, _ in (rival, own)]
+    for of_rival, of_own in zip(*drives, strict=True):
+        if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
+            (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
     chosen = (different + alike)[: params.comparisons]
     return [
         {
-            "scene": of_base.scene.digest(),
-            "scene_seed": of_base.scene.seed,
-            "base": keep_trajectory(context, of_base, base[1]),
+            "scene": of_rival.scene.digest(),
+            "scene_seed": of_rival.scene.seed,
+            against: keep_trajectory(context, of_rival, rival[1]),
             "own": keep_trajectory(context, of_own, own[1]),
-            "look_alike": look_alike(of_base, of_own, rules),
+            "look_alike": look_alike(of_rival, of_own, rules),
         }
-        for of_base, of_own in chosen
+        for of_rival, of_own in chosen
     ]

@@ -154,7 +154,13 @@ TRIALS = Table(
         Column("turned", YES_NO, "true: the query's second trajectory was shown as A; empty in comparisons"),
         Column("trajectory_a", TEXT, "trajectory shown first; see trajectories"),
         Column("trajectory_b", TEXT, "trajectory shown second; see trajectories"),
-        Column("arms", TEXT, "comparison only: which policy (artefact id) drove a and b, and which is their own", True),
+        Column(
+            "arms",
+            TEXT,
+            "comparison only: which policy (artefact id) drove a and b, which is their own, and which another "
+            "participant's (other), where that was compared; else the one that is not their own is the base policy",
+            True,
+        ),
         Column(
             "look_alike",
             YES_NO,

@@ -237,7 +237,8 @@ class Trial(Base):
     query_id: Mapped[str | None] = mapped_column(String(80))
     trajectory_a: Mapped[str] = mapped_column(ForeignKey("trajectory.id"))
     trajectory_b: Mapped[str] = mapped_column(ForeignKey("trajectory.id"))
-    # comparison only: {"a": artefact id or "dwa", "b": as a, "own": "a"|"b", "look_alike": bool}
+    # comparison only: {"a": artefact id or "dwa", "b": as a, "own": "a"|"b", "look_alike": bool}; with another
+    # participant's policy also "other": "a"|"b"
     arms: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     phase: Mapped[str] = mapped_column(String(16), default="ready")
     phase_since: Mapped[datetime | None]

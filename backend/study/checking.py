@@ -68,7 +68,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         other = "base" if learning.job == "align" else "dwa"
         if compared is not None and compared.arms[0] != other:
             here = ("stages", first("comparison"), "comparison", "arms")
-            yield source.problem(here, f"must be [{other}, own] after a train stage with job {learning.job}")
+            third = ", or [base, own, other]," if learning.job == "align" else ""
+            yield source.problem(here, f"must be [{other}, own]{third} after a train stage with job {learning.job}")
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
     for index, entry in enumerate(protocol.stages):

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
-from backend.store.models import Job, Participant, Response, Session, Study, TrajectoryRow, Trial
+from backend.store.models import Artefact, Job, Participant, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
 from backend.store.strokes import StrokeError, take_demonstrations
@@ -54,7 +54,8 @@ def start_training(
         session.personalisation = "too_few_answers"
         log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
         return
-    scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
+    comparison = next((entry.comparison for entry in protocol.stages if entry.comparison), None)
+    other = _policy_of_another(s, session) if comparison is not None and "other" in comparison.opponents else None
     recipes: list[dict[str, str]] = [{"recipe": stage.recipe}]
     if stage.recipe == "instant":
         recipes.append({"recipe": "refine", "start": "conditioned"})
@@ -65,7 +66,8 @@ def start_training(
             {
                 "snapshot": snapshot.id,
                 "setup": snapshot.setup,
-                "comparisons": scenes,
+                "comparisons": comparison.scenes if comparison is not None else 0,
+                "other": other,
                 "symmetry": protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
                 **recipe,
@@ -78,6 +80,32 @@ def start_training(
         log_event(
             s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id, recipe=recipe["recipe"]
         )
+
+
+def _policy_of_another(s: DatabaseSession, session: Session) -> str | None:
+    """The policy of the participant of the same study whose alignment was ready last; None where nobody's was yet.
+
+    People are compared with people's, simulated participants with simulated ones'. Who withdrew or was excluded lends
+    nothing.
+    """
+    lent = s.scalars(
+        select(Job)
+        .join(Session, Session.id == Job.session_id)
+        .join(Participant, Participant.id == Session.participant_id)
+        .where(
+            Session.study_id == session.study_id,
+            Session.participant_id != session.participant_id,
+            Session.simulated == session.simulated,
+            Participant.withdrawn_at.is_(None),
+            Participant.excluded_at.is_(None),
+            Job.kind == "align",
+            Job.state == "succeeded",
+        )
+        .order_by(Job.finished_at.desc(), Job.id)
+    )
+    ready = (str((job.result or {})["policy"]) for job in lent if _verdict(job) == "shown")
+    here = (one for one in ready if (kept := s.get(Artefact, one)) is not None and kept.quarantined_at is None)
+    return next(here, None)
 
 
 def _learn_from_paths(s: DatabaseSession, files: ArtefactStore, session: Session, protocol: Protocol) -> None:
@@ -160,14 +188,22 @@ def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int
     job = ready_job(s, session)
     result: dict[str, Any] = (job.result or {}) if job is not None else {}
     planned: list[tuple[int, Step]] = [(i, step) for i, step in enumerate(session.plan) if step["kind"] == "comparison"]
-    pairs = list(zip(planned, result.get("comparisons", []), strict=False))
-    for (index, step), drives in pairs:
-        base = s.get(TrajectoryRow, drives["base"])
-        policies = {"own": result["policy"], "base": base.made_by if base is not None else None}
+    made = {"base": iter(result.get("comparisons", [])), "other": iter(result.get("yoked", []))}
+    count = 0
+    for index, step in planned:
+        against = step.get("against", "base")
+        drives = next(made[against], None)
+        if drives is None:
+            continue
+        count += 1
+        rival = s.get(TrajectoryRow, drives[against])
+        policies = {"own": result["policy"], against: rival.made_by if rival is not None else None}
         if job is not None and job.kind == PATHS_JOB:
             policies["base"] = "dwa"  # which is no artefact
-        a, b = ("own", "base") if step["turned"] else ("base", "own")
+        a, b = ("own", against) if step["turned"] else (against, "own")
         arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
+        if against == "other":
+            arms["other"] = "b" if a == "own" else "a"
         s.add(
             Trial(
                 session_id=session.id,
@@ -183,4 +219,4 @@ def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int
             )
         )
     s.flush()
-    return len(pairs)
+    return count

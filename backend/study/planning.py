@@ -106,6 +106,9 @@ def _pages(
     if isinstance(stage, DemonstrationsStage):
         return _drawings(name, stage, random)
     if isinstance(stage, ComparisonStage):
+        against = [opponent for opponent in stage.opponents for _ in range(stage.scenes)]
+        if len(stage.opponents) > 1:
+            against = [against[i] for i in random.permutation(len(against))]
         shown: list[Step] = [
             {
                 "key": f"{name}.{number}",
@@ -113,10 +116,11 @@ def _pages(
                 "stage": name,
                 "view": stage.view or view,
                 "number": number,
-                "of": stage.scenes,
+                "of": len(against),
                 "turned": bool(random.integers(2)),
+                **({"against": opponent} if opponent == "other" else {}),
             }
-            for number in range(1, stage.scenes + 1)
+            for number, opponent in enumerate(against, 1)
         ]
         return [*shown, {"key": f"{name}.guess", "kind": "guess", "stage": name}] if stage.guess else shown
     if isinstance(stage, QuestionnaireStage):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from backend.study.parts import Address, Code, FileName, Localized, Part, Slug, Value, Version
 from backend.study.schema_blocks import BlockBreak, BlockStage
@@ -91,13 +91,33 @@ class ComparisonStage(Part):
     """Base policy and own policy in `scenes` new scenes, blind, sides drawn by lot in each; then, if `guess`, which
     drive of the last pair came from the participant's own answers. Who drew paths sees `dwa`, the dynamic window
     approach (spec 02), in place of `base`.
+
+    `other` as a third arm: in `scenes` further scenes the own policy against that of another participant, the one whose
+    alignment was ready last (yoked). Who prefers the own one there does not merely like what everybody likes.
     """
 
-    arms: tuple[Literal["base", "dwa"], Literal["own"]] = ("base", "own")
+    arms: tuple[Literal["base", "dwa", "own", "other"], ...] = ("base", "own")
     scenes: int = Field(3, ge=1, le=10)
     blind: Literal[True] = True
     view: View | None = Field(None, description="default: the view of the block before")
     guess: bool = True
+
+    @field_validator("arms")
+    @classmethod
+    def _can_be(cls, arms: tuple[str, ...]) -> tuple[str, ...]:
+        if arms not in (("base", "own"), ("base", "own", "other"), ("dwa", "own")):
+            raise ValueError("must be [base, own], [base, own, other] or [dwa, own]")
+        return arms
+
+    @property
+    def opponents(self) -> tuple[str, ...]:
+        """What the own policy is compared with, `scenes` times each."""
+        return tuple(arm for arm in self.arms if arm != "own")
+
+    @property
+    def pairs(self) -> int:
+        """How many comparisons there are."""
+        return self.scenes * len(self.opponents)
 
 
 class DebriefingStage(Part):

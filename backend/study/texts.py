@@ -29,7 +29,7 @@ def text_numbers(protocol: Protocol) -> dict[str, int]:
             places += entry.stage.pairs
             paths += entry.stage.pairs * entry.stage.per_pair
         elif isinstance(entry.stage, ComparisonStage):
-            compared += entry.stage.scenes
+            compared += entry.stage.pairs
     return {
         "minutes": protocol.minutes,
         "pairs": pairs["regular"],

@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial, utc_now
+from backend.store.models import Artefact, Event, Job, Response, Session, Study, TrajectoryRow, Trial, utc_now
 from backend.study import machine
 from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
@@ -244,3 +244,71 @@ def test_leaving_cancels_both(database, instant):
     instant.do(machine.withdraw, now=instant.now)
     with database.session() as s:
         assert {job.state for job in s.scalars(select(Job))} == {"cancelled"}
+
+
+def yoked_study(database, files, twenty_queries):
+    text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries))
+    text = text.replace("choose: information", "choose: random").replace("count: 15", "count: 3")
+    text = text.replace("arms: [base, own], scenes: 3", "arms: [base, own, other], scenes: 2")
+    with database.transaction() as s:
+        return create_study(s, files, freeze_text(text), name="Yoked", created_by=None)
+
+
+def end_alignments(database, files, study, walker, policy, *, yoked):
+    """End the walker's jobs; stored drives stand in for the policies' own. Returns the first job's parameters."""
+    with database.transaction() as s:
+        if s.get(Artefact, policy) is None:
+            s.add(Artefact(id=policy, kind="policy", name=policy, setup="study_room", card={}))
+        queries = queries_of_study(s, files, study)[:4]
+        pairs = [{"own": q.trajectory_b, "look_alike": False} for q in queries]
+        for query in queries[2:]:
+            s.get_one(TrajectoryRow, query.trajectory_a).made_by = "first-policy"
+        jobs = list(s.scalars(select(Job).where(Job.session_id == walker.session.id)))
+        for job in jobs:
+            job.state, job.progress, job.finished_at = "succeeded", 1.0, utc_now()
+            job.result = {
+                "policy": policy,
+                "passed": True,
+                "comparisons": [p | {"base": q.trajectory_a} for p, q in zip(pairs[:2], queries[:2], strict=True)],
+                "yoked": [p | {"other": q.trajectory_a} for p, q in zip(pairs[2:], queries[2:], strict=True)],
+            }
+            if not yoked:
+                job.result = job.result | {"yoked": []}
+        return jobs[0].params
+
+
+def test_a_third_arm_is_the_policy_of_whoever_was_ready_before(database, files, twenty_queries):
+    study = yoked_study(database, files, twenty_queries)
+    first, second = Walker(database, files, study), Walker(database, files, study)
+    first.walk_to("train.wait")
+    assert end_alignments(database, files, study, first, "first-policy", yoked=False)["other"] is None
+    assert settle(first)
+    with database.session() as s:
+        kinds = list(
+            s.scalars(select(Trial.arms).where(Trial.session_id == first.session.id, Trial.kind == "comparison"))
+        )
+    assert len(kinds) == 2  # nobody was there before, so there is nothing to compare with but the base policy
+    assert not any("other" in arms for arms in kinds)
+    second.walk_to("train.wait")
+    assert end_alignments(database, files, study, second, "second-policy", yoked=True)["other"] == "first-policy"
+    assert settle(second)
+    with database.session() as s:
+        trials = list(s.scalars(select(Trial).where(Trial.session_id == second.session.id, Trial.kind == "comparison")))
+        plan = s.get_one(Session, second.session.id).plan
+    yoked = [trial for trial in trials if "other" in trial.arms]
+    assert (len(trials), len(yoked)) == (4, 2)
+    for trial in yoked:
+        assert trial.arms[trial.arms["other"]] == "first-policy"
+        assert trial.arms[trial.arms["own"]] == "second-policy"
+        assert next(step for step in plan if step["key"] == trial.step_key)["against"] == "other"
+    assert {step["of"] for step in plan if step["kind"] == "comparison"} == {4}
+
+
+def test_who_withdrew_lends_no_policy(database, files, twenty_queries):
+    study = yoked_study(database, files, twenty_queries)
+    first, second = Walker(database, files, study), Walker(database, files, study)
+    first.walk_to("train.wait")
+    end_alignments(database, files, study, first, "first-policy", yoked=False)
+    first.do(machine.withdraw, now=first.now)
+    second.walk_to("train.wait")
+    assert end_alignments(database, files, study, second, "second-policy", yoked=False)["other"] is None
