@@ -1,0 +1,24 @@
+"""`desirepath benchmark evaluate` times the work that people wait for. No timing is asserted."""
+
+from __future__ import annotations
+
+import json
+
+from typer.testing import CliRunner
+
+from backend.cli import app
+
+
+def test_episodes_and_a_flow_field_are_timed() -> None:
+    ran = CliRunner().invoke(app, ["benchmark", "evaluate", "--episodes", "20", "--json"])
+    assert ran.exit_code == 0, ran.output
+    result = json.loads(ran.stdout)
+    assert result["setup"] == "open_field"
+    assert result["episodes"] == 20
+    for work in ("evaluate", "flow_field"):
+        assert result[work]["seconds"] > 0
+        assert result[work]["wall_seconds"] > 0
+
+
+def test_no_episodes_are_refused() -> None:
+    assert CliRunner().invoke(app, ["benchmark", "evaluate", "--episodes", "0"]).exit_code != 0
