@@ -23,8 +23,9 @@ from backend.store.query_sets import query_sets_here
 from backend.study.machine import StepView
 from backend.study.pages import payload_of
 from backend.study.planning import Step, make_plan
-from backend.study.protocol import FrozenProtocol, ProtocolError, thaw
+from backend.study.protocol import FrozenProtocol, ProtocolError
 from backend.study.query_plan import placeholders
+from backend.study.versions import newest_protocol
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -106,7 +107,8 @@ def preview_study(request: Request, study_id: str, number: int, database: Db, la
         study = s.get(Study, study_id)
         if study is None:
             raise LabRefusal(404, "no_study")
-        return _preview_page(request, thaw(study), number, language, back=f"/lab/studies/{study.id}/protocol")
+        newest = newest_protocol(s, study)[1]
+        return _preview_page(request, newest, number, language, back=f"/lab/studies/{study.id}/protocol")
 
 
 @router.post("/preview-stage/{token}/{drive}", status_code=204)

@@ -1,0 +1,66 @@
+"""The lab shows every kind of stage in words, previews each of its steps, and tells versions of a protocol apart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+
+from backend.api.dependencies import House
+from backend.api.preview import preview_steps
+from backend.store.models import Study
+from backend.study.revising import revise_study
+from backend.study.studies import create_study
+from backend.study.versions import newest_protocol
+from tests.study.small_protocol import CROSSED, small_protocol
+from tests.study.walking import twenty_queries
+
+ABOUT = {"questionnaire": {"use": "about", "time_limit_s": 60}}
+RATING = {"questionnaire": {"use": "rating"}, "when": {"questionnaire": "about", "item": "age", "at_least": 30}}
+EVERYTHING = [
+    ABOUT,
+    {"comprehension": {"use": "quiz", "text": "instruction.md"}},
+    {"block": {**CROSSED["block"], "attention_checks": 1, "viewing": {"replays": 1, "choice_limit_s": 20}}},
+    {"break": {"text": "pause.md", "at_least_s": 20}},
+    {"appointment": {"text": "come_back.md"}},
+    RATING,
+    {"questionnaire": {"use": "order"}},
+]
+
+
+@pytest.fixture
+def study(lab_house: House, tmp_path: Path) -> Study:
+    folder = tmp_path / "protocols"
+    folder.mkdir()
+    keys = {"query_set": str(twenty_queries(folder)), "assignment": {"scheme": "latin_square"}}
+    with lab_house.database.transaction() as s:
+        study = create_study(
+            s, lab_house.files, small_protocol(folder, EVERYTHING, **keys), name="Everything", created_by=None
+        )
+        revise_study(s, lab_house.files, study, small_protocol(folder, EVERYTHING[:-1], version=2, **keys), by="ada")
+    return study
+
+
+def test_every_stage_is_told_in_words_and_versions_stand_apart(lab: TestClient, study: Study):
+    newest = lab.get(f"/lab/studies/{study.id}/protocol").text
+    first = lab.get(f"/lab/studies/{study.id}/protocol?number=1").text
+    for page in (newest, first):
+        assert "Versions of the protocol" in page
+        assert "Who joins from now on meets other stages" in page
+        assert "Comprehension check" in page
+        assert "view: top_down, first_person, immersive" in page
+        assert "lab.protocol." not in page
+    assert ">order</span>" in first
+    assert ">order</span>" not in newest
+    assert "version: 1" in lab.get(f"/lab/studies/{study.id}/protocol.yaml?number=1").text
+    assert "version: 2" in lab.get(f"/lab/studies/{study.id}/protocol.yaml").text
+
+
+def test_every_step_of_a_protocol_can_be_previewed(lab: TestClient, lab_house: House, study: Study):
+    with lab_house.database.session() as s:
+        steps = preview_steps(newest_protocol(s, s.get_one(Study, study.id))[1])
+    assert {"attention", "comprehension", "break", "appointment", "trial"} <= {step["kind"] for step in steps}
+    for number, step in enumerate(steps, 1):
+        answered = lab.get(f"/lab/studies/{study.id}/preview/{number}")
+        assert answered.status_code == 200, (step["kind"], answered.text[:500])
