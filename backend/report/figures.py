@@ -57,6 +57,7 @@ def items_picture(found: Findings) -> Picture:
         figure, axes = blank(columns, 1.55 * columns + 0.4, 2.1 * lines + 0.5, rows=lines)
         for ax, item in zip(axes, found.items, strict=False):
             _item(ax, item, found)
+        _same_heights(axes[: len(found.items)])
         for ax in axes[len(found.items) :]:
             ax.set_visible(False)
         for ax in axes[::columns]:
@@ -102,6 +103,13 @@ def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
     ax.set(title=told(item.item.key), xticks=[], ylim=(1, max(top, level) + 0.2))
     ax.set_yticks(range(1, top + 1))
     quiet(ax)
+
+
+def _same_heights(axes: Sequence[Axes]) -> None:
+    """One scale for all panels, so that equal bars mean equal numbers."""
+    low, high = min(ax.get_ylim()[0] for ax in axes), max(ax.get_ylim()[1] for ax in axes)
+    for ax in axes:
+        ax.set_ylim(low, high)
 
 
 def ranking_picture(found: Findings) -> Picture:
@@ -189,6 +197,7 @@ def disagreement_picture(found: Findings) -> Picture:
             ax.axhline(0, color=SOFT, linewidth=0.7)
             ax.set(title=f"{letter}  {METRICS[metric][0]}", xticks=[])
             quiet(ax)
+        _same_heights(axes[: len(metrics)])
         for ax in axes[len(metrics) :]:
             ax.set_visible(False)
         for ax in axes[::columns]:

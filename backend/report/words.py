@@ -143,22 +143,25 @@ def _test_cells(test: Tested) -> list[str]:
 def _rankings(found: Findings) -> Section:
     if not found.rankings:
         return Section("Ranking of the conditions")
+    options = list(dict.fromkeys(name for one in found.rankings for name in one.places))
     rows = [
         [
             one.item.text,
-            ", ".join(f"{name.replace('_', ' ')} {'/'.join(map(str, counts))}" for name, counts in one.places.items()),
+            *("/".join(map(str, one.places.get(name, ()))) or NONE for name in options),
             *_test_cells(one.test),
         ]
         for one in found.rankings
     ]
-    heads = ["question", "people who put it first/second/third", "χ²", "df", "p", "p, corrected", "V", "n"]
+    heads = ["question", *(name.replace("_", " ") for name in options), "χ²", "df", "p", "p, corrected", "V", "n"]
     sentences = [
         f"Chi-square test of first choices against equal shares, p corrected over the {len(found.rankings)} rankings "
         f"({found.rankings[0].test.correction}); where significant, z-tests of the pairs, Bonferroni. The choices of "
         "one question exclude each other, so z = (a - b) / √(a + b).",
     ]
     points = [t.sentence(found.plan.alpha) for one in found.rankings for t in _told(one.test, one.pairs, found)]
-    return Section("Ranking of the conditions", sentences, [Table("Forced rankings.", heads, rows)], points)
+    return Section(
+        "Ranking of the conditions", sentences, [Table("How many put each first/second/third.", heads, rows)], points
+    )
 
 
 def _agreement(found: Findings) -> Section:

@@ -18,7 +18,8 @@ FIELDS = ("block", "view", "role", "questionnaire", "instructed")
 
 
 def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:
-    """The current step's condition, role and query, and its items with their right answers (`answer`), for a bot."""
+    """What the current step is about, for a bot: condition, role, query; items with their right answers (`answer`); a
+    consent's purposes, so that what bots answered may be learned from."""
     if session.state != "active":
         return {}
     step = machine.step_of(session)
@@ -28,6 +29,8 @@ def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -
     if view.kind in TRIAL_KINDS:
         trial = machine.trial_of(s, session)
         return told | {"query": trial.query_id if trial is not None else None}
+    if view.kind == "consent":
+        return told | {"purposes": [purpose["key"] for purpose in view.payload["purposes"]]}
     if "questionnaire" not in step:
         return told
     asked = protocol_of(s, session).questionnaires[step["questionnaire"]].items

@@ -22,6 +22,7 @@ from backend.learning.queries import Query
 from backend.report.cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
+from backend.study.links import next_token
 from backend.study.words import DRAWN_KINDS
 
 POLL_S = 0.5  # how often a waiting bot looks
@@ -42,6 +43,10 @@ class Way(Protocol):
 
     def join(self, told: Mapping[str, Any]) -> str:
         """Take part as a simulated participant; told: the oracle's name and settings. Returns the code."""
+        ...
+
+    def come_back(self) -> State:
+        """Go on with the next appointment, at once: bots need not wait for its window."""
         ...
 
     def state(self) -> State: ...
@@ -105,7 +110,7 @@ def any_answer(
     if step["kind"] == "attention":
         return {"choice": step["instructed"]}
     if step["kind"] == "consent":
-        return {"given": True}
+        return {"given": True, "purposes": dict.fromkeys(step.get("purposes", ()), True)}
     return {item["key"]: _value(item, step.get("block"), random, person) for item in step.get("items", [])}
 
 
@@ -192,8 +197,11 @@ class Bot:
         """From the first page to the last."""
         state = self._way.state()
         stood_since = time.monotonic()
-        while state["state"] == "active":
+        while state["state"] == "active" or state["step"]["kind"] == "appointment":
             step = state["step"]
+            if step["kind"] == "appointment":
+                state = self._way.come_back()
+                continue
             if step["kind"] == "wait":
                 if time.monotonic() - stood_since > PATIENCE_S:
                     raise BotError(f"participant {self._participant} waited {PATIENCE_S:.0f} s at step {step['key']!r}")
@@ -257,6 +265,11 @@ class HttpWay:
         self.token = str(joined["token"])
         self._api = f"/api/session/{self.token}"
         return str(joined["participant"])
+
+    def come_back(self) -> State:
+        self.token = next_token(self.token)
+        self._api = f"/api/session/{self.token}"
+        return self.state()
 
     def state(self) -> State:
         return self._answered("GET", self._api)
