@@ -33,7 +33,7 @@ def _check_link(request: Request) -> None:
         with house(request).database.session() as s:
             if "token" in request.path_params:
                 find_session(s, request.path_params["token"], now=utc_now(), lock=False)
-            else:
+            elif "recruiting_token" in request.path_params:
                 study_by_link(s, request.path_params["recruiting_token"])
     except Refused as refused:
         if refused.code == "unknown":

@@ -1,4 +1,7 @@
-"""The recruiting link: the welcome page with its device check, and joining. Nothing is stored before somebody joins."""
+"""The ways in: the recruiting link with its device check, and the code of a later appointment.
+
+Nothing is stored before somebody joins.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,9 @@ import asyncio
 import ipaddress
 import json
 from typing import Annotated, Any
+from urllib.parse import quote
 
-from fastapi import APIRouter, Query, Request
+from fastapi import APIRouter, Form, Query, Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.dependencies import contact, house, page
@@ -15,6 +19,7 @@ from backend.api.participant_requests import storable, too_many
 from backend.api.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.store.models import Participant
 from backend.study.joining import check_open, join_study
+from backend.study.links import as_issued
 from backend.study.refusals import Refused
 from backend.study.schema import DeviceGate
 from backend.study.studies import study_by_link
@@ -108,6 +113,20 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
     if is_json:
         return JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
     return RedirectResponse(f"/p/{token}", status_code=303)
+
+
+@router.get("/back")
+def code_page(request: Request) -> Response:
+    """Where the code of a later appointment is typed, on a device that does not have the link."""
+    texts = house(request).texts
+    language = texts.best(request.headers.get("Accept-Language"), texts.languages)
+    return page(request, "participant/back.html", language=language, contact=contact(request))
+
+
+@router.post("/back")
+def go_back(code: Annotated[str, Form()] = "") -> Response:
+    """To the session behind the code; a wrong one is told there as a wrong link is."""
+    return RedirectResponse(f"/p/{quote(as_issued(code.strip()), safe='')}", status_code=303)
 
 
 def _from_here(request: Request) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.dependencies import House, contact, stage_origin
+from backend.api.dependencies import House, contact, public_url, stage_origin
 from backend.api.stage_bridge import bridge_of, stage_token
 from backend.store.models import Participant, Session, utc_now
 from backend.study import machine, personalisation
@@ -37,6 +37,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "next_kind": next_kind(session.plan, session.position),
         "state": state_of(request, s, session, view),
         "expires_at": session.expires_at,
+        "address": public_url(request) if view.kind == "appointment" else None,
     }
 
 

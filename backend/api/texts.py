@@ -92,9 +92,8 @@ class Catalogue:
         """A day in words, e.g. `21 November 2026`."""
         return format_date(value, format="long", locale=self._locale)
 
-    def moment(self, value: datetime | str) -> str:
-        """A day in words with the time of day, in the value's own time zone. value: also in its ISO form."""
-        value = datetime.fromisoformat(value) if isinstance(value, str) else value
+    def moment(self, value: datetime) -> str:
+        """A day in words with the time of day, in the value's own time zone."""
         return f"{self.date(value)}, {value:%H:%M}"
 
     def _find(self, key: str) -> Entry:

@@ -7,7 +7,7 @@ reader. How a page behaves in a running study is in test_session_page.py and in 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +53,7 @@ _ITEMS: list[dict[str, Any]] = [
 ]
 _VIEWS = [{"value": label.lower(), "label": label} for label in ("Above", "Eyes", "Room")]
 _PURPOSES = [{"key": "training", "text": "Robots may learn from them?"}, {"key": "open_data", "text": "Publish them?"}]
-_TIMES = {"opens_at": "2026-11-28T09:00:00+00:00", "expires_at": "2026-12-05T09:00:00+00:00"}
+_TIMES = {"opens_at": WHEN, "expires_at": WHEN + timedelta(days=7)}
 
 STEPS: dict[str, dict[str, Any]] = {
     "information": {"title": TITLE, "text": "Two *short* paragraphs.\n\n## What you do\n\n- watch\n- choose"},
@@ -158,6 +158,10 @@ def example_application() -> FastAPI:
         context = {"payload": STEPS["consent"], "given_at": WHEN, "purposes": {"training": True}, "code": "P-4F7K"}
         return page(request, "participant/consent_copy.html", language, study_title=TITLE, **context)
 
+    @application.get("/back")
+    def back(request: Request, language: str = "en") -> Response:
+        return page(request, "participant/back.html", language)
+
     @application.get("/help")
     def help_page(request: Request, language: str = "en") -> Response:
         context = {"token": "x", "expires_at": WHEN, "looks_around": True}
@@ -167,6 +171,7 @@ def example_application() -> FastAPI:
     def step(request: Request, kind: str, language: str = "en") -> Response:
         shown = ExampleStep(KINDS.get(kind, kind), f"05-{kind}", 5, 24, STEPS[kind])
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
+        context |= {"address": "https://study.example.org"}
         context |= {"payment": "You are paid for the time that you gave."}
         context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"], "next_kind": "questionnaire"}
         return page(request, "participant/session.html", language, study_title=TITLE, **context)

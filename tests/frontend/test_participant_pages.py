@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 REFUSALS = ("unknown", "expired", "closed", "full", "already_joined", "no_webgl", "withdrawn", "not_found", "internal")
-ADDRESSES = ["/join", "/copy", "/help", "/refusal/unknown", *(f"/step/{kind}" for kind in STEPS)]
+ADDRESSES = ["/join", "/back", "/copy", "/help", "/refusal/unknown", *(f"/step/{kind}" for kind in STEPS)]
 WCAG = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}}
 COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
 

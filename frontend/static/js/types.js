@@ -24,7 +24,7 @@
  * @property {TrialState | null} [trial]
  *
  * @typedef {object} SessionState what `GET /api/session/{token}` answers, and every POST beside its own things
- * @property {"active" | "paused" | "completed" | "withdrawn" | "expired"} state
+ * @property {"active" | "paused" | "completed" | "withdrawn" | "expired" | "screened_out"} state
  * @property {StepState | null} step
  * @property {string} language
  * @property {string} [stage_url] where the step is a trial
