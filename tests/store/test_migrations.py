@@ -27,6 +27,7 @@ from backend.store.models import (
     Participant,
     Response,
     Session,
+    StrokeRow,
     Study,
     Tombstone,
     User,
@@ -229,6 +230,40 @@ def test_sessions_of_before_there_were_appointments_are_kept_and_may_end_in_new_
         s.execute(update(Session).values(simulated=True))
     person = "1" * 32
     erase_participant(either, files, person, "tester", data=tmp_path)
+
+
+def test_sessions_of_before_there_were_strokes_can_draw_and_nothing_that_was_drawn_changes(
+    either: Database, files: ArtefactStore, tmp_path: Path
+):
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0001")
+        _fill_first_tables(connection)
+        command.upgrade(migration_config(connection), "0003")
+    either.migrate()
+    drawn = {"points": [[0.0, 0.0], [1.0, 0.0]], "speeds": [0.2, 0.2], "times_s": [0.0, 1.0]}
+    with either.transaction() as s:
+        session = s.scalars(select(Session)).one()
+        stroke = StrokeRow(
+            session_id=session.id,
+            step_key="demonstrations.1.1",
+            attempt=1,
+            environment="corridor",
+            pair=0,
+            view="top_down",
+            pointer="mouse",
+            drawn=drawn,
+            state="drawn",
+            request_id="r1",
+        )
+        s.add(stroke)
+    with pytest.raises(DBAPIError, match="what was drawn is never changed"), either.transaction() as s:
+        s.execute(update(StrokeRow).values(drawn={}))
+    with pytest.raises(DBAPIError, match="a stroke is never deleted"), either.transaction() as s:
+        s.execute(delete(StrokeRow))
+    with either.transaction() as s:  # what becomes of it may change
+        s.execute(update(StrokeRow).values(state="kept"))
+        assert s.scalars(select(StrokeRow.drawn)).one() == drawn
+    assert erase_participant(either, files, "1" * 32, "tester", data=tmp_path)["counts"]["strokes"] == 1
 
 
 def _fill_first_tables(connection: Connection) -> None:
