@@ -98,10 +98,16 @@ class BrowserWay:
         self._page.goto(f"{self._url}/p/{self._http.token}")
         return code
 
+    def come_back(self) -> State:
+        """By the link that the page shows, in the same window."""
+        state = self._http.come_back()
+        self._page.goto(f"{self._url}/p/{self._http.token}")
+        return state
+
     def state(self) -> State:
         state = self._http.state()
         if state["state"] != "active":
-            self._page.locator("[data-kind=debriefing], [data-kind=screened_out]").wait_for()
+            self._page.locator("[data-kind=debriefing], [data-kind=screened_out], [data-kind=appointment]").wait_for()
             self._picture("end")
         return state
 

@@ -20,6 +20,7 @@ from backend.study import drawing, machine, personalisation
 from backend.study.bot_view import told_to_bots
 from backend.study.bots import BotError, Character, State, walk_all
 from backend.study.joining import join_study
+from backend.study.links import next_token
 from backend.study.refusals import Refused
 from backend.study.sessions import acting
 
@@ -66,6 +67,10 @@ class _InProcess:
                 return s.get_one(Participant, session.participant_id).code
         except Refused as refused:
             raise BotError(f"the study refused a bot: {refused.message}") from refused
+
+    def come_back(self) -> State:
+        self._token = next_token(self._token)
+        return self.state()
 
     def state(self) -> State:
         def act(s: DatabaseSession, session: Session) -> None:
