@@ -17,9 +17,9 @@ from backend.analysis.metrics import collision_rate, measure, success_rate, time
 from backend.demonstrations.controllers import drive
 from backend.demonstrations.demonstration import Demonstration
 from backend.learning.policy import Policy
-from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.scene_sets import SCENES_PER_SEED, Purpose, first_seed
 from backend.simulation.scene import Scene, SceneError
-from backend.simulation.scenes import check_scene
+from backend.simulation.scenes import check_scene, draw_scenes
 from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
@@ -27,6 +27,7 @@ PROFILE_POINTS = 50
 SPARSE_M = 0.1  # spacing at which paths are compared: finer changes distances by less than 1 cm
 EXACT_M = 1e-3
 CHANGING_M_S = 0.01  # a demonstration whose speed has a smaller standard deviation has no profile to follow
+DRAWN_AT_ONCE = 50  # divides a set's 10,000 scenes
 NEAREST_GOAL_M = 1.0  # between a drawn start and its goal
 KINDS = ("starts", "goals", "people", "anywhere")
 
@@ -127,7 +128,7 @@ def unseen_scenes(pairs: Sequence[Scene], kind: str, n: int, *, purpose: Purpose
     """n scenes that nobody demonstrated in, from the drawn ones of that purpose and seed.
 
     kind: what is drawn: `starts` (of the robot), `goals`, `people` (place and heading), or all three: `anywhere`. The
-    rest is as in the pairs, in turn. Raises ValueError for another kind.
+    rest is as in the pairs, in turn. Raises ValueError for another kind, SceneError if too few scenes fit.
     """
     taken: dict[str, Callable[[Scene, Scene], Scene]] = {
         "starts": lambda pair, drawn: replace(pair, start=drawn.start),
@@ -138,15 +139,21 @@ def unseen_scenes(pairs: Sequence[Scene], kind: str, n: int, *, purpose: Purpose
     if kind not in taken:
         raise ValueError(f"kind {kind!r}: known are {', '.join(taken)}")
     found: list[Scene] = []
-    for drawn in scene_set(pairs[0].setup, min(10_000, 20 * n + 100), purpose=purpose, seed=seed):
-        scene = replace(taken[kind](pairs[len(found) % len(pairs)], drawn), seed=drawn.seed, walk=None)
-        start, goal = scene.start, scene.goal
-        try:
-            check_scene(scene)
-        except SceneError:
-            continue  # the drawn part does not fit the rest
-        if math.dist((start.x, start.y), (goal.x, goal.y)) >= NEAREST_GOAL_M:
-            found.append(scene)
+    first = first_seed(purpose, seed)
+    for begin in range(first, first + SCENES_PER_SEED, DRAWN_AT_ONCE):
+        for drawn in draw_scenes(pairs[0].setup, range(begin, begin + DRAWN_AT_ONCE)):
+            scene = replace(taken[kind](pairs[len(found) % len(pairs)], drawn), seed=drawn.seed, walk=None)
+            if len(found) < n and _drivable(scene):
+                found.append(scene)
         if len(found) == n:
-            break
-    return found
+            return found
+    raise SceneError("seed", seed, f"gave fewer than {n} scenes with random {kind}; ask for fewer or another seed")
+
+
+def _drivable(scene: Scene) -> bool:
+    """Whether the drawn part fits the rest, with some way to go."""
+    try:
+        check_scene(scene)
+    except SceneError:
+        return False
+    return math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)) >= NEAREST_GOAL_M
