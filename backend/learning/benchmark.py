@@ -53,7 +53,6 @@ def alone(base: BaseConfig) -> BaseConfig:
 
 ABLATION: dict[str, Callable[[BaseConfig], BaseConfig]] = {
     "as_it_is": lambda base: base,
-    "one_environment": alone,
     "a_quarter_of_the_updates_per_step": lambda base: replace(base, updates_per_step=base.updates_per_step // 4),
     "four_times_the_updates_per_step": lambda base: replace(base, updates_per_step=base.updates_per_step * 4),
 }
@@ -131,17 +130,18 @@ def benchmark_train(
         return kept.run(f"{arm} {seed}", partial(training, arm, replace(of, seed=seed), config))
 
     # Seed by seed: what is slow on this machine for a while is slow for all arms.
-    entries = [entry for seed in range(seeds) for arm in arms for entry in train(arm, *trainings[arm], seed)]
-    note = None
+    trained = [entry for seed in range(seeds) for arm in arms for entry in train(arm, *trainings[arm], seed)]
+    entries, note = trained, None
     if "sb3_pybullet" in arms:
         per_step = pybullet_seconds_per_step(get_setup(setup), config.pybullet_steps)
-        entries = [_on_pybullet(entry, per_step) if entry.arm == "sb3_pybullet" else entry for entry in entries]
+        entries = [_on_pybullet(entry, per_step) if entry.arm == "sb3_pybullet" else entry for entry in trained]
         note = (
             "not trained in PyBullet: SB3 with one environment and one update per step on the fast engine; its seconds "
             f"are its steps times {per_step * 1e3:.2f} ms per step of one PyBullet environment with wheel motors "
             f"(measured over {config.pybullet_steps} steps, restarts included) plus its seconds of updates"
         )
     judged = {arm: _judged(entries, arm, WEIGHTS[arm]) for arm in arms}
+    alone_s = _median([e.seconds_to_94 for e in trained if e.arm == "sb3_pybullet"]) if note else None
     medians = {arm: _median_seconds(found) for arm, found in judged.items()}
     return {
         "setup": setup,
@@ -155,7 +155,7 @@ def benchmark_train(
         "per_seed": [asdict(entry) for entry in entries],
         **_ratios(medians, "sb3_fast"),
         **_ratios(medians, "sb3_pybullet"),
-        "causes": _causes(judged, entries, chosen.batch_size) if {"fast", "sb3_fast"} <= set(judged) else None,
+        "causes": _causes(judged, entries, chosen.batch_size, alone_s) if {"fast", "sb3_fast"} <= set(judged) else None,
         "ablation": _ablation(chosen, partial(train, training=train_ours), ablation_seeds) if ablation_seeds else None,
         "sb3_pybullet_note": note,
         "network_heads": list(chosen.heads),
@@ -184,11 +184,14 @@ def _judged(entries: Sequence[Reached], arm: str, weights: Sequence[str]) -> lis
     return [min(same, key=lambda e: (e.seconds_to_94 is None, e.seconds)) for same in per_seed.values()]
 
 
-def _causes(judged: dict[str, list[Reached]], entries: Sequence[Reached], batch_size: int) -> dict[str, Any]:
+def _causes(
+    judged: dict[str, list[Reached]], entries: Sequence[Reached], batch_size: int, alone_s: float | None
+) -> dict[str, Any]:
     """Where the gain over SB3 on the same engine comes from: medians over seeds, and SB3's divided by ours.
 
     `matmul_gflops`: part of `ms_per_update`'s ratio is that NumPy's library multiplies matrices of this size faster
-    (or slower) than torch's on this machine.
+    (or slower) than torch's on this machine. `batched_environments`: SB3 with one environment and one update per step,
+    on the fast engine too, against SB3 with many (null where the PyBullet arm did not run).
     """
     by_last = _judged(entries, "fast", (LAST,))
 
@@ -200,11 +203,13 @@ def _causes(judged: dict[str, list[Reached]], entries: Sequence[Reached], batch_
         }
         return {**middle, "ratio": _ratio(middle["sb3_fast"], middle["fast"])}
 
+    sb3_s = _median_seconds(judged["sb3_fast"]).value
     numpys, torchs = matmul_gflops(batch_size), matmul_gflops_torch(batch_size)
     return {
         "ms_per_update": compared("ms_per_update", judged["fast"], if_reached=False),
         "matmul_gflops": {"fast": numpys, "sb3_fast": torchs, "ratio": numpys / torchs},
         "ms_per_transition_stepped": compared("ms_per_transition", judged["fast"], if_reached=False),
+        "batched_environments": {"sb3_alone_seconds_to_94": alone_s, "ratio": _ratio(alone_s, sb3_s)},
         "updates_needed": compared("updates", judged["fast"], if_reached=True),
         "updates_needed_without_averaging": compared("updates", by_last, if_reached=True),
     }

@@ -44,6 +44,7 @@ def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfi
     assert pybullet["seconds"] > pybullet["transitions"] * 1e-3
     assert set(result["causes"]["ms_per_update"]) == {"fast", "sb3_fast", "ratio"}
     assert result["causes"]["updates_needed"]["fast"] is None
+    assert result["causes"]["batched_environments"]["ratio"] is None
     changed = result["ablation"]["four_times_the_updates_per_step"]
     assert changed["seconds_to_94"] is None
     assert changed["seconds_longer_than"] > 0
