@@ -96,6 +96,7 @@ def test_pages_are_accessible_and_fit(chromium, address, walked: Walked, scheme)
         "/lab/studies",
         "/lab/new",
         "/lab/settings",
+        "/lab/audit",
         "/lab/password",
         *(f"{study}/{tab}" for tab in ("now", "people", "protocol", "recruit", "data", "report")),
         *(f"{study}/{rows}" for rows in ("answers", "events", "problems", "erased")),
