@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.commands.study import open_store
 from backend.settings import get_settings
 
@@ -31,10 +31,14 @@ def export(
     as_json: JsonFlag = False,
 ) -> None:
     """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
+    from backend.store.audit import record
     from backend.store.export import export_study
 
     database, files = open_store()
-    say(dict(export_study(database, files, study, out, pilots=pilots, open_data=open_data)), as_json)
+    written = export_study(database, files, study, out, pilots=pilots, open_data=open_data)
+    with database.transaction() as s:
+        record(s, "study_exported", by=COMMAND_LINE, study_id=study, pilots=pilots, open_data=open_data)
+    say(dict(written), as_json)
 
 
 @plain_errors
@@ -51,10 +55,14 @@ def import_(
 @plain_errors
 def backup(out: Annotated[Path, typer.Option(help="File to write.")], as_json: JsonFlag = False) -> None:
     """Copy the database and all artefacts into one file; the server may keep running."""
+    from backend.store.audit import record
     from backend.store.backup import backup as write_backup
 
     database, files = open_store()
-    say(dict(write_backup(database, files, out)), as_json)
+    written = write_backup(database, files, out)
+    with database.transaction() as s:
+        record(s, "backup_made", by=COMMAND_LINE)
+    say(dict(written), as_json)
 
 
 @plain_errors

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from sqlalchemy import select
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.commands.science import parsed_settings, run_job
 from backend.commands.study import open_store
 from backend.store.models import Job
@@ -69,5 +69,5 @@ def cancel(job: str, as_json: JsonFlag = False) -> None:
 
     database, _ = open_store()
     with database.transaction() as s:
-        row = cancel_job(s, job, by="command line")
+        row = cancel_job(s, job, by=COMMAND_LINE)
         say({"job": row.id, "state": row.state}, as_json)

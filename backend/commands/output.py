@@ -26,6 +26,7 @@ IndifferenceOption = Annotated[
 MyopiaOption = Annotated[
     float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
 ]
+COMMAND_LINE = "command line"  # who did it, where logs ask: there are no accounts here
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
 P = ParamSpec("P")
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.commands.study import open_store
 from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
@@ -261,7 +261,7 @@ def finished_job(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]
     parsed = get_kind(kind).parse(params)
     with database.transaction() as s:
         register_shipped(s, files)
-        job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by="command line").id
+        job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by=COMMAND_LINE).id
     state, result, error = _wait(database, job)
     if state != "succeeded":
         raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.settings import get_settings
 
 if TYPE_CHECKING:
@@ -104,5 +104,5 @@ def password(
     database, _ = open_store()
     made = reset_password(database, name)
     with database.transaction() as s:
-        record(s, "password_reset", by="command line", name=name)
+        record(s, "password_reset", by=COMMAND_LINE, name=name)
     say({"name": name, "password": made}, as_json)

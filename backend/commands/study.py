@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from backend.commands.loopback import loopback_server
-from backend.commands.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
+from backend.commands.output import (
+    COMMAND_LINE,
+    IndifferenceOption,
+    JsonFlag,
+    MyopiaOption,
+    NoiseOption,
+    plain_errors,
+    say,
+)
 from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -236,9 +244,9 @@ def erase(
         raise LookupError(f"no participant {participant!r} in study {study!r}")
     if not yes:
         typer.confirm(f"Erase everything of participant {participant}? This cannot be undone.", abort=True, err=True)
-    erased = erase_participant(database, files, identity, by="command line", data=get_settings().data)
+    erased = erase_participant(database, files, identity, by=COMMAND_LINE, data=get_settings().data)
     with database.transaction() as s:
-        record(s, "participant_erased", by="command line", study_id=study)
+        record(s, "participant_erased", by=COMMAND_LINE, study_id=study)
     say(erased, as_json)
 
 
@@ -257,4 +265,4 @@ def erase_overdue(
     if not yes:
         typer.confirm(f"Erase every participant of study {study}? This cannot be undone.", abort=True, err=True)
     data = get_settings().data
-    say(erase_all(database, files, study, by="command line", now=utc_now(), data=data), as_json)
+    say(erase_all(database, files, study, by=COMMAND_LINE, now=utc_now(), data=data), as_json)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.commands.study import commands, open_store, query_sets
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def revise(
         row = s.get(Study, study)
         if row is None:
             raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
-        version = revise_study(s, files, row, frozen, by="command line")
+        version = revise_study(s, files, row, frozen, by=COMMAND_LINE)
         on = {line.number: line.people + line.simulated for line in versions_of(s, row)}
     result = {"study": study, "number": version.number, "changes": version.changes, "participants_on_version": on}
     if as_json:
