@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.metrics import measure
+from backend.analysis.metrics import collision_rate, measure, success_rate, timeout_rate
 from backend.demonstrations.controllers import BASELINES, drive
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.demonstrators import STYLES, demonstrate
@@ -24,7 +24,7 @@ from backend.learning.policy import Policy
 from backend.learning.scene_sets import Purpose
 from backend.reproduction.pieces import Function, Made, Piece
 from backend.simulation.demonstration_scenes import demonstration_scenes
-from backend.simulation.trajectory import Outcome, Trajectory
+from backend.simulation.trajectory import Trajectory
 
 OURS = "ours"
 CONTROLLERS = (OURS, *BASELINES)
@@ -37,6 +37,8 @@ VARIANTS: dict[str, dict[str, Any]] = {  # what training is without one of its p
 }
 PER_PAIR = 4  # demonstrations; the thesis's participants gave three to five
 SECONDS_PER_UPDATE = 0.0025
+SECONDS_PER_BASELINE_SCENE = 0.05
+JUDGED_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -81,26 +83,31 @@ class Cell:
 
 @dataclass(frozen=True)
 class Plan:
-    """trained: the training of a cell; judged: its drives and numbers."""
+    """trained: the training of a cell; judged: its drives from demonstrated starts; unseen: those elsewhere, for a
+    baseline the same piece in every style's cell, because it knows of none.
+    """
 
     budget: Budget
     trained: dict[Cell, Piece]
     judged: dict[Cell, Piece]
+    unseen: dict[Cell, Piece]
 
     def pieces(self) -> list[Piece]:
         """All of them; needs come along."""
-        return list(self.judged.values())
+        return [*self.judged.values(), *self.unseen.values()]
 
 
 def make_plan(budget: Budget) -> Plan:
     """Which pieces a budget has."""
     trained: dict[Cell, Piece] = {}
     judged: dict[Cell, Piece] = {}
+    unseen: dict[Cell, Piece] = {}
     for environment in budget.environments:
         for style in budget.styles:
             whole = environment == budget.environments[0] and style in budget.ablated
             for seed in budget.seeds:
                 shown = {"environment": environment, "style": style, "per_pair": budget.per_pair, "seed": seed}
+                elsewhere = {"environment": environment, "seed": seed, "scenes": budget.unseen}
                 for variant in VARIANTS if whole else (OURS,):
                     cell = Cell(environment, style, variant, seed)
                     config = {"seed": seed, "updates": budget.updates, **VARIANTS[variant]}
@@ -110,14 +117,14 @@ def make_plan(budget: Budget) -> Plan:
                         seconds=budget.updates * SECONDS_PER_UPDATE,
                     )
                     trained[cell] = training
-                    judged[cell] = Piece(
-                        "judged", {**shown, "controller": OURS, "unseen": budget.unseen}, (training,), 10.0
-                    )
+                    judged[cell] = Piece("judged", {**shown, "controller": OURS}, (training,), JUDGED_S)
+                    unseen[cell] = Piece("unseen", {**elsewhere, "controller": OURS}, (training,), JUDGED_S)
                 for baseline in BASELINES:
-                    judged[Cell(environment, style, baseline, seed)] = Piece(
-                        "judged", {**shown, "controller": baseline, "unseen": budget.unseen}, seconds=30.0
-                    )
-    return Plan(budget, trained, judged)
+                    cell = Cell(environment, style, baseline, seed)
+                    judged[cell] = Piece("judged", {**shown, "controller": baseline}, seconds=JUDGED_S)
+                    seconds = SECONDS_PER_BASELINE_SCENE * len(KINDS) * budget.unseen
+                    unseen[cell] = Piece("unseen", {**elsewhere, "controller": baseline}, seconds=seconds)
+    return Plan(budget, trained, judged, unseen)
 
 
 def demonstrations_of(params: Mapping[str, Any]) -> list[Demonstration]:
@@ -151,28 +158,33 @@ def controller(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     return Made({"curve": curve, "chosen": trained.chosen}, {"policy": np.frombuffer(content, dtype=np.uint8)})
 
 
+def _driver(params: Mapping[str, Any], needs: Sequence[Made]) -> str | Policy:
+    return Policy.from_bytes(needs[0].arrays["policy"].tobytes()) if needs else str(params["controller"])
+
+
 def judged(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    """Drives from every demonstrated start and in unseen scenes, measured; the demonstrations measured beside them."""
-    driver: str | Policy = params["controller"]
-    if needs:
-        driver = Policy.from_bytes(needs[0].arrays["policy"].tobytes())
+    """Drives from every demonstrated start, measured; the demonstrations measured beside them."""
     demonstrations = demonstrations_of(params)
-    drives = drive(driver, [d.scene for d in demonstrations])
-    pairs = demonstration_scenes(params["environment"])
-    unseen: dict[str, Any] = {}
+    drives = drive(_driver(params, needs), [d.scene for d in demonstrations])
     arrays = {**_shown(drives, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
+    return Made({"judged": judge_drives(drives, demonstrations).as_dict()}, arrays)
+
+
+def unseen(params: dict[str, Any], needs: Sequence[Made]) -> Made:
+    """Drives where nothing was demonstrated, in the reporting scenes of the seed, measured."""
+    pairs = demonstration_scenes(params["environment"])
+    found: dict[str, Any] = {}
     for kind in KINDS:
-        scenes = unseen_scenes(pairs, kind, params["unseen"], purpose=Purpose.REPORT, seed=params["seed"])
-        found = drive(driver, scenes)
-        measured = measure(found)
-        unseen[kind] = {
+        scenes = unseen_scenes(pairs, kind, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
+        measured = measure(drive(_driver(params, needs), scenes))
+        found[kind] = {
             "n": len(scenes),
-            "success_rate": float((measured.outcome == Outcome.SUCCESS).mean()),
-            "collision_rate": float((measured.outcome == Outcome.COLLISION).mean()),
-            "timeout_rate": float((measured.outcome == Outcome.TIMEOUT).mean()),
+            "success_rate": success_rate(measured.outcome),
+            "collision_rate": collision_rate(measured.outcome),
+            "timeout_rate": timeout_rate(measured.outcome),
             "min_human_distance_m": float(measured.min_human_distance.mean()),
         }
-    return Made({"judged": judge_drives(drives, demonstrations).as_dict(), "unseen": unseen}, arrays)
+    return Made({"unseen": found}, {})
 
 
 def _shown(drives: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
@@ -191,4 +203,4 @@ def _shown(drives: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
     }
 
 
-FUNCTIONS: dict[str, Function] = {"controller": controller, "judged": judged}
+FUNCTIONS: dict[str, Function] = {"controller": controller, "judged": judged, "unseen": unseen}

@@ -162,7 +162,7 @@ def unseen_picture(plan: Plan, load: Load, environment: str) -> Picture:
                         for c in plan.judged
                         if (c.environment, c.style, c.controller) == (environment, style, controller)
                     ]
-                    found = [load(plan.judged[cell].key).meta["unseen"][kind] for cell in cells]
+                    found = [load(plan.unseen[cell].key).meta["unseen"][kind] for cell in cells]
                     rates.append(float(np.mean([one["success_rate"] for one in found])))
                     rows.append(
                         {

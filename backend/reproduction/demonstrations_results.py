@@ -74,9 +74,9 @@ def rows_of(plan: Plan, load: Load) -> list[Row]:
 def _row(plan: Plan, load: Load, cells: Sequence[Cell]) -> Row:
     told = []
     for cell in cells:
-        meta = load(plan.judged[cell].key).meta
-        unseen = {kind: found["success_rate"] for kind, found in meta["unseen"].items()}
-        told.append({**meta["judged"], **unseen})
+        unseen = load(plan.unseen[cell].key).meta["unseen"]
+        rates = {kind: found["success_rate"] for kind, found in unseen.items()}
+        told.append({**load(plan.judged[cell].key).meta["judged"], **rates})
     values = {name: _over([one[name] for one in told], np.mean) for name in told[0]}
     worst = {name: _over([one[name] for one in told], np.min if bar.at_least else np.max) for name, bar in BARS.items()}
     trained = [load(plan.trained[cell].key).meta["made"]["cpu_seconds"] for cell in cells if cell in plan.trained]

@@ -37,7 +37,8 @@ def reproduce_demonstrations(
         tell(estimate(plan.pieces(), work).in_words(processes))
 
         def told(piece: Piece, done: int, todo: int, left: float) -> None:
-            what = f"{piece.kind}, {piece.params['style']} in the {piece.params['environment']}"
+            whose = piece.params.get("style", piece.params.get("controller", ""))
+            what = f"{piece.kind}, {whose} in the {piece.params['environment']}"
             tell(f"[{done}/{todo}] {what}; about {told_time(left)} left")
 
         computed = finish(plan.pieces(), FUNCTIONS, work, processes=processes, on_piece=told)
