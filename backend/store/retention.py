@@ -23,7 +23,7 @@ class RetentionError(ValueError):
 
 
 def checked_day(text: str, now: datetime) -> datetime | None:
-    """The end of a day (UTC) as 2027-03-31; None for an empty text. Raises ValueError for no day or one that is over."""
+    """The end of a day (UTC) as 2027-03-31; None for an empty text. Raises ValueError for what is no day or over."""
     if not text:
         return None
     end = datetime.combine(date.fromisoformat(text), time(23, 59, 59), UTC)
