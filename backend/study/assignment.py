@@ -92,6 +92,13 @@ def places_held_by(
     }
 
 
+def people_taken(s: DatabaseSession, study: Study, protocol: Protocol) -> int:
+    """How many people count as taken in: done, or able to go on; not bots, a pilot's people only while it is one."""
+    now = utc_now()
+    people = _people(s, study, simulated=False, pilot=study.pilot)
+    return sum(_standing(one, protocol.assignment, now) in ("completed", "active", "lapsed") for one in people)
+
+
 def _key(given: dict[str, Any]) -> tuple[Any, ...]:
     order = tuple(name for names in given["blocks"].values() for name in names)
     return given["design"], given["row"], order, tuple(given["groups"].values())

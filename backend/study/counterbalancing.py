@@ -9,6 +9,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
+from math import factorial, prod
 from typing import Any
 
 import numpy as np
@@ -80,6 +81,11 @@ def design_of(protocol: Protocol) -> Design:
     keyed = zip(stage_keys(protocol.stages), protocol.stages, strict=True)
     blocks = {key: entry.block for key, entry in keyed if entry.block and (entry.block.each or entry.block.one_of)}
     scheme = protocol.assignment.scheme
+    count = prod(len(block.groups) * _how_many(len(block.conditions(0)), scheme) for block in blocks.values())
+    if count > MOST_ROWS:  # counted before they are made: ten conditions have 3.6 million
+        raise ValueError(
+            f"has {count} different orders, more than {MOST_ROWS}; use latin_square or williams, or random"
+        )
     choices = [
         [
             Placement(group, order)
@@ -88,15 +94,15 @@ def design_of(protocol: Protocol) -> Design:
         ]
         for block in blocks.values()
     ]
-    count = int(np.prod([len(choice) for choice in choices])) if scheme != "random" else 0
-    if count > MOST_ROWS:
-        raise ValueError(
-            f"has {count} different orders, more than {MOST_ROWS}; use latin_square or williams, or random"
-        )
     rows = tuple(dict(zip(blocks, row, strict=True)) for row in product(*choices)) if blocks and count else ()
     told = {key: [block.each, block.one_of] for key, block in blocks.items()}
     digest = hashlib.sha256(json.dumps([scheme, told]).encode()).hexdigest()[:16]
     return Design(scheme, blocks, rows, digest)
+
+
+def _how_many(n: int, scheme: str) -> int:
+    """How many orders of n conditions `orders` makes."""
+    return {"all_orders": factorial(n), "williams": n if n % 2 == 0 else 2 * n, "latin_square": n}.get(scheme, 0)
 
 
 def orders(n: int, scheme: str) -> list[tuple[int, ...]]:

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from datetime import timedelta
 from typing import Any
 
-from sqlalchemy import func, or_, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
-from backend.study.assignment import assign
+from backend.study.assignment import assign, people_taken
 from backend.study.devices import fitted
 from backend.study.links import CODE_LETTERS, token_hash
 from backend.study.planning import PlanError, make_plan, session_seed
@@ -29,30 +29,9 @@ def check_open(s: DatabaseSession, study: Study) -> None:
     """Raises Refused if nobody is taken in: 403 `closed`, 403 `full`."""
     if study.state != "open":
         raise Refused(403, "closed", "This study does not take anybody in at the moment.", study_id=study.id)
-    limit = study.protocol.get("participants")
-    if limit is not None and _taken(s, study) >= limit:
+    protocol = newest_protocol(s, study)[1].protocol
+    if protocol.participants is not None and people_taken(s, study, protocol) >= protocol.participants:
         raise Refused(403, "full", "This study has all the participants it needs.", study_id=study.id)
-
-
-def _taken(s: DatabaseSession, study: Study) -> int:
-    """People who count: in or done, not excluded, withdrawn, expired or simulated; a pilot's only while it is one."""
-    counted = (
-        select(func.count(func.distinct(Participant.id)))
-        .join(Session, Session.participant_id == Participant.id)
-        .where(
-            Participant.study_id == study.id,
-            Participant.simulated.is_(False),
-            Participant.pilot.is_(study.pilot),
-            Participant.excluded_at.is_(None),
-            Participant.withdrawn_at.is_(None),
-            or_(
-                Session.state == "completed",
-                # nobody may ever look again at a session whose time is over, so its state still says active
-                Session.state.in_(("active", "paused")) & (Session.expires_at > utc_now()),
-            ),
-        )
-    )
-    return s.scalar(counted) or 0
 
 
 def join_study(

@@ -19,7 +19,7 @@ STAGES = [
             "before": [{"instruction": {"text": "instruction.md"}}],
             "trials": [
                 {"queries": {"count": 1, "role": "learning"}},
-                {"queries": {"count": 3, "probes": {"repeat": 1, "swap": 1}}},
+                {"queries": {"count": 2, "probes": {"repeat": 1, "swap": 1}}},
             ],
             "after": [{"questionnaire": {"use": "rating"}}],
             "between": [{"break": {"text": "pause.md", "at_least_s": 60}}],
@@ -39,22 +39,19 @@ def test_bots_finish_it_and_leave_every_sort_of_row(tmp_path, database, files, t
     )
     with database.transaction() as s:
         study = create_study(s, files, frozen, name="Everything", created_by=None)
-    done = walk_in_process(database, files, study, 3)
-    assert done["completed"] == 3
+    done = walk_in_process(database, files, study, 2)
+    assert done["completed"] == 2
     with database.session() as s:
         sessions = s.scalars(select(Session).order_by(Session.created_at)).all()
         trials = s.scalars(select(Trial)).all()
         kinds = set(s.scalars(select(Response.kind)))
-    assert [one.appointment for one in sessions] == [1, 2, 1, 2, 1, 2]
-    assert {tuple(one.assignment["order"]) for one in sessions} == {
-        ("top_down", "first_person", "immersive"),
-        ("first_person", "immersive", "top_down"),
-        ("immersive", "top_down", "first_person"),
-    }
+    assert [one.appointment for one in sessions] == [1, 2, 1, 2]
+    assert len({tuple(one.assignment["order"]) for one in sessions}) == 2
+    assert sessions[0].assignment == sessions[1].assignment
     assert {"attention", "comprehension", "break", "questionnaire", "preference", "consent"} <= kinds
     by_id = {trial.id: trial for trial in trials}
     probes = [trial for trial in trials if trial.role in ("repeat", "swap")]
-    assert len(probes) == 3 * 3 * 2
+    assert len(probes) == 2 * 3 * 2
     for probe in probes:
         before = by_id[probe.probe_of]
         assert (before.query_id, before.block, before.role) == (probe.query_id, probe.block, "regular")

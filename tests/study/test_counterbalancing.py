@@ -234,6 +234,7 @@ def test_a_scheme_without_conditions_and_too_many_orders_are_refused(tmp_path):
         small_protocol(tmp_path, [BLOCK], assignment={"scheme": "williams"})
     factors = {"view": VIEWS, "told": ["a", "b", "c"]}
     crossed = {"block": {"each": factors, "trials": [{"queries": {"count": 1}}]}}
+    assert len(design_of(small_protocol(tmp_path, [crossed], assignment={"scheme": "williams"}).protocol).rows) == 18
     with pytest.raises(ProtocolError, match="362880 different orders, more than 5040; use latin_square"):
         small_protocol(tmp_path, [crossed], assignment={"scheme": "all_orders"})
 

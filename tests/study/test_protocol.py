@@ -8,7 +8,10 @@ import shutil
 from pathlib import Path
 
 import pytest
+import yaml
 
+from backend.analysis.scales import SCALES
+from backend.study.devices import device_problems, fitted
 from backend.study.outline import describe_stages, expected_minutes
 from backend.study.pages import payload_of
 from backend.study.protocol import (
@@ -19,9 +22,11 @@ from backend.study.protocol import (
     shipped_protocols,
     validate_protocol_file,
 )
-from backend.study.schema import json_schema
+from backend.study.refusals import Refused
+from backend.study.schema import DeviceGate, json_schema
 from backend.study.schema_stages import StageEntry
 from backend.study.words import STAGE_KINDS
+from tests.study.small_protocol import BLOCK, protocol_text, write_files
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
 INFORMATION = {"key": "information", "kind": "information", "stage": "information"}
@@ -262,3 +267,112 @@ def test_the_published_schema_is_the_schema_and_the_reference_names_every_key():
     reference = (docs / "protocol-reference.md").read_text()
     keys = {key for part in (json_schema(), *json_schema()["$defs"].values()) for key in part.get("properties", {})}
     assert sorted(key for key in keys if not re.search(rf"\b{key}\b", reference)) == []
+
+
+# ---- questionnaires --------------------------------------------------------------------------------------------------
+
+
+def asked(tmp_path: Path, **content) -> list[dict]:
+    """What is wrong with a protocol whose questionnaire `rating` is this one."""
+    write_files(tmp_path)
+    content = {"title": {"en": "Rating"}, **content}
+    (tmp_path / "questionnaires" / "rating.yaml").write_text(yaml.safe_dump(content, allow_unicode=True))
+    (tmp_path / "small.yaml").write_text(protocol_text([{"questionnaire": {"use": "rating"}}, BLOCK]))
+    return validate_protocol_file(tmp_path / "small.yaml")["errors"]
+
+
+def items_of(scale: str, language: str = "en") -> list[dict]:
+    """A validated scale's items as somebody would write them out."""
+    return [
+        {
+            "key": item.key,
+            "type": "scale",
+            "points": SCALES[scale].points,
+            "reversed": item.reversed,
+            **{field: {language: getattr(item, field)[language]} for field in ("text", "low", "high")},
+        }
+        for item in SCALES[scale].items
+    ]
+
+
+def test_a_validated_scale_is_asked_by_its_name_word_by_word_and_kept_in_the_studys_copy(tmp_path):
+    assert asked(tmp_path, blocks=[{"scale": "sus"}, {"scale": "raw_tlx"}]) == []
+    frozen = freeze(tmp_path / "small.yaml")
+    items = frozen.questionnaires["rating"].items
+    assert [item.text["en"] for item in items] == [
+        item.text["en"] for name in ("sus", "raw_tlx") for item in SCALES[name].items
+    ]
+    assert [item.reversed for item in items[:4]] == [False, True, False, True]
+    assert {"scales/sus.json", "scales/raw_tlx.json"} <= set(frozen.files)
+    assert asked(tmp_path, blocks=[{"scale": "sus", "items": items_of("sus")}]) == []
+
+
+def test_a_reworded_item_cannot_carry_a_scales_name(tmp_path):
+    reworded = items_of("sus")
+    reworded[4]["text"]["en"] = "I found the various functions were well integrated."
+    (error,) = asked(tmp_path, blocks=[{"scale": "sus", "items": reworded}])
+    assert (error["field"], error["value"]) == ("blocks[0].scale", "sus")
+    assert "not those of SUS word by word; leave 'items' out" in error["message"]
+    (error,) = asked(tmp_path, title={"en": "The System Usability Scale"}, blocks=[{"items": reworded}])
+    assert error["field"] == "title"
+    assert "carries the name of the validated scale SUS, whose items are not asked here" in error["message"]
+    (error,) = asked(tmp_path, blocks=[{"scale": "suss"}])
+    assert "did you mean sus" in error["message"]
+
+
+def test_a_scale_without_a_checked_translation_is_refused_in_that_language(tmp_path):
+    write_files(tmp_path)
+    for name in ("consent.de.md", "consent.en.md", "debriefing.de.md", "debriefing.en.md"):
+        (tmp_path / name).write_text("# Words\nwords")
+    content = {"title": {"en": "Load", "de": "Last"}, "blocks": [{"scale": "raw_tlx"}]}
+    (tmp_path / "questionnaires" / "rating.yaml").write_text(yaml.safe_dump(content))
+    keys = {"languages": ["en", "de"], "title": {"en": "S", "de": "K"}}
+    text = protocol_text([{"questionnaire": {"use": "rating"}}, BLOCK], **keys)
+    with pytest.raises(ProtocolError, match="is there in en, not in de"):
+        freeze_text(text, folder=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("item", "says"),
+    [
+        ({"type": "ranking", "options": []}, "at least two 'options'"),
+        ({"type": "choice", "options": [{"value": 1, "label": {"en": "a"}}] * 2}, "has a value twice"),
+        ({"type": "number", "reversed": True}, "'reversed' is for scales"),
+        ({"type": "number", "correct": 3}, "'correct' needs a choice or a scale"),
+        ({"type": "scale", "low": {"en": "a"}, "high": {"en": "b"}, "instructed": 9}, "none of the answers: 1, 2, 3"),
+    ],
+)
+def test_an_item_that_cannot_be_answered_as_it_says_is_told(tmp_path, item, says):
+    errors = asked(tmp_path, blocks=[{"items": [{"key": "one", "text": {"en": "?"}, **item}]}])
+    assert says in errors[0]["message"]
+
+
+# ---- devices ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("device", "problems"),
+    [
+        ({"webgl": True, "width": 1200, "height": 700, "pointer": "fine", "frame_rate": 40}, []),
+        ({"webgl": True}, []),  # what a browser does not tell stands against nobody
+        ({"webgl": False, "width": 1200}, ["webgl"]),
+        ({"webgl": True, "width": 400, "height": 300, "pointer": "coarse"}, ["width", "height", "pointer"]),
+        ({"webgl": True, "frame_rate": 4.5}, ["frame_rate"]),
+    ],
+)
+def test_a_device_is_measured_against_the_gate(device, problems):
+    gate = DeviceGate(min_width=1000, min_height=600, pointers=["fine"], min_frame_rate=10, light_below=20)
+    assert device_problems(gate, device) == problems
+    assert device_problems(None, device) == []
+    if problems:
+        with pytest.raises(Refused) as no:
+            fitted(gate, device, study_id="s")
+        assert (no.value.code, no.value.details["reasons"]) == ("device", problems)
+    assert fitted(gate, device, study_id="s", simulated=True)["scene_detail"] in ("full", "light")
+
+
+def test_a_slow_device_gets_a_lighter_scene_before_it_is_refused():
+    gate = DeviceGate(min_frame_rate=10, light_below=20)
+    rates = {25: "full", 15: "light"}
+    for rate, detail in rates.items():
+        assert fitted(gate, {"webgl": True, "frame_rate": rate}, study_id="s")["scene_detail"] == detail
