@@ -10,6 +10,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
@@ -135,7 +136,7 @@ def measures_picture(plan: Plan, load: Load, environment: str) -> Picture:
             ax.set_title(told)
             ax.set_xticks(range(len(styles)), [style.replace("_", "\n") for style in styles])
             quiet(ax)
-        axes[0].legend(frameon=False, fontsize=7)
+        _legend_below(figure, axes[0])
     return Picture(
         f"measures_{environment}",
         f"Path length, distance and area in the {environment}",
@@ -183,7 +184,7 @@ def unseen_picture(plan: Plan, load: Load, environment: str) -> Picture:
             ax.set_xticks(range(len(styles)), [style.replace("_", "\n") for style in styles], fontsize=6)
             quiet(ax)
         axes[0].set_ylabel("success rate")
-        axes[0].legend(frameon=False, fontsize=7, loc="lower left")
+        _legend_below(figure, axes[0])
     return Picture(
         f"unseen_{environment}",
         f"Success where nothing was demonstrated, {environment}",
@@ -222,7 +223,7 @@ def speeds_picture(plan: Plan, load: Load, environment: str) -> Picture:
             quiet(ax)
         axes[0].set_ylabel("speed (m/s)")
         lines = [Line2D([], [], color=COLOURS[name], label=NAMES[name]) for name in (DEMONSTRATED, OURS)]
-        axes[0].legend(handles=lines, frameon=False, fontsize=7)
+        figure.legend(handles=lines, frameon=False, fontsize=7, ncols=2, loc="outside lower center")
     return Picture(
         f"speeds_{environment}",
         f"Speed profiles in the {environment}, {style.replace('_', ' ')}",
@@ -234,6 +235,11 @@ def speeds_picture(plan: Plan, load: Load, environment: str) -> Picture:
 
 def _profile(ax: Axes, share: NDArray[Any], profile: NDArray[Any], colour: str) -> None:
     ax.plot(share, profile, color=colour, linewidth=0.8, alpha=0.8)
+
+
+def _legend_below(figure: Figure, ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=7, ncols=len(labels), loc="outside lower center")
 
 
 def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Picture:
@@ -256,11 +262,11 @@ def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Pict
                     | {name: p[name] for name in CURVES}
                     for p in curve
                 ]
-        for ax, told in zip(axes, CURVES.values(), strict=True):
-            ax.set(title=told, xlabel="CPU seconds", ylim=(0, None))
+        for ax, (name, told) in zip(axes, CURVES.items(), strict=True):
+            ax.set(title=told, xlabel="CPU seconds", ylim=(0, None if name == "frechet_m" else 1.02))
             quiet(ax)
         axes[0].axhline(0.25, color=INK, linewidth=0.6, linestyle=":")
-        axes[0].legend(frameon=False, fontsize=6)
+        _legend_below(figure, axes[0])
     return Picture(
         f"curves_{environment}_{style}",
         f"Learning curves, {style.replace('_', ' ')} in the {environment}",
