@@ -6,7 +6,7 @@
 
 const MEASURED_MS = 1000;
 const WARM_UP_FRAMES = 4; // the first pictures of a page pay for what later ones do not
-const PATIENCE_MS = 6000; // a window in the background draws nothing: then nothing is known
+const PATIENCE_MS = 6000; // then what was drawn so far counts; of a window in the background nothing is known
 /** As many triangles as a room with its person and robot (9,300), see app/figures.py. */
 const RINGS = 97;
 const SEGMENTS = 48;
@@ -40,26 +40,28 @@ export async function frameRate(width, height) {
   const gl = canvas.getContext("webgl2", { antialias: true });
   if (!gl) return null;
   try {
-    return await Promise.race([measured(gl), new Promise((done) => setTimeout(() => done(null), PATIENCE_MS))]);
+    return await measured(gl);
   } finally {
     gl.getExtension("WEBGL_lose_context")?.loseContext();
   }
 }
 
-/** @param {WebGL2RenderingContext} gl @returns {Promise<number>} */
+/** @param {WebGL2RenderingContext} gl @returns {Promise<number | null>} */
 function measured(gl) {
   const draw = readyRoom(gl);
   const pixel = new Uint8Array(4);
   let frames = 0;
-  let began = 0;
+  let warm = false;
+  let began = performance.now();
   return new Promise((done) => {
+    setTimeout(() => done(document.hidden ? null : (frames * 1000) / (performance.now() - began)), PATIENCE_MS);
     const step = () => {
       draw(performance.now() / 1000);
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, pixel); // waits until the picture is really drawn
       frames += 1;
       const now = performance.now();
-      if (frames === WARM_UP_FRAMES) began = now;
-      if (frames > WARM_UP_FRAMES && now - began >= MEASURED_MS) done(((frames - WARM_UP_FRAMES) * 1000) / (now - began));
+      if (!warm && frames === WARM_UP_FRAMES) [warm, began, frames] = [true, now, 0];
+      if (warm && now - began >= MEASURED_MS) done((frames * 1000) / (now - began));
       else requestAnimationFrame(step);
     };
     requestAnimationFrame(step);

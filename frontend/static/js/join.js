@@ -69,9 +69,11 @@ function check() {
   report("size", size, say(size ? "size_good" : screenFits ? "size_small" : touch && turned ? "size_turn" : "size_phone"));
   const good = pointer === "coarse" ? "input_touch" : "input_mouse";
   report("input", Boolean(pointer), say(pointer ? good : touch ? "input_no_touch" : "input_no_mouse"));
-  const fast = !rate || !gate.min_frame_rate || rate >= gate.min_frame_rate;
+  /** @param {number | null} least */
+  const below = (least) => typeof rate === "number" && least !== null && rate < least;
+  const fast = !below(gate.min_frame_rate);
   if (rate !== undefined) {
-    const light = Boolean(rate && gate.light_below && rate < gate.light_below);
+    const light = below(gate.light_below);
     report("rate", fast, say(rate === null ? "rate_unknown" : !fast ? "rate_bad" : light ? "rate_light" : "rate_good"));
   }
   if (!webgl) refuse("webgl");
@@ -94,7 +96,7 @@ form.addEventListener("submit", () => {
     pointer,
     touch: navigator.maxTouchPoints > 0,
     webgl,
-    ...(rate ? { frame_rate: Math.round(rate * 10) / 10 } : {}),
+    ...(typeof rate === "number" ? { frame_rate: Math.round(rate * 10) / 10 } : {}),
     scheme: matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light",
     reduced_motion: matchMedia("(prefers-reduced-motion: reduce)").matches,
   });
