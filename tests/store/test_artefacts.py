@@ -268,6 +268,21 @@ def test_a_snapshot_of_some_participants_leaves_the_others_out(study: SmallStudy
             take_snapshot(s, study.files, study_id="unknown")
 
 
+def test_a_snapshot_of_one_view_holds_what_was_answered_in_it(study: SmallStudy):
+    study.participant("P1", choices="ababab")
+    with study.database.transaction() as s:
+        trials = list(s.scalars(select(Trial).order_by(Trial.index)))
+        for trial in trials[::2]:
+            trial.view = "immersive"
+    with study.database.transaction() as s:
+        every = load_snapshot(s, study.files, take_snapshot(s, study.files, study_id=study.id).id)
+        row = take_snapshot(s, study.files, study_id=study.id, view="immersive")
+        one = load_snapshot(s, study.files, row.id)
+    assert row.name.endswith("in immersive")
+    assert list(one.answers) == [answer for answer in every.answers if answer.view == "immersive"]
+    assert 0 < len(one.answers) < len(every.answers)
+
+
 def test_a_snapshot_never_mixes_setups(study: SmallStudy):
     _, session = study.participant("P1")
     with study.database.transaction() as s:
