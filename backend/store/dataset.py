@@ -141,7 +141,7 @@ TRIALS = Table(
         Column("step", TEXT, "key of the trial's step in the plan"),
         Column("index", WHOLE, "order within the session"),
         Column("block", TEXT, "experimental condition (e.g. the view), where the protocol has several"),
-        Column("kind", TEXT, "query (two ensemble members) or comparison (base policy and own policy)"),
+        Column("kind", TEXT, "query (two members), comparison (base and own policy) or evaluation (one drive alone)"),
         Column(
             "role",
             TEXT,

@@ -8,7 +8,7 @@ from typing import Any
 from backend.study.protocol import FrozenProtocol
 from backend.study.refusals import Refused
 from backend.study.schema_questionnaires import Item, Questionnaire
-from backend.study.words import DRAWN_KINDS
+from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
 
 CONFIRMED = ("information", "instruction", "break", "wait", "appointment", "debriefing")  # read, nothing to answer
 
@@ -30,7 +30,7 @@ def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> d
     if not isinstance(value, dict):
         raise BadValue("value", value, "must be an object")
     kind = step["kind"]
-    if kind in CONFIRMED:
+    if kind in (*CONFIRMED, *SINGLE_KINDS):
         return {}
     if kind == "trial" and timed_out(value) and "choice_limit_s" in step.get("viewing", {}):
         return {"timed_out": True}

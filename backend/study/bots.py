@@ -23,7 +23,7 @@ from backend.report.cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 from backend.study.links import next_token
-from backend.study.words import DRAWN_KINDS
+from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
 
 POLL_S = 0.5  # how often a waiting bot looks
 BUSY_TRIES = 20  # of a request that a busy server put off (503); nothing of it was stored, so it is simply sent again
@@ -220,6 +220,9 @@ class Bot:
     def _watched(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """The way a page goes: start, A seen, B seen, then the choice between the two drives."""
         state = self._way.start(step["key"])
+        if step["kind"] in SINGLE_KINDS:
+            self._way.seen(step["key"], "a", state["step"]["trial"]["playback_id"])
+            return {}
         for drive in ("a", "b"):
             state = self._way.seen(step["key"], drive, state["step"]["trial"]["playback_id"])
         self._comparisons += step["kind"] == "comparison"

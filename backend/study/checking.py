@@ -15,7 +15,7 @@ from backend.study.schema_stages import ComprehensionStage, When
 from backend.study.source import Problem, Source
 
 ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
-ONCE = ("consent", "train", "comparison")
+ONCE = ("consent", "train", "comparison", "evaluation")
 
 
 def problems_across(
@@ -58,6 +58,11 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         yield source.problem(("stages",), "needs at least one block of trials, or demonstrations")
     if "block" in kinds and protocol.query_set is None:
         yield source.problem(("query_set",), "is needed: it is what the block's queries are drawn from")
+    if "evaluation" in kinds:
+        if first("evaluation") < first("train") or "demonstrations" not in kinds:
+            yield at(first("evaluation"), "needs demonstrations and a train stage before it: it shows what was learned")
+        if kinds[first("evaluation") - 1] == "appointment":
+            yield at(first("evaluation"), "needs a page before it, so that the new appointment begins with words")
     learning = next((entry.train for entry in protocol.stages if entry.train), None)
     if learning is not None:
         taught_by = "block" if learning.job == "align" else "demonstrations"

@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
-from backend.study import appointments, asking, drawing, personalisation, routing
+from backend.study import appointments, asking, drawing, evaluating, personalisation, routing
 from backend.study.answers import checked_value, timed_out
 from backend.study.leaving import change_language, pause, report_problem, resume, withdraw
 from backend.study.planning import Step
@@ -239,6 +239,8 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
     protocol = protocol_of(s, session).protocol
     if step["kind"] == "trial":
         _make_trial(s, files, session, step, now)
+    elif step["kind"] == "evaluation":
+        evaluating.make_trial(s, session, step, now)
     if any(one.get("then") == "train" for one in passed):
         personalisation.start_training(s, files, session, s.get_one(Study, session.study_id), protocol)
     if step["kind"] == "wait":

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockQuestionnaire, BlockStage
+from backend.study.schema_demonstrations import EvaluationStage
 from backend.study.schema_stages import ComprehensionStage, QuestionnaireStage, StageEntry, TrainStage
 from backend.study.source import Path
 
@@ -15,6 +16,8 @@ def questionnaires_of(entry: StageEntry) -> Iterator[tuple[str, Path]]:
     stage = entry.stage
     if isinstance(stage, QuestionnaireStage | ComprehensionStage):
         yield stage.use, ("use",)
+    elif isinstance(stage, EvaluationStage):
+        yield stage.questionnaire, ("questionnaire",)
     elif isinstance(stage, TrainStage) and stage.meanwhile:
         yield stage.meanwhile.questionnaire, ("while", "questionnaire")
     elif isinstance(stage, BlockStage):

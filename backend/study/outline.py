@@ -13,10 +13,11 @@ from backend.study.protocol import FrozenProtocol
 from backend.study.query_plan import placeholders
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockBreak, BlockStage
-from backend.study.schema_demonstrations import DemonstrationsStage
+from backend.study.schema_demonstrations import CONTROLLERS, DemonstrationsStage, EvaluationStage
 from backend.study.schema_stages import ComparisonStage, StageEntry, stage_keys
 from backend.study.texts import filled, local, variant
 
+SECONDS_PER_DRIVE = 35  # ours: 6 m at about 0.2 m/s, and a press on the button
 SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
 
 
@@ -84,6 +85,10 @@ def expected_minutes(protocol: Protocol, *, seconds_per_drive: float = 9.0) -> f
             drawing_s += stage.pairs * stage.per_pair * SECONDS_PER_PATH
         elif isinstance(stage, ComparisonStage):
             trials += stage.pairs
+        elif isinstance(stage, EvaluationStage):
+            drawn = [one.demonstrations for one in protocol.stages if one.demonstrations]
+            drawing_s += sum(one.pairs for one in drawn) * len(CONTROLLERS) * SECONDS_PER_DRIVE
+            pages += len(drawn) * len(CONTROLLERS)
         elif isinstance(stage, BlockBreak):
             resting_s += stage.at_least_s
             pages += 1

@@ -14,7 +14,7 @@ from backend.study.schema_blocks import Viewing
 from backend.study.schema_questionnaires import Item, Questionnaire
 from backend.study.schema_stages import stage_keys
 from backend.study.texts import local
-from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, SINGLE_KINDS, TRIAL_KINDS
 
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
 
@@ -75,7 +75,10 @@ def _code_and_way(completion_code: str | None, url: str | None) -> dict[str, Any
 
 
 def trial_payload(step: Step) -> dict[str, Any]:
-    """The payload of a trial or comparison, whose words are the catalogues' and not the study's."""
+    """The payload of a trial, comparison or evaluation, whose words are the catalogues' and not the study's. Of an
+    evaluation it tells the robot's place, not its name."""
+    if step["kind"] in SINGLE_KINDS:
+        return {name: step[name] for name in ("role", "view", "robot", "number", "of")}
     viewing = Viewing.model_validate(step.get("viewing", {}))
     return {
         "role": step.get("role", "regular"),

@@ -24,6 +24,7 @@ from backend.study.schema_stages import TrainStage
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 SIMULATED_WAITS = 5  # ours: bots wait behind people
 PATHS_JOB = "train_demonstrations"
+EVERY_PAIR = 4  # spec 02: situations of an environment
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
 
@@ -111,6 +112,8 @@ def _policy_of_another(s: DatabaseSession, session: Session) -> str | None:
 def _learn_from_paths(s: DatabaseSession, files: ArtefactStore, session: Session, protocol: Protocol) -> None:
     """One job per environment that was drawn in, in the order of the stages. StrokeError: nothing was kept in one."""
     scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
+    if any(entry.evaluation for entry in protocol.stages):
+        scenes = EVERY_PAIR
     for environment in dict.fromkeys(one.demonstrations.environment for one in protocol.stages if one.demonstrations):
         snapshot = take_demonstrations(
             s, files, study_id=session.study_id, environment=environment, session_id=session.id

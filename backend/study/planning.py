@@ -18,7 +18,7 @@ from backend.study import schema
 from backend.study.counterbalancing import Place, design_of
 from backend.study.query_plan import AnyQuery, Drawn, PlanError, block_trials, draw, queries_needed
 from backend.study.schema_blocks import BlockBreak, BlockEntry, BlockQuestionnaire, BlockStage, Condition
-from backend.study.schema_demonstrations import DemonstrationsStage
+from backend.study.schema_demonstrations import CONTROLLERS, DemonstrationsStage, EvaluationStage
 from backend.study.schema_stages import (
     AppointmentStage,
     ComparisonStage,
@@ -105,6 +105,8 @@ def _pages(
         return steps
     if isinstance(stage, DemonstrationsStage):
         return _drawings(name, stage, random)
+    if isinstance(stage, EvaluationStage):
+        return _evaluations(name, stage, protocol, random)
     if isinstance(stage, ComparisonStage):
         against = [opponent for opponent in stage.opponents for _ in range(stage.scenes)]
         if len(stage.opponents) > 1:
@@ -158,6 +160,34 @@ def _drawings(name: str, stage: DemonstrationsStage, random: np.random.Generator
         for place, pair in enumerate((int(i) for i in random.permutation(stage.pairs)), 1)
         for number in range(1, stage.most_per_pair + 1)
     ]
+
+
+def _evaluations(
+    name: str, stage: EvaluationStage, protocol: schema.Protocol, random: np.random.Generator
+) -> list[Step]:
+    """Environment by environment, controller by controller: its drives, then the questions. Keys tell no controller."""
+    drawn = {one.demonstrations.environment: one.demonstrations for one in protocol.stages if one.demonstrations}
+    steps: list[Step] = []
+    for environment in random.permutation(sorted(drawn)).tolist():
+        pairs = drawn[environment].pairs
+        for place, number in enumerate(random.permutation(len(CONTROLLERS)).tolist(), 1):
+            where: Step = {"stage": name, "block": CONTROLLERS[number], "view": stage.view, "environment": environment}
+            prefix = f"{name}.{environment}.{place}"
+            shown = {"robot": place, "of": pairs, "role": "regular"}
+            steps += [
+                {
+                    "key": f"{prefix}.{pair + 1}",
+                    "kind": "evaluation",
+                    **where,
+                    "pair": pair,
+                    "number": pair + 1,
+                    **shown,
+                }
+                for pair in range(pairs)
+            ]
+            asked = stage.questionnaire
+            steps.append({"key": f"{prefix}.{asked}", "kind": "questionnaire", **where, "questionnaire": asked})
+    return steps
 
 
 def _limited(seconds: int | None) -> Step:

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
-from backend.study import asking, drawing
+from backend.study import asking, drawing, evaluating
 from backend.study.assignment import places_held_by
 from backend.study.planning import Step
 from backend.study.schema import Protocol
@@ -37,6 +37,8 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
     """Comparisons need the trial that was made for them, probes of chosen queries the one that they repeat."""
     if step["kind"] == "comparison":
         return _has_trial(s, session, step["key"])
+    if step["stage"] == "evaluation":
+        return evaluating.can_be_shown(s, session, step)
     if step["kind"] in DRAWN_KINDS:
         return drawing.wanted(s, session, step)
     if step["kind"] == "comprehension" and step["attempt"] > 1:

@@ -1,4 +1,4 @@
-"""What a protocol may say about drawing paths: the stage `demonstrations`."""
+"""What a protocol may say about drawing paths and seeing what was learned from them: `demonstrations`, `evaluation`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from backend.study.parts import Part
+from backend.study.parts import Part, Slug
 from backend.study.words import View
 
 
@@ -31,3 +31,16 @@ class DemonstrationsStage(Part):
     @property
     def most_per_pair(self) -> int:
         return self.up_to or self.per_pair
+
+
+CONTROLLERS = ("social_cost", "dwa", "own")  # spec 02
+
+
+class EvaluationStage(Part):
+    """The social-cost planner, the dynamic window approach and the own controller, blind, one after the other, in an
+    order drawn by lot per environment: each drives in every situation that was drawn in, then `questionnaire` asks
+    about it.
+    """
+
+    questionnaire: Slug
+    view: View = "top_down"

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from backend.study.parts import Address, Code, FileName, Localized, Part, Slug, Value, Version
 from backend.study.schema_blocks import BlockBreak, BlockStage
-from backend.study.schema_demonstrations import DemonstrationsStage
+from backend.study.schema_demonstrations import DemonstrationsStage, EvaluationStage
 from backend.study.words import STAGE_KINDS, View
 
 
@@ -157,6 +157,7 @@ Stage = (
     | DemonstrationsStage
     | TrainStage
     | ComparisonStage
+    | EvaluationStage
     | AppointmentStage
     | DebriefingStage
 )
@@ -175,6 +176,7 @@ class StageEntry(Part):
     break_: BlockBreak | None = Field(None, alias="break")
     train: TrainStage | None = None
     comparison: ComparisonStage | None = None
+    evaluation: EvaluationStage | None = None
     appointment: AppointmentStage | None = None
     debriefing: DebriefingStage | None = None
     when: When | None = None

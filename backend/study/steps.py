@@ -22,7 +22,7 @@ from backend.study.pages import drawing_payload, ending_payload, payload_of, tri
 from backend.study.planning import Step
 from backend.study.refusals import Refused
 from backend.study.versions import protocol_of
-from backend.study.words import DRAWN_KINDS, LABEL_S, PLAYING, TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, LABEL_S, PLAYING, SINGLE_KINDS, TRIAL_KINDS
 
 Drive = Literal["a", "b"]
 
@@ -85,7 +85,7 @@ def playing(trial: Trial | None) -> Playback | None:
         return None
     drive: Drive = "a" if trial.phase == "playing_a" else "b"
     trajectory = trial.trajectory_a if drive == "a" else trial.trajectory_b
-    return Playback(trajectory, drive.upper(), trial.view, playback_id(trial, drive))
+    return Playback(trajectory, drive.upper() if label_s(trial) else "", trial.view, playback_id(trial, drive))
 
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
@@ -133,12 +133,17 @@ def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
         "phase": trial.phase,
         "duration_a_s": duration_s(s, trial, "a"),
         "duration_b_s": duration_s(s, trial, "b"),
-        "label_s": LABEL_S,
+        "label_s": label_s(trial),
         "restarts": trial.restarts,
         "replays": trial.replays,
         "next_drive": "b" if trial.a_seen_at is not None else "a",
         "playback_id": shown.playback_id if shown else None,
     }
+
+
+def label_s(trial: Trial) -> float:
+    """How long the letter stands before a drive of the trial: one that is shown alone has none."""
+    return 0.0 if trial.kind in SINGLE_KINDS else LABEL_S
 
 
 def duration_s(s: DatabaseSession, trial: Trial, drive: Drive) -> float:

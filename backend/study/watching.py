@@ -18,6 +18,7 @@ from backend.study.steps import (
     Playback,
     current_trial,
     duration_s,
+    label_s,
     playback_id,
     playing,
     refused,
@@ -25,7 +26,7 @@ from backend.study.steps import (
     step_of,
     trial_of,
 )
-from backend.study.words import DRAWN_KINDS, LABEL_S, PLAYING, TOLERANCE_S, TRIAL_KINDS
+from backend.study.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
 
 
 def viewing_of(session: Session) -> Viewing:
@@ -75,7 +76,7 @@ def drive_seen(
     _check_watched(s, session, trial, drive, now)
     if drive == "a":
         trial.a_seen_at = now
-        set_phase(s, trial, "playing_a", "playing_b", now)
+        set_phase(s, trial, "playing_a", "choosing" if trial.kind in SINGLE_KINDS else "playing_b", now)
     else:
         trial.b_seen_at = now
         set_phase(s, trial, "playing_b", "choosing", now)
@@ -89,7 +90,7 @@ def _check_watched(s: DatabaseSession, session: Session, trial: Trial, drive: Dr
         return
     assert trial.phase_since is not None  # noqa: S101  set with every phase
     elapsed = (now - trial.phase_since).total_seconds()
-    needed = LABEL_S + duration_s(s, trial, drive)
+    needed = label_s(trial) + duration_s(s, trial, drive)
     if elapsed < needed - TOLERANCE_S:
         raise refused(
             session,

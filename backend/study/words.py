@@ -18,10 +18,12 @@ STAGE_KINDS = (
     "break",
     "train",
     "comparison",
+    "evaluation",
     "appointment",
     "debriefing",
 )
-TRIAL_KINDS = ("trial", "comparison")  # steps that are shown on the stage
+TRIAL_KINDS = ("trial", "comparison", "evaluation")  # steps that are shown on the stage
+SINGLE_KINDS = ("evaluation",)  # of these the ones that show one drive
 DRAWN_KINDS = ("demonstration",)  # steps at which a path is drawn on the stage
 PLAYING = ("playing_a", "playing_b")
 

@@ -12,6 +12,7 @@ import { noticer } from "./notice.js";
 import { readyForm } from "./questions.js";
 import { pageData, speaker } from "./say.js";
 import { Refused, ask, fetchText, newRequestId, watchConnection } from "./send.js";
+import { SingleDrive } from "./single.js";
 import { StageFrame } from "./stage-frame.js";
 import { Trial } from "./trial.js";
 import { readyWait } from "./wait.js";
@@ -151,7 +152,7 @@ function mount() {
       ? new Drawing($("drawing"), state, {
           ...needs, post: poster("drawing"), tell: (order) => stage.draw(order), language: data.language,
         })
-      : new Trial($("trial"), state, { ...needs, post: poster("trials") });
+      : new (step.querySelector("[data-single]") ? SingleDrive : Trial)($("trial"), state, { ...needs, post: poster("trials") });
     stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
   } else if (kind === "wait") {
     wait = readyWait(step, say);

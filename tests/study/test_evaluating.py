@@ -1,0 +1,146 @@
+"""Both appointments of the demonstration study: paths are drawn, and later three controllers are watched and rated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sqlalchemy import select
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
+from backend.study import drawing, machine
+from backend.study.links import next_token
+from backend.study.protocol import freeze_text
+from backend.study.refusals import Refused
+from backend.study.sessions import acting
+from backend.study.studies import create_study
+from tests.study.walking import DEMOGRAPHICS, Walker
+
+STUDY = Path(__file__).resolve().parents[2] / "study_protocols" / "demonstration_study.yaml"
+ITEMS = dict.fromkeys(("comfort", "intuitive", "environments", "speed_control", "effort"), 4)
+DRIVES = ("base", "own", "social_cost")
+RATING = {"comfort": 4, "too_close": 2, "preference": 5}
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Database:
+    """An empty one: no query is needed here."""
+    empty = Database(f"sqlite:///{tmp_path / 'desirepath.sqlite'}")
+    empty.migrate()
+    return empty
+
+
+@pytest.fixture
+def walker(database: Database, files: ArtefactStore) -> Walker:
+    """Somebody who has finished the first appointment: two places in the corridor, one path in each of them."""
+    text = STUDY.read_text()
+    room = next(line for line in text.splitlines(keepends=True) if "environment: room" in line)
+    text = text.replace(room, "").replace("pairs: 4, per_pair: 3, up_to: 5", "pairs: 2, per_pair: 1")
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text), name="Two appointments", created_by=None)
+    walker = Walker(database, files, study)
+    walker.submit("information", {})
+    walker.submit("consent", {"given": True})
+    walker.submit("demographics", DEMOGRAPHICS)
+    walker.submit("instruction", {})
+    while walker.view.kind == "demonstration":
+        keep_a_path(walker)
+    walker.submit("train.drawing_items", ITEMS)
+    assert walker.view.kind == "appointment"
+    return walker
+
+
+def keep_a_path(walker: Walker) -> None:
+    key = walker.view.key
+    along = [k / 80 for k in range(81)]
+    with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
+        step = machine.step_of(session)
+        side = -0.75 if drawing.scene_of(step).person.pose.y > 0 else 0.75
+        given = {
+            "points": [[-3.2 + 6.4 * u, side * 4 * u * (1 - u)] for u in along],
+            "speeds": [0.25] * 81,
+            "times_s": along,
+        }
+        attempt = drawing.attempt_of(step, given, simulated=False)
+        drawing.add_stroke(
+            s, walker.files, session, step, attempt, request_id=f"for {key}", client_time=None, now=walker.now
+        )
+    state = walker.view.trial
+    walker.later(state["duration_s"] + 0.1)
+    with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
+        drawing.driven(s, session, machine.step_of(session), state["playback_id"], now=walker.now)
+    walker.submit(key, {"stroke": state["stroke"]})
+
+
+def trained(walker: Walker, *, passed: bool = True) -> None:
+    """The training has ended. It takes minutes and is tested as a job; here its result names the drawn drives."""
+    with walker.database.transaction() as s:
+        (job,) = s.scalars(select(Job)).all()
+        strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.pair)).all()
+        job.state = "succeeded"
+        job.result = {
+            "policy": job.params["snapshot"],
+            "passed": passed,
+            "comparisons": [{**dict.fromkeys(DRIVES, one.trajectory), "scene_seed": one.pair} for one in strokes],
+        }
+
+
+def come_back(walker: Walker) -> None:
+    """The second appointment, days later."""
+    walker.token = next_token(walker.token)
+    walker.later(2 * 24 * 3600)
+    with walker.database.session() as s:
+        walker.session = s.scalars(select(Session).where(Session.appointment == 2)).one()
+
+
+def refusal(action: Callable[[], Any]) -> str:
+    with pytest.raises(Refused) as told:
+        action()
+    return told.value.code
+
+
+def test_three_controllers_are_watched_blind_and_rated(walker: Walker):
+    trained(walker)
+    come_back(walker)
+    walker.submit("instruction_2", {})
+    rated = []
+    for robot in (1, 2, 3):
+        for number in (1, 2):
+            view = walker.view
+            assert (view.kind, view.key) == ("evaluation", f"evaluation.corridor.{robot}.{number}")
+            assert view.payload == {"role": "regular", "view": "top_down", "robot": robot, "number": number, "of": 2}
+            assert refusal(lambda: walker.submit(walker.view.key, {})) == "too_early"
+            shown = walker.do(machine.start_trial, view.key, request_id=None, now=walker.now)
+            assert shown.label == ""
+            told = ("a", shown.playback_id)
+            assert refusal(partial(walker.do, machine.drive_seen, view.key, *told, now=walker.now)) == "too_early"
+            walker.later(view.trial["duration_a_s"] + 0.1)
+            walker.do(machine.drive_seen, view.key, "a", shown.playback_id, now=walker.now)
+            assert walker.view.trial["phase"] == "choosing"
+            walker.submit(view.key, {})
+        assert walker.view.key == f"evaluation.corridor.{robot}.drawing_rating"
+        walker.submit(walker.view.key, RATING)
+        rated.append(robot)
+    assert walker.view.kind == "debriefing"
+    with walker.database.session() as s:
+        trials = s.scalars(select(Trial).order_by(Trial.index)).all()
+        assert {trial.block for trial in trials} == {"social_cost", "dwa", "own"}
+        assert [trial.block for trial in trials[::2]] == [trial.block for trial in trials[1::2]]
+        own = next(trial for trial in trials if trial.block == "own")
+        assert own.arms["a"] == s.scalars(select(Artefact.id).where(Artefact.kind == "demonstrations")).one()
+        plan = walker.session.plan
+        asked = {step["key"]: step["block"] for step in plan if step.get("questionnaire") == "drawing_rating"}
+        given = s.scalars(select(Response).where(Response.step_key.in_(asked))).all()
+        assert {asked[response.step_key] for response in given} == {"social_cost", "dwa", "own"}
+
+
+def test_nobody_is_shown_robots_that_could_not_be_learned(walker: Walker):
+    trained(walker, passed=False)
+    come_back(walker)
+    walker.submit("instruction_2", {})
+    assert walker.view.kind == "debriefing"
