@@ -193,7 +193,12 @@ def fit_spline(stroke: Stroke, scene: Scene) -> PathSpline:
     weights = np.full(len(places), 1 / HAND_JITTER_M)
     weights[[0, -1]] *= ENDS_WEIGHT
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(even, axis=0), axis=1))])
-    (knots, coefficients, _), _ = interpolate.splprep(even.T, w=weights, u=along / along[-1], s=len(places), quiet=2)
+    try:
+        (knots, coefficients, _), _ = interpolate.splprep(
+            even.T, w=weights, u=along / along[-1], s=len(places), quiet=2
+        )
+    except ValueError as problem:  # points that fold back onto one place
+        raise StrokeProblem("unreadable", f"no smooth path leads through the stroke: {problem}", even[0]) from None
     limits = get_setup(scene.setup).limits
     wanted = np.clip(np.interp(places, lengths, speeds), limits.v_min, limits.v_max)
     even_weights = np.full(len(places), 1 / SPEED_JITTER_M_S)

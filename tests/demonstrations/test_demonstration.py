@@ -160,6 +160,32 @@ def test_a_demonstration_is_kept_as_a_file_with_everything_it_was_made_from(tmp_
         Demonstration.load(tmp_path / "two.npz")
 
 
+@settings(max_examples=60, deadline=None)
+@given(
+    setup=st.sampled_from(DEMONSTRATION_SETUPS),
+    pair=st.integers(0, PAIRS - 1),
+    between=st.lists(st.tuples(st.floats(-3.4, 3.4), st.floats(-1.4, 1.4)), max_size=12),
+    speeds=st.lists(st.floats(-1, 3), min_size=14, max_size=14),
+    each=st.integers(1, 30),
+)
+def test_whatever_is_scribbled_is_driven_or_kindly_refused(
+    setup: str, pair: int, between: list[tuple[float, float]], speeds: list[float], each: int
+) -> None:
+    scene = demonstration_scene(setup, pair)
+    corners = np.array([(scene.start.x, scene.start.y), *between, (scene.goal.x, scene.goal.y)])
+    places = np.linspace(0, len(corners) - 1, each * len(corners))
+    points = np.stack([np.interp(places, np.arange(len(corners)), corners[:, axis]) for axis in range(2)], axis=1)
+    wanted = np.interp(places, np.arange(len(corners)), speeds[: len(corners)])
+    try:
+        made = demonstration_from(Stroke.of(points, wanted, places), scene)
+    except StrokeProblem as problem:
+        event(problem.code)
+        return
+    event("driven")
+    assert made.trajectory.outcome == Outcome.SUCCESS
+    assert Demonstration.from_bytes(made.to_bytes()).digest() == made.digest()
+
+
 # --- kind refusals ----------------------------------------------------------------------------------------------------
 
 
