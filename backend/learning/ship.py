@@ -137,7 +137,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
         commit=source_commit(),
         config=config.as_dict(),
         scenes={
-            "select": describe(Purpose.SELECT, config.selection_scenes, config.seed),
+            "select": describe(Purpose.SELECT, config.scenes_to_select, config.seed),
             "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
         },
         results=movement_of(told, Policy.load(base_path), scenes).report() | {"selection": result.selection.summary()},

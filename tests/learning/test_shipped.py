@@ -35,6 +35,7 @@ EXPECTED = {
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "study_room/queries_200",
     "study_room/queries_500",
+    *(f"{setup}/queries_varied_200" for setup in ("open_field", "study_room")),
 }
 KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet}
 
