@@ -1,5 +1,6 @@
-"""The analysts' pages under /lab: jobs, snapshots, policies, compare, flow field, drawn paths. The routes live in the modules named
-here.
+"""The analysts' pages under /lab: jobs, snapshots, policies, compare, flow field, drawn paths.
+
+The routes live in the modules named here.
 """
 
 from __future__ import annotations
