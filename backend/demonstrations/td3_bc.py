@@ -37,8 +37,8 @@ DEPARTURES = [
     "of the actor, exploration noise spread over the environments.",
     "Actor and critic read person and goal, and walls and obstacles, through two small extractors, then two layers, "
     "instead of three layers of 256.",
-    "The kept weights are the best of several checkpoints by success, likeness to the demonstrations and success in "
-    "unseen scenes of the selection set.",
+    "The kept weights are the best of several checkpoints, as they are or averaged over recent updates, by success, "
+    "likeness to the demonstrations and success in unseen scenes of the selection set.",
     "A beginning drawn beside the robot is drawn to it, the shift fading out along the path.",
 ]
 
@@ -70,7 +70,8 @@ class DemonstrationConfig:
     augmentation: int = AUGMENTED
     demonstrations: bool = True  # False: plain TD3 for comparison, all of a batch explored
     progress_weight: float = 0.0  # per metre towards the goal, in exploration; only for plain TD3, as in base training
-    checkpoints: int = 8  # evenly spread; the best is kept
+    average_decay: float = 0.999  # running average of the actor's weights, per update; ours, as in base training
+    checkpoints: int = 8  # evenly spread, each as it is and averaged; the best is kept
     selection_scenes: int = 200
 
     def as_dict(self) -> dict[str, Any]:
@@ -144,6 +145,7 @@ class DemonstrationTraining:
             min(config.buffer_size, self.planned_transitions() + config.n_envs), self.setup.observation_size
         )
         self.transitions = 0
+        self._average = self.agent.actor.flat.clone()
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
 
     def planned_transitions(self) -> int:
@@ -169,9 +171,15 @@ class DemonstrationTraining:
         rate = config.actor_learning_rate + falling * (config.final_learning_rate - config.actor_learning_rate)
         self.agent.set_learning_rate(rate, critic=config.critic_learning_rate)
         for _ in range(config.updates_per_step):
-            if not config.demonstrations:
-                self.agent.update(self._buffer.sample(2 * config.batch_each, self._sampler))
-                continue
+            self._update(late)
+            self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
+
+    def _update(self, late: int) -> None:
+        """One update; late: 0 before the weights change, 1 after."""
+        config = self.config
+        if not config.demonstrations:
+            self.agent.update(self._buffer.sample(2 * config.batch_each, self._sampler))
+        else:
             explored = self._buffer.sample(config.batch_each, self._sampler)
             rows = torch.randint(len(self._demonstrated.rewards), (config.batch_each,), generator=self._sampler)
             shown = Batch(*(part.index_select(0, rows) for part in self._demonstrated))
@@ -179,17 +187,17 @@ class DemonstrationTraining:
             term = cloning_term(shown.actions, config.rl_weight[late], bc) if bc > 0 else None
             self.agent.update(concatenate(explored, shown), term)
 
-    def policy(self) -> Policy:
-        """The current controller, with its critic."""
-        return policy_of(self.agent, self.setup.name)
+    def policy(self, *, averaged: bool = False) -> Policy:
+        """The current controller, with its critic; `averaged` takes the running average of the actor's weights."""
+        return policy_of(self.agent, self.setup.name, self._average if averaged else None)
 
 
 @dataclass(frozen=True)
 class Trained:
-    """The chosen controller and the curve of its training: one entry per checkpoint, all of them on selection scenes.
+    """The chosen controller and the curve of its training, all of it on selection scenes: two entries per checkpoint.
 
-    Entries: updates, transitions, everything of `Judgement` from the demonstrated starts, unseen_success_rate (drawn
-    scenes in which nothing was demonstrated), score.
+    Entries: updates, transitions, averaged (0 or 1), everything of `Judgement` from the demonstrated starts,
+    unseen_success_rate (drawn scenes in which nothing was demonstrated), score.
     """
 
     policy: Policy
@@ -224,20 +232,22 @@ def train_with_demonstrations(
                 on_progress(training.done, {"updates": training.agent.updates})
             continue
         marks.pop(0)
-        policy = training.policy()
-        judged = judge(policy, demonstrations)
-        found = success_rate(evaluate(policy.act, training.setup, unseen).outcome)
-        score = judged.success_rate + found + judged.t_star - judged.frechet_m
-        history.append(
-            {
-                "updates": training.agent.updates,
-                "transitions": training.transitions,
-                **judged.as_dict(),
-                "unseen_success_rate": found,
-                "score": score,
-            }
-        )
-        on_progress(min(1.0, training.done), {name: v for name, v in history[-1].items() if v is not None})
-        if score > best:
-            best, kept = score, policy
+        for averaged in (False, True):
+            policy = training.policy(averaged=averaged)
+            judged = judge(policy, demonstrations)
+            found = success_rate(evaluate(policy.act, training.setup, unseen).outcome)
+            score = judged.success_rate + found + judged.t_star - judged.frechet_m
+            history.append(
+                {
+                    "updates": training.agent.updates,
+                    "transitions": training.transitions,
+                    "averaged": float(averaged),
+                    **judged.as_dict(),
+                    "unseen_success_rate": found,
+                    "score": score,
+                }
+            )
+            on_progress(min(1.0, training.done), {name: v for name, v in history[-1].items() if v is not None})
+            if score > best:
+                best, kept = score, policy
     return Trained(kept, history, max(range(len(history)), key=lambda k: history[k]["score"] or -math.inf))

@@ -249,7 +249,8 @@ def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Pict
     with mpl.rc_context(STYLE):
         figure, axes = blank(len(CURVES), 9.6, 2.5)
         for variant, seeds in curves.items():
-            for seed, curve in zip(plan.budget.seeds, seeds, strict=True):
+            for seed, whole in zip(plan.budget.seeds, seeds, strict=True):
+                curve = [point for point in whole if point["averaged"]]
                 for ax, name in zip(axes, CURVES, strict=True):
                     seconds = [point["cpu_s"] for point in curve]
                     label = NAMES[variant] if seed == plan.budget.seeds[0] else None
@@ -271,7 +272,8 @@ def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Pict
         f"curves_{environment}_{style}",
         f"Learning curves, {style.replace('_', ' ')} in the {environment}",
         "Median over drives from demonstrated starts of the deviation-aware Frechet distance (dotted: the bar, which "
-        "means nothing where t* is small), of t*, and success there and in unseen selection scenes; one line per seed. "
+        "means nothing where t* is small), of t*, and success there and in unseen selection scenes; one line per seed, "
+        "with averaged weights. "
         "Seconds of one core, the measuring at every point included.",
         figure,
         rows,

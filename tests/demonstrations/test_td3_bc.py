@@ -88,7 +88,8 @@ def test_training_begins_to_follow_and_is_repeatable(slow_ones) -> None:
     again = train_with_demonstrations(slow_ones, config)
     assert trained.policy.digest() == again.policy.digest()
     assert trained.history == again.history
-    assert [point["updates"] for point in trained.history] == [112, 208, 304, 400]
+    assert [point["updates"] for point in trained.history] == [n for n in (112, 208, 304, 400) for _ in range(2)]
+    assert [point["averaged"] for point in trained.history] == [0.0, 1.0] * 4
     assert trained.selection == max(trained.history, key=lambda point: point["score"])
     assert progress == sorted(progress)
     untrained = DemonstrationTraining(slow_ones, config).policy()
