@@ -27,6 +27,7 @@ ITEMS = (
     *("spatial_understanding", "realism", "presence", "fun", "boredom"),
 )
 RANKINGS = ("usefulness", "ease_of_use", "intention_to_use")
+OPPONENTS = ("base", "other")  # the base policy, another participant's
 QUERIES = 25
 
 
@@ -141,12 +142,13 @@ def made_up_study(
     queries: int = QUERIES,
     repeats: int = 0,
     comparisons: int = 0,
+    opponents: Sequence[str] = OPPONENTS,
     protocol: Mapping[str, Any] | None = None,
 ) -> StudyData:
     """A data set of the cohort's people `first`, `first` + 1, ..., as the interface study would leave it.
 
-    repeats: queries asked again in every condition. comparisons: of the own policy against base, and as many against
-    another's. Drives have names only, so nothing that measures them can be computed.
+    repeats: queries asked again in every condition. comparisons: so many of the own policy against each opponent.
+    Drives have names only, so nothing that measures them can be computed.
     """
     people: list[Person] = []
     choices: list[Choice] = []
@@ -160,7 +162,7 @@ def made_up_study(
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
             choices += [_choice(made_up, code, condition, role, f"{code}-{k}") for role, k in asked]
         ratings += [Rating(code, None, "view_ranking", r, made_up.rank(r, conditions)) for r in rankings]
-        for against in ("base", "other") if comparisons else ():
+        for against in opponents if comparisons else ():
             for k in range(comparisons):
                 won = made_up.prefers_own(str(k), against)
                 compared.append(Comparison(code, *(("own", against) if won else (against, "own")), look_alike=False))

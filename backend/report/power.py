@@ -15,7 +15,7 @@ import numpy as np
 
 from backend.analysis.repeated import pairs_of
 from backend.learning.evaluate import wilson
-from backend.report.cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, made_up_study
+from backend.report.cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, made_up_study
 from backend.report.data import StudyData
 from backend.report.findings import Findings, analyse
 from backend.report.plan import AnalysisPlan
@@ -89,7 +89,7 @@ def _null_tests() -> list[tuple[str, int]]:
         *((f"Chi-square, {ranking}", 1) for ranking in RANKINGS),
         ("Chi-square, any ranking, corrected", 1),
         ("z, any pair of any ranking, after chi-square and Bonferroni", 1),
-        *((f"Sign test, own against {against}", 1) for against in ("base", "other")),
+        *((f"Sign test, own against {against}", 1) for against in OPPONENTS),
         ("Sign test, either, corrected", 1),
     ]
 
@@ -157,6 +157,7 @@ class Design:
     rankings: tuple[str, ...]
     queries: int
     comparisons: int
+    opponents: tuple[str, ...] = OPPONENTS
 
     def study(self, cohort: Cohort, participants: int, first: int) -> StudyData:
         """A made-up study of this design."""
@@ -169,6 +170,7 @@ class Design:
             conditions=self.conditions,
             queries=self.queries,
             comparisons=self.comparisons,
+            opponents=self.opponents,
         )
 
 
@@ -222,7 +224,7 @@ def _power_tests(design: Design, assumed: Assumed) -> list[str]:
     if design.rankings and len(design.conditions) > 1:
         tests.append(f"Chi-square, {assumed.ranking} (over {len(design.rankings)} rankings)")
     if design.comparisons:
-        tests += ["Sign test, own against base", "Sign test, own against other"]
+        tests += [f"Sign test, own against {opponent}" for opponent in design.opponents]
     return tests
 
 

@@ -5,6 +5,7 @@ Both are the same tables (`store/dataset.py`), so a report is the same wherever 
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from backend.store.models import Study
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
 QUESTIONNAIRES = "questionnaires/"
+TIMED_OUT = "timed_out"  # in an answer's value: the protocol's time for it was over
 
 
 def read_folder(folder: Path) -> tuple[StudyData, Load]:
@@ -45,7 +47,8 @@ def tidy(
     sessions: dict[str, list[Row]] = defaultdict(list)
     for row in sorted(tables["sessions"], key=lambda row: row["created_at"]):
         sessions[row["participant"]].append(row)
-    answers = {row["trial"]: row for row in tables["responses"] if row["trial"] is not None}
+    # a choice whose time was over names no drive
+    answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and row["choice"] in ("a", "b")}
     trials = [row for row in tables["trials"] if row["trial"] in answers]
     items = list(_items(files))
     checks = {(one.questionnaire, one.key) for one in items if one.instructed}
@@ -112,6 +115,8 @@ def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> It
             continue
         questionnaire, condition = _asked(plans[row["session"]], row["step"])
         for item, value in row["value"].items():
+            if item == TIMED_OUT:  # a mark of the whole page
+                continue
             yield Rating(row["participant"], condition, questionnaire, item, value)
 
 
@@ -127,7 +132,7 @@ def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
             continue
         questionnaire = name.removeprefix(QUESTIONNAIRES).removesuffix(".yaml")
         for block in yaml.safe_load(content)["blocks"]:
-            for item in block["items"]:
+            for item in _asked_in(block, files):
                 yield ItemText(
                     questionnaire=questionnaire,
                     key=item["key"],
@@ -138,6 +143,14 @@ def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
                     reversed=bool(item.get("reversed", False)),
                     instructed=item.get("instructed") is not None,
                 )
+
+
+def _asked_in(block: Row, files: Mapping[str, str]) -> Sequence[Row]:
+    """The items of a block; those of a validated scale stand in the study's own copy of it."""
+    if not block.get("scale"):
+        return list(block["items"])
+    scale = json.loads(files[f"scales/{block['scale']}.json"])
+    return [{"type": "scale", "points": scale["points"], **item} for item in scale["items"]]
 
 
 def _english(text: Mapping[str, str]) -> str:

@@ -118,6 +118,7 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
 
 def design_of(data: StudyData, found: Findings, frozen: FrozenProtocol) -> Design:
     """What a walked study asked: conditions, items rated under each of them, rankings, queries, comparisons."""
+    comparison = next((entry.comparison for entry in frozen.protocol.stages if entry.comparison), None)
     return Design(
         conditions=tuple(found.conditions),
         items=tuple(one.item.key for one in found.items),
@@ -125,7 +126,8 @@ def design_of(data: StudyData, found: Findings, frozen: FrozenProtocol) -> Desig
         queries=round(
             sum(one.role == "regular" for one in data.choices) / max(1, len(data.people) * len(found.conditions))
         ),
-        comparisons=next((entry.comparison.scenes for entry in frozen.protocol.stages if entry.comparison), 0),
+        comparisons=comparison.scenes if comparison is not None else 0,
+        opponents=comparison.opponents if comparison is not None else (),
     )
 
 
