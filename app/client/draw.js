@@ -16,7 +16,7 @@
   const FINE_KEY_STEP_M = 0.02;
   const SPEED_STEPS = 10; // of wheel and keys, from the slowest to the fastest
   const EDGE = 0.14; // of the window: near its edge the pen takes the gaze along
-  const EDGE_RAD_PER_S = 0.9;
+  const EDGE_RAD_PER_S = 0.6;
   const TELL_EVERY_MS = 120;
   const FARTHEST_M = 30; // a ray that hits the floor beyond is aimed at the horizon
   const MOST_POINTS = 4000;

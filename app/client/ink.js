@@ -119,13 +119,12 @@
   function stroke(project, { points, speeds, faded, tight }) {
     const spots = points.map(([x, y]) => project(x, y));
     const last = points.length - 1;
-    const wide = points.map(([x, y], i) => (i % 8 ? 0 : Math.max(3, STROKE_M * pixelsPerMetre(project, x, y))));
-    for (let i = 0; i <= last; i += 1) wide[i] ||= wide[i - 1];
+    const wide = points.map(([x, y]) => Math.max(3, STROKE_M * pixelsPerMetre(project, x, y)));
     if (!faded) {
       pen.strokeStyle = "rgb(255 255 255 / 0.55)"; // the glow
-      for (let i = 0; i < last; i += 8) {
+      for (let i = 0; i < last; i += 4) {
         pen.lineWidth = wide[i] + 7;
-        trace(spots, i, Math.min(last, i + 8));
+        trace(spots, i, Math.min(last, i + 4));
         pen.stroke();
       }
     }

@@ -269,9 +269,6 @@ STROKES = Table(
             "demonstration", TEXT, "sha256 of its file in demonstrations/: spline, commands, drive; empty if refused"
         ),
         Column("trajectory", TEXT, "the robot's drive along it with all transitions; see trajectories"),
-        Column(
-            "walk", TEXT, "how the participant walked meanwhile, if they did: points (x m, y m, yaw rad), times_s", True
-        ),
         Column("watched_at", MOMENT, "when the drive had been watched to its end, server's clock"),
         Column("client_time", MOMENT, "when it was sent, browser's clock"),
         Column("created_at", MOMENT, "when it was stored, server's clock"),

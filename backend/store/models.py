@@ -312,7 +312,6 @@ class StrokeRow(Base):
     `drawn`: {"points": [[x, y]...] m, "speeds": [...] m/s, "times_s": [...]}, never updated. `state`: refused (by
     `problem`), drawn (can be driven), watched, kept or redone. `demonstration`: sha256 of its file in the
     artefact store.
-    `walk`: {"points": [[x, y, yaw]...], "times_s": [...]}, how the participant walked while the robot drove.
     """
 
     __tablename__ = "stroke"
@@ -330,7 +329,6 @@ class StrokeRow(Base):
     problem: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     demonstration: Mapped[str | None] = mapped_column(String(64))
     trajectory: Mapped[str | None] = mapped_column(ForeignKey("trajectory.id"))
-    walk: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     shown_since: Mapped[datetime | None]  # the robot drives it since then; None: not now
     watched_at: Mapped[datetime | None]
     request_id: Mapped[str] = mapped_column(String(64), unique=True)

@@ -23,9 +23,9 @@ from backend.store.models import Session as SessionRow
 Row = dict[str, Any]
 FIELDS = (
     *("attempt", "environment", "pair", "view", "pointer", "drawn", "state", "problem", "demonstration", "trajectory"),
-    *("walk", "watched_at", "client_time", "created_at", "left_out_at", "left_out_by", "left_out_reason"),
+    *("watched_at", "client_time", "created_at", "left_out_at", "left_out_by", "left_out_reason"),
 )
-JSON_FIELDS = ("drawn", "problem", "walk")
+JSON_FIELDS = ("drawn", "problem")
 FORMAT = "desirepath-demonstrations-1"
 KEPT = "kept"
 

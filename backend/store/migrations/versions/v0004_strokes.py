@@ -29,7 +29,6 @@ def upgrade() -> None:
         sa.Column("problem", sa.JSON(), nullable=True),
         sa.Column("demonstration", sa.String(length=64), nullable=True),
         sa.Column("trajectory", sa.String(length=64), nullable=True),
-        sa.Column("walk", sa.JSON(), nullable=True),
         sa.Column("shown_since", sa.DateTime(timezone=True), nullable=True),
         sa.Column("watched_at", sa.DateTime(timezone=True), nullable=True),
         sa.Column("request_id", sa.String(length=64), nullable=False),
