@@ -45,7 +45,7 @@ def test_pairs_without_difference_are_left_out_and_said() -> None:
     differences = np.subtract(first, second)
     assert (test.n, test.used) == (8, 6)
     assert test.p == stats.wilcoxon(differences[differences != 0]).pvalue
-    assert "6 of them without ties" in test.sentence()
+    assert "N = 8, 6 used" in test.sentence()
 
 
 def test_everybody_alike_is_no_difference() -> None:
