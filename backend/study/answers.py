@@ -10,6 +10,7 @@ from backend.study.refusals import Refused
 from backend.study.schema_questionnaires import Item, Questionnaire
 from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
 
+LARGEST_NUMBER = 10**12  # ours; beyond 2^53 no table holds it exactly, and beyond 10^308 none holds it at all
 CONFIRMED = ("information", "instruction", "break", "wait", "appointment", "debriefing")  # read, nothing to answer
 
 
@@ -115,6 +116,7 @@ def _item(item: Item, given: Any) -> Any:
     if isinstance(given, bool) or not isinstance(given, int):
         raise BadValue(field, given, "must be a whole number")
     low, high = (1, item.points) if item.type == "scale" else (item.min, item.max)
-    if (low is not None and given < low) or (high is not None and given > high):
-        raise BadValue(field, given, f"must be a whole number from {low} to {high}")
+    low, high = -LARGEST_NUMBER if low is None else low, LARGEST_NUMBER if high is None else high
+    if not low <= given <= high:
+        raise BadValue(field, str(given)[:40], f"must be a whole number from {low} to {high}")
     return given
