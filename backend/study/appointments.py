@@ -51,8 +51,8 @@ def next_of(s: DatabaseSession, session: Session) -> dict[str, Any]:
     return {**window_of(following), "return_code": code, "return_path": f"/p/{code}"}
 
 
-def make_next(s: DatabaseSession, session: Session, step: Step, now: datetime) -> Session:
-    """End this appointment and make the next one, in the same transaction."""
+def make_next(s: DatabaseSession, session: Session, step: Step, begins: int, now: datetime) -> Session:
+    """End this appointment and make the next one, in the same transaction; `begins`: index of its first step."""
     following = Session(
         participant_id=session.participant_id,
         study_id=session.study_id,
@@ -61,7 +61,7 @@ def make_next(s: DatabaseSession, session: Session, step: Step, now: datetime) -
         simulated=session.simulated,
         seed=session.seed,
         plan=session.plan,
-        position=session.position + 1,
+        position=begins,
         assignment=session.assignment,
         appointment=session.appointment + 1,
         protocol_number=session.protocol_number,

@@ -54,6 +54,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield at(index, "stands before the consent stage; nobody can be asked to come back before they consented")
         if kind == "appointment" and kinds[index + 1 : index + 2] in (["appointment"], ["debriefing"]):
             yield at(index, f"is followed by {kinds[index + 1]}; the next appointment needs something to do")
+        elif kind == "appointment" and not _met_by_everybody(protocol, index + 1):
+            yield at(index, "is followed by stages with 'when' only; the next appointment needs one for everybody")
     if "block" not in kinds and "demonstrations" not in kinds:
         yield source.problem(("stages",), "needs at least one block of trials, or demonstrations")
     if "block" in kinds and protocol.query_set is None:
@@ -69,6 +71,10 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         if first("train") < first(taught_by):
             told = f"stands before any {taught_by}; there is nothing to learn from yet for job {learning.job}"
             yield at(first("train"), told)
+        own = kinds[: first("train")].count("appointment")
+        for index, kind in enumerate(kinds):
+            if kind in (taught_by, "comparison") and kinds[:index].count("appointment") != own:
+                yield at(index, "stands in another appointment than train, which learns from and shows its own only")
         compared = next((entry.comparison for entry in protocol.stages if entry.comparison), None)
         other = "base" if learning.job == "align" else "dwa"
         if compared is not None and compared.arms[0] != other:
@@ -80,6 +86,16 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
     for index, entry in enumerate(protocol.stages):
         if entry.when is not None and entry.kind in ("consent", "train", "comparison", "appointment", "debriefing"):
             yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")
+
+
+def _met_by_everybody(protocol: Protocol, begins: int) -> bool:
+    """Whether the appointment whose stages begin there has one without `when`."""
+    for entry in protocol.stages[begins:]:
+        if entry.kind in ("appointment", "debriefing"):
+            return False
+        if entry.when is None:
+            return True
+    return False
 
 
 def _blocks(protocol: Protocol, source: Source) -> Iterator[Problem]:

@@ -246,7 +246,8 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
     if step["kind"] == "wait":
         settle(s, files, session, now=now)
     elif step["kind"] == "appointment":
-        following = appointments.make_next(s, session, step, now)
+        begins = routing.first_asked(s, session, session.position + 1)
+        following = appointments.make_next(s, session, step, begins, now)
         if step_of(following)["kind"] == "trial":
             _make_trial(s, files, following, step_of(following), now)
     elif step["kind"] == "debriefing":

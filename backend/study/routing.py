@@ -28,13 +28,21 @@ def next_position(s: DatabaseSession, files: ArtefactStore, session: Session) ->
         log_event(s, "queries_ended", session_id=session.id, step=session.plan[to]["key"])
         while session.plan[to].get("choose") and "again" not in session.plan[to]:
             to += 1
+    return first_asked(s, session, to)
+
+
+def first_asked(s: DatabaseSession, session: Session, to: int) -> int:
+    """The index of the first step from `to` on that this person is asked."""
     while not _can_be_asked(s, session, session.plan[to]):
         to += 1
     return to
 
 
 def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
-    """Comparisons need the trial that was made for them, probes of chosen queries the one that they repeat."""
+    """What its `when` allows; comparisons need the trial that was made for them, probes of chosen queries the one that
+    they repeat."""
+    if "when" in step and not _is_met(s, session, step["when"]):
+        return False
     if step["kind"] == "comparison":
         return _has_trial(s, session, step["key"])
     if step["stage"] == "evaluation":
@@ -43,8 +51,6 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
         return drawing.wanted(s, session, step)
     if step["kind"] == "comprehension" and step["attempt"] > 1:
         return not _passed_before(s, session, step)
-    if "when" in step and not _is_met(s, session, step["when"]):
-        return False
     return "again" not in step or _has_trial(s, session, step["again"])
 
 

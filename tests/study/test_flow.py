@@ -126,6 +126,12 @@ def test_a_stage_is_shown_to_whom_its_condition_fits(walk, when, about, met):
     assert after.index == 2
 
 
+def test_a_check_for_some_is_passed_over_whole_by_the_others(walk):
+    walker = walk(ABOUT, {**QUIZ, "when": {"questionnaire": "about", "item": "gender", "is": "woman"}}, BLOCK)
+    walker.submit("about", {"age": 30, "gender": "man"})
+    assert walker.view.key == "block.01"
+
+
 def test_progress_counts_only_what_this_person_meets_to_the_last_page(walk):
     walker = walk(QUIZ, {**RATING, "when": {"questionnaire": "quiz", "item": "replay", "is": "yes"}}, BLOCK)
     seen = [(walker.view.index, walker.view.total)]
@@ -312,6 +318,18 @@ def test_an_appointment_that_was_missed_is_over_and_its_place_free(walk):
     assert no.value.code == "expired"
 
 
+def test_a_later_appointment_begins_with_what_its_person_is_asked(walk):
+    walker = walk(
+        ABOUT, COME_BACK, {**RATING, "when": {"questionnaire": "about", "item": "gender", "is": "woman"}}, BLOCK
+    )
+    walker.submit("about", {"age": 30})
+    walker.token = next_token(walker.token)
+    walker.later(3600 * 24 * 2)
+    with acting(walker.database, walker.token, request="look", now=walker.now) as (s, session):
+        view = machine.current(s, session, now=walker.now)
+    assert (view.key, view.trial["phase"]) == ("block.01", "ready")
+
+
 def test_who_withdraws_leaves_the_later_appointment_too(walk, database):
     walker = walk(ABOUT, COME_BACK, BLOCK)
     walker.submit("about", {"age": 30})
@@ -326,6 +344,11 @@ def test_who_withdraws_leaves_the_later_appointment_too(walk, database):
     ("stages", "says"),
     [
         ([BLOCK, COME_BACK], "the next appointment needs something to do"),
+        (
+            [ABOUT, BLOCK, COME_BACK, {**RATING, "when": {"questionnaire": "about", "item": "age", "at_least": 1}}],
+            "needs one for everybody",
+        ),
+        ([BLOCK, COME_BACK, ABOUT, {"train": {}}], "another appointment than train"),
         ([{**RATING, "when": {"questionnaire": "about", "item": "age", "at_least": 1}}, BLOCK], "not asked before"),
         (
             [ABOUT, {**RATING, "when": {"questionnaire": "about", "item": "sex", "is": "x"}}, BLOCK],
