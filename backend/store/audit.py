@@ -8,7 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.store.events import checked_keys
-from backend.store.models import Audit, Job, Participant
+from backend.store.models import Artefact, Audit, Job, Participant
 from backend.store.models import Session as SessionRow
 
 
@@ -27,7 +27,8 @@ def record(
     """Add one entry to the transaction.
 
     role: None on the command line. outcome: done or refused. code: a participant's, kept as their id only, so that an
-    erasure finds the entry; likewise the participant for whom job_id runs. data: plain JSON without content of answers.
+    erasure finds the entry; likewise the participant for whom job_id runs, and the study of the job or of the artefact
+    whose id stands in data as artefact_id. data: plain JSON without content of answers.
     Raises ValueError if a key names something that must not be logged.
     """
     checked_keys(action, data)
@@ -36,7 +37,10 @@ def record(
         whose = select(Participant.id).where(Participant.study_id == study_id, Participant.code == code)
     elif job_id is not None:
         whose = select(SessionRow.participant_id).join(Job, Job.session_id == SessionRow.id).where(Job.id == job_id)
+        study_id = study_id or s.scalar(select(Job.study_id).where(Job.id == job_id))
         data["job"] = job_id
+    elif study_id is None and "artefact_id" in data:
+        study_id = s.scalar(select(Artefact.study_id).where(Artefact.id == data["artefact_id"]))
     s.add(
         Audit(
             action=action,

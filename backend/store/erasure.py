@@ -226,6 +226,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     """Delete everything that refers to the participant, children first. Returns how many of what."""
     of_sessions = doomed.sessions
     answers = select(Response.id).where(Response.session_id.in_(of_sessions))
+    drawn = list(s.scalars(select(StrokeRow.id).where(StrokeRow.session_id.in_(of_sessions))))
     strokes = _count(s, delete(StrokeRow).where(StrokeRow.session_id.in_(of_sessions)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.response_id.in_(answers)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(doomed.artefacts)))
@@ -241,7 +242,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
         "events": _count(s, delete(Event).where(Event.session_id.in_(of_sessions))),
         "problem_reports": _count(s, delete(ProblemReport).where(ProblemReport.session_id.in_(of_sessions))),
     }
-    names = {*doomed.ids, doomed.code, *doomed.jobs}
+    names = {*doomed.ids, doomed.code, *doomed.jobs, *drawn}
     about = [
         event.id
         for event in s.scalars(select(Event).where(Event.study_id == participant.study_id))

@@ -183,8 +183,8 @@ def retake_snapshot(
 
 
 def set_aside_snapshots(s: Session, participant_id: str) -> list[str]:
-    """Quarantine every snapshot that holds answers of a participant who withdraws, so that nothing more is learned from
-    them. Returns the snapshots' ids; what was learned from them before stays.
+    """Quarantine every snapshot that holds answers or paths of a participant who withdraws, so that nothing more is
+    learned from them. Returns the snapshots' ids; what was learned from them before stays.
     """
     held = (
         select(Artefact)
@@ -193,7 +193,7 @@ def set_aside_snapshots(s: Session, participant_id: str) -> list[str]:
         .join(SessionRow, SessionRow.id == Response.session_id)
         .where(
             SessionRow.participant_id == participant_id,
-            Artefact.kind == "snapshot",
+            Artefact.kind.in_(("snapshot", "demonstrations")),
             Artefact.quarantined_at.is_(None),
         )
     )

@@ -103,7 +103,8 @@ class KeptDemonstration:
 def demonstrations_of(
     s: Session, *, study_id: str, environment: str | None = None, session_id: str | None = None
 ) -> list[tuple[StrokeRow, Participant, Response]]:
-    """What was kept and may be learned from: not left out, nobody who withdrew or is excluded; in order."""
+    """What was kept and may be learned from, in order: not left out, nobody who withdrew, is excluded or did not agree
+    to learning; a pilot's participants only in their own session, as in `snapshots.py`."""
     asked = (
         select(StrokeRow, Participant, Response)
         .join(SessionRow, SessionRow.id == StrokeRow.session_id)
@@ -122,7 +123,13 @@ def demonstrations_of(
         asked = asked.where(StrokeRow.environment == environment)
     if session_id is not None:
         asked = asked.where(StrokeRow.session_id == session_id)
-    return [(stroke, person, response) for stroke, person, response in s.execute(asked)]
+    else:
+        asked = asked.where(Participant.pilot.is_(False))
+    return [
+        (stroke, person, response)
+        for stroke, person, response in s.execute(asked)
+        if (person.consents or {}).get("training") is not False
+    ]
 
 
 def take_demonstrations(

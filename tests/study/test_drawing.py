@@ -15,12 +15,13 @@ from sqlalchemy import func, select
 from backend.demonstrations.demonstration import Demonstration
 from backend.simulation.trajectory import Outcome
 from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.audit import record
 from backend.store.database import Database
 from backend.store.erasure import erase_participant
 from backend.store.export import export_study
 from backend.store.importing import import_dataset
-from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Study
-from backend.store.strokes import read_demonstrations
+from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
+from backend.store.strokes import StrokeError, demonstrations_of, read_demonstrations, take_demonstrations
 from backend.study import drawing, machine
 from backend.study.in_process import walk_in_process
 from backend.study.protocol import freeze_text
@@ -136,6 +137,17 @@ def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: A
         environment, (kept,) = read_demonstrations(files.get(snapshot.id))
         assert (environment, kept.stroke, kept.demonstration) == ("corridor", drawn.id, drawn.demonstration)
         assert s.get_one(Response, kept.response).value == keep
+    with walker.database.transaction() as s:
+        person = s.get_one(Participant, walker.session.participant_id)
+        person.consents = {"training": False}
+        s.flush()
+        with pytest.raises(StrokeError, match="may be learned from"):
+            take_demonstrations(s, files, study_id=person.study_id, environment="corridor")
+        person.consents = {"training": True}
+        assert len(demonstrations_of(s, study_id=person.study_id)) == 1
+    walker.do(machine.withdraw, now=walker.now)
+    with walker.database.session() as s:
+        assert s.get_one(Artefact, snapshot.id).quarantined_at is not None
 
 
 def test_what_cannot_be_driven_is_told_and_stored_all_the_same(walker: Walker):
@@ -209,10 +221,15 @@ def test_bots_draw_are_exported_come_back_and_can_be_erased(
     Demonstration.from_bytes(elsewhere.get(kept[0]["demonstration"]))
 
     mine = [row for row in kept if row["participant"] == kept[0]["participant"]]
-    with database.session() as s:
+    with database.transaction() as s:
         person = s.get_one(Session, mine[0]["session"]).participant_id
+        record(s, "path_left_out", by="tester", study_id=study.id, stroke_id=mine[0]["stroke"])
+        record(s, "path_left_out", by="tester", study_id=study.id, stroke_id="another")
+        learned = next(a.id for a in s.scalars(select(Artefact)) if a.card.get("session") == mine[0]["session"])
+        record(s, "artefact_taken", by="tester", artefact_id=learned)
     assert erase_participant(database, files, person, "tester", data=tmp_path)["counts"]["strokes"] >= 3
     with database.session() as s:
+        assert [entry.data["stroke_id"] for entry in s.scalars(select(Audit))] == ["another"]
         left = s.scalar(select(func.count(StrokeRow.id)))
     assert left == sum(row["participant"] != mine[0]["participant"] for row in rows)
     assert not any(files.exists(row["demonstration"]) or files.exists(row["trajectory"]) for row in mine)
