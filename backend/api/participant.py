@@ -91,7 +91,9 @@ def consent_copy(token: str, request: Request) -> Response:
     with looking(house(request), token) as (s, session):
         frozen = protocol_of(s, session)
         step = next(step for step in session.plan if step["kind"] == "consent")
-        given = s.scalar(select(Answer).where(Answer.session_id == session.id, Answer.kind == "consent"))
+        theirs = select(Session.id).where(Session.participant_id == session.participant_id)  # of every appointment
+        asked = select(Answer).where(Answer.session_id.in_(theirs), Answer.kind == "consent")
+        given = s.scalars(asked.order_by(Answer.created_at.desc())).first()
         language = _consented_in(frozen, given) or session.language
         given_at = given.created_at if given else None
         agreed = dict(given.value.get("purposes") or {}) if given else None
