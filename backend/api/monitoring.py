@@ -132,7 +132,7 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
     found: dict[str, list[_Given]] = defaultdict(list)
     for row in s.execute(asked):
         participant, response, session, kind, value, decision_s, at, role, trial, probe_of, a, b = row
-        chosen = {"a": a, "b": b}.get(value.get("choice"))
+        chosen = {"a": a, "b": b}.get(value.get("choice")) if trial is not None else None
         found[participant].append(_Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen))
     return found
 
