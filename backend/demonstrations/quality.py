@@ -15,8 +15,9 @@ from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.stroke import Doubles
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
 
-# All ours. Speeds lie in 0.1 to 0.25 m/s, so that 0.3 m/s^2 is from slowest to fastest within half a second.
-JERKY_M_S2 = 0.3
+# All ours. Smoothing leaves little of a wavering hand: speeds that jump between slowest and fastest ten times along a
+# path of 6 m come out near 0.1 m/s^2, and slowing down near the person from fastest to slowest near 0.02.
+JERKY_M_S2 = 0.08
 TIGHT_M = 0.10  # between the robot's edge and things or the person
 SAME_M = 0.03  # mean distance between two paths that are one and the same
 OUTLYING_M = 0.6  # from every other path of the same situation, on average

@@ -24,6 +24,9 @@ from backend.study.schema_stages import TrainStage
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 SIMULATED_WAITS = 5  # ours: bots wait behind people
 PATHS_JOB = "train_demonstrations"
+UPDATES_WHILE_ONE_WAITS = 16_000
+"""Of the job above, instead of its own default: demonstrated starts are followed after a quarter of these already, and
+somebody waits for them. What the rest would buy is unseen starts and goals."""
 EVERY_PAIR = 4  # spec 02: situations of an environment
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
@@ -121,7 +124,12 @@ def _learn_from_paths(s: DatabaseSession, files: ArtefactStore, session: Session
         job = enqueue_job(
             s,
             PATHS_JOB,
-            {"snapshot": snapshot.id, "comparisons": scenes, "seed": session.seed % (LARGEST_JOB_SEED + 1)},
+            {
+                "snapshot": snapshot.id,
+                "comparisons": scenes,
+                "seed": session.seed % (LARGEST_JOB_SEED + 1),
+                "updates": UPDATES_WHILE_ONE_WAITS,
+            },
             priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
             study_id=session.study_id,
             session_id=session.id,
