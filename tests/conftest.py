@@ -1,7 +1,8 @@
-"""What tests of several rooms share: a real Chromium, and an empty store in a folder of its own."""
+"""What tests of several rooms share: a real Chromium, an empty store in a folder of its own, a small disk."""
 
 import os
 import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -53,3 +54,15 @@ def files(tmp_path: Path) -> "ArtefactStore":  # noqa: F821
     from backend.store.artefacts import ArtefactStore
 
     return ArtefactStore((tmp_path / "artefacts").as_uri())
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A real disk of 1 MB; skipped where this user may not mount one."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
+    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+        pytest.skip("only root can mount a small disk, and only outside of most containers")
+    yield folder
+    subprocess.run(["umount", "--lazy", folder], check=True)  # a test that failed may still hold a file open

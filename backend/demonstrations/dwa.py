@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.demonstrations.demonstration import as_actions
 from backend.simulation import kernels as k
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup
 
@@ -70,9 +71,7 @@ class Dwa:
                 config.enough_clearance_m,
                 np.array([config.heading_weight, config.clearance_weight, config.speed_weight]),
             )
-        limits = setup.limits
-        forward = 2 * (commands[:, 0] - limits.v_min) / (limits.v_max - limits.v_min) - 1
-        return np.stack([forward, commands[:, 1] / limits.w_max], axis=1).astype(np.float32)
+        return as_actions(setup, commands)
 
     def _window(self, v: float, w: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speeds and turn rates that can be reached within one step."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from uuid import uuid4
 
 import pytest
@@ -15,12 +13,11 @@ from limits import parse
 from sqlalchemy import select
 
 from backend.api import participant, participant_requests, recruiting
-from backend.api.application import build_house, create_application
+from backend.api.application import create_application
 from backend.api.dependencies import House
 from backend.api.throttle import LARGEST_BODY
 from backend.learning.errors import LearningError
 from backend.learning.oracles import path_length_m
-from backend.settings import Settings
 from backend.store.artefacts import load_trajectory
 from backend.store.export import export_study
 from backend.store.models import Event, Job, Participant, ProblemReport, RecruitingId, Response, Session, Study, Trial
@@ -28,18 +25,6 @@ from backend.study.bots import BotError, Character, simulate_study
 from backend.study.protocol import freeze_text
 from backend.study.studies import create_study
 from tests.study import walking
-
-
-@pytest.fixture(scope="module")
-def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("furnished")
-    walking.furnish(folder, walking.twenty_queries(tmp_path_factory.mktemp("queries")))
-    return folder
-
-
-@pytest.fixture
-def house(furnished: Path, tmp_path: Path) -> House:
-    return build_house(Settings(data=shutil.copytree(furnished, tmp_path / "data"), _env_file=None))
 
 
 @pytest.fixture

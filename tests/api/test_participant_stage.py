@@ -4,32 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-import shutil
-from pathlib import Path
 
 import pytest
 from sqlalchemy import select
 
-from backend.api.application import build_house
 from backend.api.dependencies import House
 from backend.api.participant_stream import _glance, _tell
 from backend.api.stage_bridge import StageBridge, bridge_of, stage_cookie, stage_token
-from backend.settings import Settings
 from backend.store.models import Event, Session, Study, Trial
 from backend.study import machine
 from tests.study import walking
-
-
-@pytest.fixture(scope="module")
-def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("furnished")
-    walking.furnish(folder, walking.twenty_queries(tmp_path_factory.mktemp("queries")))
-    return folder
-
-
-@pytest.fixture
-def house(furnished: Path, tmp_path: Path) -> House:
-    return build_house(Settings(data=shutil.copytree(furnished, tmp_path / "data"), _env_file=None))
 
 
 @pytest.fixture

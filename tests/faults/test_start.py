@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
-
-import pytest
 
 from backend.commands.loopback import free_port_pair
 from tests.faults.installation import run_command
@@ -28,18 +24,6 @@ def test_a_data_folder_that_is_a_file(tmp_path: Path) -> None:
     data.write_text("not a folder")
     assert f"data folder {data} cannot be written" in refused_to_start(data)
     assert data.read_text() == "not a folder"
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A real disk of 1 MB; skipped where this user may not mount one."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
-        pytest.skip("only root can mount a small disk, and only outside of most containers")
-    yield folder
-    subprocess.run(["umount", "--lazy", folder], check=True)
 
 
 def test_a_disk_without_room(small_disk: Path) -> None:

@@ -12,24 +12,15 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from backend.simulation import kernels
-from backend.simulation.fast import ActFunction, ActionError, FastEngine, evaluate, raw_ranges, rollout, table_of
+from backend.simulation.fast import ActionError, FastEngine, evaluate, raw_ranges, rollout, table_of
 from backend.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
 from backend.simulation.scenes import draw_scene, draw_scenes, scene_to_row
 from backend.simulation.setups import OPEN_FIELD, PREFERENCE_SETUPS, SETUPS, STUDY_ROOM, Setup, SetupError
 from backend.simulation.trajectory import Outcome, Trajectory
+from tests.simulation.driving import towards_goal
 
 NAMES = list(SETUPS)
 EMPTY = Scene("open_field", 0, Pose(0.0, 0.0, 0.3), Pose(50.0, 0.0), 0.4, Person(Pose(0.0, 40.0)))
-
-
-def towards_goal(setup: Setup) -> ActFunction:
-    """Drive at the goal, whatever stands there."""
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        goal = np.arctan2(observations[:, 4], observations[:, 3]) / np.pi if setup.solids else observations[:, 1]
-        return np.stack([np.ones(len(goal)), np.clip(2 * goal, -1, 1)], axis=1).astype(np.float32)
-
-    return act
 
 
 def standing(observations: NDArray[np.float32]) -> NDArray[np.float32]:

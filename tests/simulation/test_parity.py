@@ -12,12 +12,13 @@ import pytest
 from numpy.typing import NDArray
 
 from backend.simulation import kernels
-from backend.simulation.fast import ActFunction, FastEngine, raw_ranges, rollout
+from backend.simulation.fast import FastEngine, raw_ranges, rollout
 from backend.simulation.reference import ReferenceEngine, rollout_reference
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import draw_scenes, scene_to_row
-from backend.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS, Setup
+from backend.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS
 from backend.simulation.trajectory import Outcome
+from tests.simulation.driving import towards_goal
 
 SCENES = 100
 NAMES = PREFERENCE_SETUPS
@@ -118,16 +119,6 @@ def test_poses_agree_within_five_millimetres_after_twenty_steps(name: str) -> No
     assert compared > SCENES / 2
     assert max(position) <= 0.005
     assert max(heading) <= math.pi / 240  # a collision is noticed at 240 Hz
-
-
-def towards_goal(setup: Setup) -> ActFunction:
-    """Drive at the goal, whatever stands there: some arrive, some collide."""
-
-    def act(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        goal = np.arctan2(observations[:, 4], observations[:, 3]) / np.pi if setup.solids else observations[:, 1]
-        return np.stack([np.ones(len(goal)), np.clip(2 * goal, -1, 1)], axis=1).astype(np.float32)
-
-    return act
 
 
 @pytest.mark.parametrize("name", DEMONSTRATION_SETUPS)

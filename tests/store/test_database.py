@@ -203,18 +203,6 @@ def test_a_nearly_full_disk_is_told_at_start(tmp_path: Path):
 
 
 @pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A real disk of 1 MB; skipped where this user may not mount one."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
-        pytest.skip("only root can mount a small disk, and only outside of most containers")
-    yield folder
-    subprocess.run(["umount", "--lazy", folder], check=True)  # a test that failed may still hold a file open
-
-
-@pytest.fixture
 def read_only_folder(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Path]:
     """A folder that this user cannot write: by its mode, for root a disk mounted so."""
     if os.geteuid() == 0:
