@@ -6,7 +6,7 @@ Where the rows come from (a data set on disk, this installation's tables) is `re
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from backend.simulation.trajectory import Trajectory
@@ -90,7 +90,8 @@ class ItemText:
 
 @dataclass(frozen=True)
 class StudyData:
-    """Everybody of a study with all that they answered; nobody is left out yet. protocol: the frozen copy, plain."""
+    """Everybody of a study with all that they answered; nobody is left out yet. protocol: the frozen copy, plain.
+    newest: the same of its latest version, None where the study was never revised."""
 
     name: str
     study: str
@@ -101,19 +102,15 @@ class StudyData:
     choices: Sequence[Choice]
     ratings: Sequence[Rating]
     comparisons: Sequence[Comparison]
+    newest: Mapping[str, Any] | None = None
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
-        return StudyData(
-            self.name,
-            self.study,
-            self.protocol,
-            self.protocol_hash,
-            self.items,
-            self.people,
-            [one for one in self.choices if one.person in codes],
-            [one for one in self.ratings if one.person in codes],
-            [one for one in self.comparisons if one.person in codes],
+        return replace(
+            self,
+            choices=[one for one in self.choices if one.person in codes],
+            ratings=[one for one in self.ratings if one.person in codes],
+            comparisons=[one for one in self.comparisons if one.person in codes],
         )
 
     @property

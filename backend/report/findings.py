@@ -144,11 +144,13 @@ class Findings:
 
 def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan | None = None) -> Findings:
     """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
+    Declared is what the study began with; a plan that came with a later version is used and told as deviations.
 
     Learning trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
     """
     declared = declared_plan(dict(data.protocol))
-    used = plan or declared or AnalysisPlan()
+    revised = declared_plan(dict(data.newest)) if data.newest is not None else declared
+    used = plan or revised or AnalysisPlan()
     everyone = [one for one in data.people if who == "all" or one.simulated == (who == "simulated")]
     kept = [one for one in everyone if _counts(one, used)]
     if not kept:

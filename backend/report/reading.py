@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.report.data import Choice, Comparison, ItemText, Load, Person, Rating, StudyData
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
 from backend.store.importing import read_dataset
-from backend.store.models import Study
+from backend.store.models import ProtocolVersion, Study
 
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
@@ -30,20 +31,43 @@ def read_folder(folder: Path) -> tuple[StudyData, Load]:
     """A data set written by `desirepath export`. Raises DatasetError if it is none or was changed."""
     found = read_dataset(folder)
     about = found.about
-    data = tidy(about["name"], about["study"], found.protocol, about["protocol"]["sha256"], found.files, found.tables)
+    data = tidy(
+        about["name"],
+        about["study"],
+        found.protocol,
+        about["protocol"]["sha256"],
+        found.files,
+        found.tables,
+        later=[(one["protocol"], one["files"]) for one in found.later],
+    )
     return data, found.trajectory
 
 
 def read_study(s: Session, files: ArtefactStore, study: Study) -> tuple[StudyData, Load]:
     """A study of this installation, as it stands now."""
-    data = tidy(study.name, study.id, study.protocol, study.protocol_hash, study.files, answers_of(s, study))
+    versions = s.scalars(
+        select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number)
+    )
+    later = [(one.protocol, one.files) for one in versions]
+    tables = answers_of(s, study)
+    data = tidy(study.name, study.id, study.protocol, study.protocol_hash, study.files, tables, later=later)
     return data, lambda trajectory: load_trajectory(files, trajectory)
 
 
 def tidy(
-    name: str, study: str, protocol: Row, protocol_hash: str, files: Mapping[str, str], tables: Tables
+    name: str,
+    study: str,
+    protocol: Row,
+    protocol_hash: str,
+    files: Mapping[str, str],
+    tables: Tables,
+    *,
+    later: Sequence[tuple[Row, Mapping[str, str]]] = (),
 ) -> StudyData:
-    """Tables as exported (JSON columns as plain data) as tidy rows. files: the texts that the protocol names."""
+    """Tables as exported (JSON columns as plain data) as tidy rows. files: the texts that the protocol names. later:
+    the study's later protocols with theirs, in order."""
+    for _, newer in later:
+        files = {**files, **newer}
     sessions: dict[str, list[Row]] = defaultdict(list)
     for row in sorted(tables["sessions"], key=lambda row: row["created_at"]):
         sessions[row["participant"]].append(row)
@@ -63,6 +87,7 @@ def tidy(
         choices=[_choice(row, answers[row["trial"]]) for row in trials if row["kind"] == "query"],
         ratings=[one for one in _ratings(tables["responses"], plans) if (one.questionnaire, one.item) not in checks],
         comparisons=[found for row in trials if (found := _comparison(row, answers[row["trial"]])) is not None],
+        newest=later[-1][0] if later else None,
     )
 
 

@@ -74,13 +74,14 @@ class DatasetError(ValueError):
 @dataclass(frozen=True)
 class ReadDataset:
     """A data set as it lies in a folder. about: study.json; protocol, files: the study's frozen copy; tables: by name,
-    JSON columns as plain data."""
+    JSON columns as plain data; later: {"protocol", "files"} of its later versions, in order."""
 
     folder: Path
     about: Row
     protocol: Row
     files: dict[str, str]
     tables: dict[str, list[Row]]
+    later: list[Row]
 
     def trajectory(self, trajectory_id: str) -> Trajectory:
         return Trajectory.from_bytes((self.folder / TRAJECTORY_FOLDER / f"{trajectory_id}.npz").read_bytes())
@@ -95,7 +96,8 @@ def read_dataset(folder: Path) -> ReadDataset:
     about = _about(folder)
     frozen = _read_json(folder / PROTOCOL_FOLDER / "frozen.json")
     tables = {table.name: _read(folder, table) for table in (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES)}
-    return ReadDataset(folder, about, frozen["protocol"], frozen["files"], tables)
+    later = [_read_json(folder / PROTOCOL_FOLDER / f"{one['number']}.json") for one in about["protocol_versions"]]
+    return ReadDataset(folder, about, frozen["protocol"], frozen["files"], tables, later)
 
 
 def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str, Any]:

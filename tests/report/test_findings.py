@@ -123,6 +123,14 @@ def test_look_alike_comparisons_are_counted_and_said() -> None:
     assert (own.answers, own.look_alike, own.share.mean, own.test.used) == (2, 1, 0.5, 0)
 
 
+def test_a_plan_that_came_with_a_later_version_is_used_and_told() -> None:
+    answers = [choice("P-1", HERE, k, "a") for k in range(2)]
+    begun = {"analysis": {"metrics": []}}
+    found = analyse(study(answers, protocol=begun, newest={"analysis": {"metrics": [], "alpha": 0.01}}), nothing)
+    assert (found.plan.alpha, found.deviations) == (0.01, ["alpha: declared 0.05, used 0.01."])
+    assert analyse(study(answers, protocol=begun), nothing).deviations == []
+
+
 def test_the_declared_plan_counts_and_deviations_are_said(tmp_path: Path) -> None:
     declared = declared_plan({"analysis": {"correction": "bonferroni"}})
     assert declared == AnalysisPlan(correction="bonferroni")
