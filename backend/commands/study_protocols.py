@@ -107,6 +107,7 @@ def revise(
     as_json: JsonFlag = False,
 ) -> None:
     """Give a running study a new version of its protocol, for whoever joins from now on."""
+    from backend.store.audit import record
     from backend.store.models import Study
     from backend.study.protocol import freeze
     from backend.study.revising import revise_study, versions_of
@@ -118,6 +119,7 @@ def revise(
         if row is None:
             raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
         version = revise_study(s, files, row, frozen, by=COMMAND_LINE)
+        record(s, "study_revised", by=COMMAND_LINE, study_id=study, number=version.number)
         on = {line.number: line.people + line.simulated for line in versions_of(s, row)}
     result = {"study": study, "number": version.number, "changes": version.changes, "participants_on_version": on}
     if as_json:
