@@ -52,7 +52,7 @@ class Content:
         sessions = s.scalars(
             select(SessionRow).where(SessionRow.study_id == study.id).order_by(SessionRow.created_at, SessionRow.id)
         ).all()
-        self.closed = {one.id for one in everyone if open_data and (one.consents or {}).get("open_data") is False}
+        self.closed = {one.id for one in everyone if open_data and not _may_be_published(one, study)}
         out = {one.id for one in everyone if one.withdrawn_at is not None or one.id not in self.people} | self.closed
         gone = {one.id: one.code for one in everyone if one.id in out}
         kept = [row for row in sessions if row.participant_id not in gone]
@@ -255,6 +255,15 @@ class Content:
         for word in self.secrets if text else ():
             text = text.replace(word, REMOVED) if text else text
         return text
+
+
+def _may_be_published(person: Participant, study: Study) -> bool:
+    """Whether somebody agreed to that, or the study did not ask. Who has not consented to anything did not agree."""
+    asked = any(
+        "open_data" in ((entry.get("consent") or {}).get("purposes") or {})
+        for entry in study.protocol.get("stages", ())
+    )
+    return (person.consents or {}).get("open_data", not asked) is not False
 
 
 def as_json(value: Any) -> str | None:

@@ -437,7 +437,11 @@ def test_an_export_can_be_moved_and_read_elsewhere(copied: Path, tmp_path: Path)
 def test_data_for_publication_hold_nothing_of_who_did_not_agree_but_one_row(study: SmallStudy, tmp_path: Path):
     agreed, _ = study.participant("P1", secret="sunshine")
     refused, _ = study.participant("P2", secret="thunderstorm", drives=100)
+    study.participant("P3", secret="hurricane", drives=200)  # who left before the consent
     with study.database.transaction() as s:
+        asked = {"consent": {"purposes": {"open_data": {"en": "May it be published?"}}}}
+        row = s.get_one(Study, study.id)
+        row.protocol = {**row.protocol, "stages": [asked]}
         s.get_one(Participant, agreed).consents = {"training": False, "open_data": True}
         s.get_one(Participant, refused).consents = {"training": True, "open_data": False}
     export_study(study.database, study.files, study.id, tmp_path / "open", open_data=True)
@@ -446,12 +450,13 @@ def test_data_for_publication_hold_nothing_of_who_did_not_agree_but_one_row(stud
         row["participant"]: (row["training"], row["open_data"])
         for row in parquet_rows(tmp_path / "open", "participants")
     }
-    assert told == {"P1": (False, True), "P2": (True, False)}
+    assert told == {"P1": (False, True), "P2": (True, False), "P3": (None, None)}
     assert {row["participant"] for row in parquet_rows(tmp_path / "open", "responses")} == {"P1"}
-    assert {row["participant"] for row in parquet_rows(tmp_path / "own", "responses")} == {"P1", "P2"}
+    assert {row["participant"] for row in parquet_rows(tmp_path / "own", "responses")} == {"P1", "P2", "P3"}
     everything = b"".join(path.read_bytes() for path in (tmp_path / "open").rglob("*.csv"))
     assert b"sunshine" in everything
     assert b"thunderstorm" not in everything
+    assert b"hurricane" not in everything
 
 
 def test_pooled_snapshots_leave_out_who_did_not_let_us_learn(study: SmallStudy):
