@@ -1,7 +1,7 @@
 """The whole report of a study in the browser: made by a process of its own, shown and taken away from here.
 
 The numbers and figures are those of `desirepath report`, which is what the process runs. Reports are kept in memory
-only, each under what it was made from, so that none outlives an erasure or shows yesterday's answers.
+only, each under what it was made from, so that none is shown after an erasure or shows yesterday's answers.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Reports:
         try:
             with self._turn:
                 promised.set_result(self._made(study, who))
-        except (OSError, ReportError, subprocess.SubprocessError) as problem:
+        except Exception as problem:  # whatever it was: somebody waits for this promise
             promised.set_exception(ReportError(str(problem)))
 
     def _made(self, study: str, who: str) -> Made:

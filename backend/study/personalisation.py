@@ -117,10 +117,12 @@ def _learn_from_paths(s: DatabaseSession, files: ArtefactStore, session: Session
     scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
     if any(entry.evaluation for entry in protocol.stages):
         scenes = EVERY_PAIR
-    for environment in dict.fromkeys(one.demonstrations.environment for one in protocol.stages if one.demonstrations):
-        snapshot = take_demonstrations(
-            s, files, study_id=session.study_id, environment=environment, session_id=session.id
-        )
+    environments = dict.fromkeys(one.demonstrations.environment for one in protocol.stages if one.demonstrations)
+    snapshots = [  # all of them before the first job: either every environment can be learned from, or none is
+        take_demonstrations(s, files, study_id=session.study_id, environment=environment, session_id=session.id)
+        for environment in environments
+    ]
+    for snapshot in snapshots:
         job = enqueue_job(
             s,
             PATHS_JOB,
