@@ -11,7 +11,7 @@ from backend.study.named import questionnaires_of
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockStage, Queries
 from backend.study.schema_questionnaires import Item, Questionnaire
-from backend.study.schema_stages import ComprehensionStage, When
+from backend.study.schema_stages import ComprehensionStage, When, stage_keys
 from backend.study.source import Problem, Source
 
 ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
@@ -149,7 +149,8 @@ def _conditions(protocol: Protocol, source: Source) -> Iterator[Problem]:
         return
     if scheme != "random" and not design.blocks:
         yield source.problem(
-            ("assignment", "scheme"), "needs a block with 'each' or 'one_of'; without conditions there is no order"
+            ("assignment", "scheme"),
+            "needs a block with 'each' or 'one_of', or an evaluation; otherwise there is no order",
         )
     names = [
         {condition.name for group in range(len(block.groups)) for condition in block.conditions(group)}
@@ -157,9 +158,9 @@ def _conditions(protocol: Protocol, source: Source) -> Iterator[Problem]:
     ]
     for n, one in enumerate(names):
         if any(one & other for other in names[:n]):
-            index = [i for i, entry in enumerate(protocol.stages) if entry.block and design.blocks][n]
+            index = stage_keys(protocol.stages).index(list(design.blocks)[n])
             told = f"has conditions called as those of another block: {', '.join(sorted(one))}; add a factor"
-            yield source.problem(("stages", index, "block"), told)
+            yield source.problem(("stages", index, protocol.stages[index].kind), told)
 
 
 def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source) -> Iterator[Problem]:

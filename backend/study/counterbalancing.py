@@ -16,26 +16,31 @@ import numpy as np
 
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockStage, Condition
+from backend.study.schema_demonstrations import EvaluationStage
 from backend.study.schema_stages import stage_keys
 
 MOST_ROWS = 5040  # ours: 7!; a protocol with more orders than that can never be balanced
 
 
+Ordered = BlockStage | EvaluationStage
+"""What has conditions in an order: a block, or an evaluation with its three controllers."""
+
+
 @dataclass(frozen=True)
 class Placement:
-    """What one participant meets in one block: the group of `one_of` and the order of the conditions in it."""
+    """What one participant meets in a block or evaluation: the group of `one_of` and the order of its conditions."""
 
     group: int
     order: tuple[int, ...]
 
-    def conditions(self, block: BlockStage) -> list[Condition]:
+    def conditions(self, block: Ordered) -> list[Condition]:
         """The conditions in this order."""
         here = block.conditions(self.group)
         return [here[i] for i in self.order]
 
 
 Place = Mapping[str, Placement]
-"""Stage key of a block -> its placement."""
+"""Stage key of a block or an evaluation -> its placement."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class Design:
     """All places there are: one row each. `digest` tells two protocols with the same places from others."""
 
     scheme: str
-    blocks: Mapping[str, BlockStage]
+    blocks: Mapping[str, Ordered]
     rows: tuple[Place, ...]
     digest: str
 
@@ -77,9 +82,10 @@ class Design:
 
 
 def design_of(protocol: Protocol) -> Design:
-    """The places of a protocol; none where no block has conditions. ValueError: more than `MOST_ROWS`."""
+    """The places of a protocol; none where nothing has conditions. ValueError: more than `MOST_ROWS`."""
     keyed = zip(stage_keys(protocol.stages), protocol.stages, strict=True)
-    blocks = {key: entry.block for key, entry in keyed if entry.block and (entry.block.each or entry.block.one_of)}
+    ordered = ((key, entry.block or entry.evaluation) for key, entry in keyed)
+    blocks = {key: block for key, block in ordered if block and (block.each or block.one_of)}
     scheme = protocol.assignment.scheme
     count = prod(len(block.groups) * _how_many(len(block.conditions(0)), scheme) for block in blocks.values())
     if count > MOST_ROWS:  # counted before they are made: ten conditions have 3.6 million

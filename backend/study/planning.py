@@ -18,7 +18,7 @@ from backend.study import schema
 from backend.study.counterbalancing import Place, design_of
 from backend.study.query_plan import AnyQuery, Drawn, PlanError, block_trials, draw, queries_needed
 from backend.study.schema_blocks import BlockBreak, BlockEntry, BlockQuestionnaire, BlockStage, Condition
-from backend.study.schema_demonstrations import CONTROLLERS, DemonstrationsStage, EvaluationStage
+from backend.study.schema_demonstrations import DemonstrationsStage, EvaluationStage
 from backend.study.schema_stages import (
     AppointmentStage,
     ComparisonStage,
@@ -67,6 +67,9 @@ def make_plan(
             conditions = place[name].conditions(stage) if name in place else stage.conditions(0)
             steps = _block(name, stage, conditions, drawn, random)
             view = conditions[-1].view
+        elif isinstance(stage, EvaluationStage):
+            conditions = place[name].conditions(stage) if name in place else stage.conditions(0)
+            steps = _evaluations(name, stage, conditions, protocol, random)
         else:
             steps = _pages(name, entry, protocol, view, random)
             view = stage.view if isinstance(stage, DemonstrationsStage) else view
@@ -105,8 +108,6 @@ def _pages(
         return steps
     if isinstance(stage, DemonstrationsStage):
         return _drawings(name, stage, random)
-    if isinstance(stage, EvaluationStage):
-        return _evaluations(name, stage, protocol, random)
     if isinstance(stage, ComparisonStage):
         against = [opponent for opponent in stage.opponents for _ in range(stage.scenes)]
         if len(stage.opponents) > 1:
@@ -132,7 +133,7 @@ def _pages(
         said = {"questionnaire": stage.use, "attempts": stage.attempts, "on_failure": stage.on_failure}
         said |= ({"text": stage.text} if stage.text else {}) | _limited(stage.time_limit_s)
         return [step | {"key": f"{name}.{n}", "attempt": n, **said} for n in numbers]
-    assert not isinstance(stage, BlockStage)  # noqa: S101  blocks are made elsewhere
+    assert not isinstance(stage, BlockStage | EvaluationStage)  # noqa: S101  these are made elsewhere
     step["text"] = stage.text
     if isinstance(stage, BlockBreak):
         step["at_least_s"] = stage.at_least_s
@@ -163,15 +164,22 @@ def _drawings(name: str, stage: DemonstrationsStage, random: np.random.Generator
 
 
 def _evaluations(
-    name: str, stage: EvaluationStage, protocol: schema.Protocol, random: np.random.Generator
+    name: str,
+    stage: EvaluationStage,
+    conditions: Sequence[Condition],
+    protocol: schema.Protocol,
+    random: np.random.Generator,
 ) -> list[Step]:
-    """Environment by environment, controller by controller: its drives, then the questions. Keys tell no controller."""
+    """Environment by environment, controller by controller: its drives, then the questions. Keys tell no controller.
+
+    conditions: the controllers in the order of the first environment; the second has it in reverse.
+    """
     drawn = {one.demonstrations.environment: one.demonstrations for one in protocol.stages if one.demonstrations}
     steps: list[Step] = []
-    for environment in random.permutation(sorted(drawn)).tolist():
+    for turn, environment in enumerate(random.permutation(sorted(drawn)).tolist()):
         pairs = drawn[environment].pairs
-        for place, number in enumerate(random.permutation(len(CONTROLLERS)).tolist(), 1):
-            where: Step = {"stage": name, "block": CONTROLLERS[number], "view": stage.view, "environment": environment}
+        for place, controller in enumerate(conditions[::-1] if turn % 2 else conditions, 1):
+            where: Step = {"stage": name, "block": controller.name, "view": stage.view, "environment": environment}
             prefix = f"{name}.{environment}.{place}"
             shown = {"robot": place, "of": pairs, "role": "regular"}
             steps += [

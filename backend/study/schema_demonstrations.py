@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from backend.study.parts import Part, Slug
+from backend.study.schema_blocks import Condition
 from backend.study.words import View
 
 
@@ -37,10 +38,28 @@ CONTROLLERS = ("social_cost", "dwa", "own")  # spec 02
 
 
 class EvaluationStage(Part):
-    """The social-cost planner, the dynamic window approach and the own controller, blind, one after the other, in an
-    order drawn by lot per environment: each drives in every situation that was drawn in, then `questionnaire` asks
-    about it.
+    """The social-cost planner, the dynamic window approach and the own controller, blind, one after the other, in the
+    order of the assignment, and in the reverse order in the second environment, so that a participant meets each as
+    late as the others on average: each drives in every situation that was drawn in, then `questionnaire` asks about it.
     """
 
     questionnaire: Slug
     view: View = "top_down"
+
+    @property
+    def each(self) -> dict[str, list[str]]:
+        """What is ordered, as a block's `each`."""
+        return {"controller": list(CONTROLLERS)}
+
+    @property
+    def one_of(self) -> None:
+        """Everybody meets all three."""
+
+    @property
+    def groups(self) -> list[dict[str, str]]:
+        """One, as of a block without `one_of`."""
+        return [{}]
+
+    def conditions(self, _group: int) -> list[Condition]:
+        """The controllers as a block's conditions."""
+        return [Condition(name=name, view=self.view, levels={"controller": name}) for name in CONTROLLERS]

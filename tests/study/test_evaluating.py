@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,10 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
 from backend.study import drawing, machine
+from backend.study.counterbalancing import design_of
+from backend.study.joining import join_study
 from backend.study.links import next_token
+from backend.study.planning import make_plan
 from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
 from backend.study.sessions import acting
@@ -137,6 +141,28 @@ def test_three_controllers_are_watched_blind_and_rated(walker: Walker):
         asked = {step["key"]: step["block"] for step in plan if step.get("questionnaire") == "drawing_rating"}
         given = s.scalars(select(Response).where(Response.step_key.in_(asked))).all()
         assert {asked[response.step_key] for response in given} == {"social_cost", "dwa", "own"}
+
+
+def test_the_six_orders_are_filled_evenly_and_reversed_in_the_second_environment(
+    database: Database, files: ArtefactStore
+):
+    protocol = freeze_text(STUDY.read_text()).protocol
+    orders = []
+    for place in design_of(protocol).rows:
+        for seed in (0, 1):
+            plan = make_plan(protocol, seed, [], place)
+            asked = [step for step in plan if step.get("questionnaire") == "drawing_rating"]
+            met = [step["block"] for step in asked]
+            assert len({step["environment"] for step in asked[:3]}) == 1
+            assert met[3:] == met[2::-1]
+            assert all(sum(i % 3 for i, block in enumerate(met) if block == name) == 2 for name in met)
+        orders.append(tuple(met[:3]))
+    assert sorted(orders) == sorted(permutations(("social_cost", "dwa", "own")))
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(STUDY.read_text()), name="Six", created_by=None)
+        joined = [join_study(s, study, language="en", files=files)[0] for _ in range(6)]
+        given = [session.assignment["order"] for session in joined]
+    assert sorted(map(tuple, given)) == sorted(orders)
 
 
 def test_nobody_is_shown_robots_that_could_not_be_learned(walker: Walker):
