@@ -115,8 +115,10 @@ class StudyData:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """The conditions of regular queries, by the alphabet, so that no table depends on who came first."""
-        return tuple(sorted({one.condition for one in self.choices if one.role == "regular"}))
+        """What is compared, by the alphabet, so that no table depends on who came first: the conditions of regular
+        queries; in a study without queries those that were rated, as an evaluation's controllers."""
+        queried = {one.condition for one in self.choices if one.role == "regular"}
+        return tuple(sorted(queried or {one.condition for one in self.ratings if one.condition is not None}))
 
     def item(self, questionnaire: str, key: str) -> ItemText:
         """The item's words; its key where the questionnaire's file is not there."""

@@ -164,6 +164,7 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
     own = data.of({one.code for one in kept})
     conditions = own.conditions
     regular = [one for one in own.choices if one.role == "regular"]
+    queried = conditions if regular else ()  # otherwise they were rated only
     return Findings(
         who=who,
         simulated=sum(one.simulated for one in kept),
@@ -173,13 +174,13 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
         deviations=deviations(declared, used),
         conditions=conditions,
         flow=_flow(everyone, kept, used),
-        orders=dict(sorted(Counter(", ".join(one.order) for one in kept).items())),
+        orders=dict(sorted(Counter(", ".join(c for c in one.order if c in conditions) for one in kept).items())),
         demographics=_demographics(own),
         items=item_results(own.ratings, conditions, used, own),
         rankings=ranking_results(own.ratings, used, own),
-        of_condition={name: _of_condition(own.choices, name, used) for name in conditions},
-        between={pair: _between(regular, pair) for pair in combinations(conditions, 2)},
-        disagreement=_disagreement(regular, conditions, used.metrics, load),
+        of_condition={name: _of_condition(own.choices, name, used) for name in queried},
+        between={pair: _between(regular, pair) for pair in combinations(queried, 2)},
+        disagreement=_disagreement(regular, queried, used.metrics, load),
         personalised=personalised(own.comparisons, used),
         devices=_devices(own.choices, {one.code: one for one in kept}),
     )
@@ -243,15 +244,19 @@ def item_results(
     ratings: Sequence[Rating], conditions: Sequence[str], plan: AnalysisPlan, data: StudyData
 ) -> list[ItemResult]:
     """Friedman per item over the people who rated it under every condition, p corrected over the items; Wilcoxon in
-    pairs (Bonferroni) where significant. Fewer than three conditions, or two people, cannot be tested."""
-    table: dict[tuple[str, str], dict[str, dict[str, float]]] = defaultdict(dict)
+    pairs (Bonferroni) where significant. Whoever rated a condition more than once, as a controller in each environment,
+    counts with the mean. Fewer than three conditions, or two people, cannot be tested."""
+    table: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
     for one in ratings:
         asked = plan.items is None or one.questionnaire == plan.items
         if asked and one.condition is not None and one.condition in conditions and isinstance(one.value, int | float):
-            table[one.questionnaire, one.item].setdefault(one.person, {})[one.condition] = float(one.value)
+            rated_by = table[one.questionnaire, one.item].setdefault(one.person, {})
+            rated_by.setdefault(one.condition, []).append(float(one.value))
     complete: dict[tuple[str, str], NDArray[np.float64]] = {}
     for key, rated in sorted(table.items(), key=lambda one: data.place(*one[0])):
-        rows = [[of[name] for name in conditions] for of in rated.values() if len(of) == len(conditions)]
+        rows = [
+            [float(np.mean(of[name])) for name in conditions] for of in rated.values() if len(of) == len(conditions)
+        ]
         if len(rows) >= 2 and len(conditions) >= 3:
             complete[key] = np.array(rows)
     tests = corrected([friedman(rows, about=_rating_of(key[1])) for key, rows in complete.items()], plan.correction)

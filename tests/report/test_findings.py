@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from backend.analysis.metrics import measure
 from backend.learning.shipped import load_queries
 from backend.report.data import Choice, Comparison, ItemText, Person, Rating, StudyData
 from backend.report.findings import NothingToReport, analyse
 from backend.report.plan import AnalysisPlan, declared_plan, deviations, read_plan
+from backend.report.words import sections
 
 HERE, THERE = "first_person", "top_down"
 PERSON = Person("P-1", False, None, False, "completed", (HERE, THERE), {"pointer": "fine"})
@@ -114,6 +117,38 @@ def test_ratings_need_everybody_under_every_condition() -> None:
     assert fun.test.statistic == pytest.approx(6.0)  # three people in full agreement: n (k - 1)
     assert fun.test.effect == pytest.approx(1.0)
     assert [(one.item.key, one.n, one.numbers.mean) for one in found.demographics if one.numbers] == [("age", 4, 31.5)]
+
+
+def test_an_evaluation_without_queries_is_tested_over_the_controllers() -> None:
+    """The declared plan of the demonstration study on made-up ratings of 12 people in two environments: the own
+    controller is 2 better than the others. A person counts once, with the mean of both environments."""
+    text = (Path(__file__).resolve().parents[2] / "study_protocols" / "demonstration_study.yaml").read_text()
+    six = list(permutations(("dwa", "own", "social_cost")))
+    people = [replace(PERSON, code=f"P-{k}", order=six[k % 6]) for k in range(12)]
+    ratings = [
+        Rating(one.code, name, "drawing_rating", item, 2 + 2 * (name == "own") + (k + later) % 2)
+        for k, one in enumerate(people)
+        for later in (0, 1)
+        for name in one.order
+        for item in ("comfort", "too_close", "preference")
+    ]
+    found = analyse(study([], people, ratings=ratings, protocol=yaml.safe_load(text)), nothing)
+    assert found.deviations == []
+    assert found.conditions == ("dwa", "own", "social_cost")
+    assert found.orders == {", ".join(order): 2 for order in six}
+    assert [one.item.key for one in found.items] == ["comfort", "too_close", "preference"]
+    for one in found.items:
+        assert (one.test.n, one.means["own"].mean, one.means["dwa"].mean) == (12, 4.5, 2.5)
+        assert (one.test.test, one.test.correction, one.test.df) == ("Friedman", "Bonferroni", 2)
+        assert [pair.test for pair in one.pairs] == ["Wilcoxon signed-rank"] * 3
+        assert [pair.correction for pair in one.pairs] == ["Bonferroni"] * 3
+        assert [pair.significant() for pair in one.pairs] == [True, False, True]
+    parts = sections(found, [], Path())
+    (orders,) = (table for part in parts for table in part.tables if table.caption.startswith("Orders"))
+    assert len(orders.rows) == 6
+    told = " ".join(point for part in parts for point in part.points)
+    assert "higher for own than for social cost" in told
+    assert "Agreement" not in [part.title for part in parts]
 
 
 def test_look_alike_comparisons_are_counted_and_said() -> None:
