@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Depends, Request
-from sqlalchemy import func, select
+from sqlalchemy import select
 from starlette.responses import Response
 
 from backend.api.auth import checked_csrf
 from backend.api.dependencies import Db
 from backend.api.lab import lab_page
-from backend.api.study_rows import ROWS_PER_PAGE, Page, page_of
+from backend.api.study_rows import found_page
 from backend.store.models import Audit, Participant, Study
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["settings"])
@@ -31,13 +31,10 @@ def audit(
         if value:
             query = query.where(columns[name] == value)
     with database.session() as s:
-        total = s.scalar(select(func.count()).select_from(query.subquery())) or 0
-        page, pages = page_of(page, total)
-        rows = s.execute(query.order_by(Audit.id.desc()).offset((page - 1) * ROWS_PER_PAGE).limit(ROWS_PER_PAGE)).all()
         return lab_page(
             request,
             "lab/audit.html",
-            listed=Page(rows, total, page, pages),
+            listed=found_page(s, query.order_by(Audit.id.desc()), page),
             where=where,
             people=list(s.scalars(select(Audit.by).distinct().order_by(Audit.by))),
             actions=list(s.scalars(select(Audit.action).distinct().order_by(Audit.action))),

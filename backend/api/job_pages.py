@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -26,6 +25,7 @@ from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, TheHouse, house
 from backend.api.job_forms import form_fields, typed_values
 from backend.api.lab import LabRefusal, lab_language, lab_page
+from backend.api.study_rows import found_page
 from backend.jobs.artefacts import command_of, find_artefact
 from backend.jobs.kinds import KINDS, JobParamsError, Kind, Params, get_kind
 from backend.jobs.process import FINAL_STATES, read_log
@@ -68,22 +68,23 @@ class Param:
 def jobs(request: Request, database: Db, state: str = "", kind: str = "", study: str = "", page: int = 1) -> Response:
     where = {name: value for name, value in (("state", state), ("kind", kind), ("study", study)) if value}
     chosen = select(Job)
-    counting = select(func.count()).select_from(Job)
     for name, value in where.items():
         column = {"state": Job.state, "kind": Job.kind, "study": Job.study_id}[name]
-        chosen, counting = chosen.where(column == value), counting.where(column == value)
+        chosen = chosen.where(column == value)
     with database.session() as s:
-        total = s.scalar(counting) or 0
-        pages = max(1, math.ceil(total / ROWS_PER_PAGE))
-        page = min(max(1, page), pages)
-        found = s.scalars(
-            chosen.order_by(Job.created_at.desc()).limit(ROWS_PER_PAGE).offset((page - 1) * ROWS_PER_PAGE)
-        )
-        lines = [_line(s, job) for job in found]
+        listed = found_page(s, chosen.order_by(Job.created_at.desc()), page, ROWS_PER_PAGE)
+        lines = [_line(s, job) for (job,) in listed.rows]
         used_kinds = sorted(s.scalars(select(Job.kind).distinct()))
     template = "analyst/jobs_part.html" if request.headers.get("X-Fragment") else "analyst/jobs.html"
     return lab_page(
-        request, template, lines=lines, where=where, total=total, page=page, pages=pages, used_kinds=used_kinds
+        request,
+        template,
+        lines=lines,
+        where=where,
+        total=listed.total,
+        page=listed.page,
+        pages=listed.pages,
+        used_kinds=used_kinds,
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api import monitoring
@@ -213,10 +213,7 @@ def events(
         query = query.where(Event.kind == kind)
     if participant:
         query = query.where(Participant.code == participant)
-    total = s.scalar(select(func.count()).select_from(query.subquery())) or 0
-    page, pages = page_of(page, total)
-    rows = s.execute(query.order_by(Event.id.desc()).offset((page - 1) * ROWS_PER_PAGE).limit(ROWS_PER_PAGE)).all()
-    return Page(rows, total, page, pages)
+    return found_page(s, query.order_by(Event.id.desc()), page)
 
 
 def event_kinds(s: DatabaseSession, study_id: str) -> list[tuple[str, int]]:
@@ -255,14 +252,21 @@ def tombstones(s: DatabaseSession, study_id: str) -> list[Tombstone]:
     return list(s.scalars(select(Tombstone).where(Tombstone.study_id == study_id).order_by(Tombstone.erased_at.desc())))
 
 
+def found_page(s: DatabaseSession, query: Select[*tuple[Any, ...]], page: int, per_page: int = ROWS_PER_PAGE) -> Page:
+    """One page of what an ordered query finds; the nearest one there is, where it has fewer."""
+    total = s.scalar(select(func.count()).select_from(query.order_by(None).subquery())) or 0
+    page, pages = _page_of(page, total, per_page)
+    return Page(s.execute(query.offset((page - 1) * per_page).limit(per_page)).all(), total, page, pages)
+
+
 def cut(rows: Sequence[Any], page: int) -> Page:
     """One page of rows that are in memory already."""
-    page, pages = page_of(page, len(rows))
+    page, pages = _page_of(page, len(rows), ROWS_PER_PAGE)
     return Page(rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE], len(rows), page, pages)
 
 
-def page_of(page: int, total: int) -> tuple[int, int]:
-    pages = max(1, -(-total // ROWS_PER_PAGE))
+def _page_of(page: int, total: int, per_page: int) -> tuple[int, int]:
+    pages = max(1, -(-total // per_page))
     return min(max(1, page), pages), pages
 
 
