@@ -10,6 +10,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,12 @@ class Scale:
             counted.append(self.points - given if item.reversed else given - 1)
         share = sum(counted) / (len(counted) * (self.points - 1))
         return self.lowest + share * (self.highest - self.lowest)
+
+
+def frozen_items(frozen: str) -> list[dict[str, Any]]:
+    """The items of a scale, as a questionnaire writes its own ones, from a study's copy of it: a `Scale` as JSON."""
+    scale = json.loads(frozen)
+    return [{"type": "scale", "points": scale["points"], **item} for item in scale["items"]]
 
 
 def wording_digest(items: Sequence[tuple[str, str, str]], points: int) -> str:

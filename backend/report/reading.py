@@ -5,7 +5,6 @@ Both are the same tables (`store/dataset.py`), so a report is the same wherever 
 
 from __future__ import annotations
 
-import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from backend.analysis.scales import frozen_items
 from backend.report.data import Choice, Comparison, ItemText, Load, Person, Rating, StudyData
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
@@ -174,8 +174,7 @@ def _asked_in(block: Row, files: Mapping[str, str]) -> Sequence[Row]:
     """The items of a block; those of a validated scale stand in the study's own copy of it."""
     if not block.get("scale"):
         return list(block["items"])
-    scale = json.loads(files[f"scales/{block['scale']}.json"])
-    return [{"type": "scale", "points": scale["points"], **item} for item in scale["items"]]
+    return frozen_items(files[f"scales/{block['scale']}.json"])
 
 
 def _english(text: Mapping[str, str]) -> str:

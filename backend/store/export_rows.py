@@ -14,6 +14,7 @@ import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from backend.analysis.scales import frozen_items
 from backend.store.events import FORBIDDEN_KEYS, mentions
 from backend.store.models import (
     Event,
@@ -284,7 +285,7 @@ def _items_without_free_text(s: Session, study: Study) -> set[str]:
     versions = s.scalars(select(ProtocolVersion.files).where(ProtocolVersion.study_id == study.id))
     for name, content in (file for files in (study.files, *versions) for file in files.items()):
         if name.startswith("scales/"):  # a validated scale's items, see study/reading.py
-            chosen |= {item["key"] for item in json.loads(content)["items"]}
+            chosen |= {item["key"] for item in frozen_items(content)}
         elif name.startswith("questionnaires/"):
             for item in (item for block in yaml.safe_load(content)["blocks"] for item in block.get("items", [])):
                 (typed if item["type"] == "text" else chosen).add(item["key"])

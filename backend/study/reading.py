@@ -7,9 +7,8 @@ import re
 from collections.abc import Callable, Collection
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-from backend.analysis.scales import SCALES, Scale, wording_digest
+from backend.analysis.scales import SCALES, Scale, frozen_items, wording_digest
 from backend.study import source as yaml_source
 from backend.study.error_words import meant, parsed
 from backend.study.named import all_texts
@@ -163,17 +162,11 @@ class Reader:
         kept = f"scales/{scale.name}.json"
         frozen = self._read(kept) or _as_file(scale)
         self.files[kept] = frozen
-        return block.model_copy(update={"items": _items_of(frozen)})
+        return block.model_copy(update={"items": [Item(**item) for item in frozen_items(frozen)]})
 
 
 def _as_file(scale: Scale) -> str:
     return json.dumps(asdict(scale), ensure_ascii=False, indent=1)
-
-
-def _items_of(frozen: str) -> list[Item]:
-    """The items of a scale from a study's own copy of it."""
-    scale: dict[str, Any] = json.loads(frozen)
-    return [Item(type="scale", points=scale["points"], **item) for item in scale["items"]]
 
 
 def _is_verbatim(items: Collection[Item], scale: Scale, language: str) -> bool:
