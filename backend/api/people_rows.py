@@ -195,7 +195,7 @@ def stages_of(everyone: Sequence[Person], plan_stages: Sequence[str]) -> list[tu
 
 def order_name(line: OrderLine) -> str:
     """An order of conditions as one word, `top_down-first_person`; levels between participants follow behind a bar."""
-    return "-".join(line.order) + ("|" + "-".join(line.groups) if line.groups else "")
+    return _order_name(line.order, line.groups)
 
 
 def median_trial_s(everyone: Sequence[Person]) -> float | None:
@@ -219,6 +219,9 @@ def _order_of(assignment: Mapping[str, Any] | None) -> str:
     """What `order_name` calls the order that a session got; empty where the protocol has no conditions."""
     if not assignment or not assignment.get("blocks"):
         return ""
-    order = "-".join(name for names in assignment["blocks"].values() for name in names)
-    groups = "-".join(assignment.get("groups", {}).values())
-    return f"{order}|{groups}" if groups else order
+    order = [name for names in assignment["blocks"].values() for name in names]
+    return _order_name(order, list(assignment.get("groups", {}).values()))
+
+
+def _order_name(order: Sequence[str], groups: Sequence[str]) -> str:
+    return "-".join(order) + ("|" + "-".join(groups) if groups else "")
