@@ -47,6 +47,7 @@ def signed_in_page(chromium: Browser, address: str, **context: object) -> Page:
 def test_experimenter_makes_a_study_corrects_a_mistake_and_gets_the_link(chromium, address):
     page = signed_in_page(chromium, address)
     page.get_by_role("link", name="New study").click()
+    page.locator("input[value='shipped:quick_preference_study']").check()
     page.get_by_role("button", name="Check it").first.click()
     yaml = page.get_by_label("Edit the protocol")
     right = yaml.input_value()

@@ -24,6 +24,7 @@ EVERYTHING = [
     {"block": {**CROSSED["block"], "attention_checks": 1, "viewing": {"replays": 1, "choice_limit_s": 20}}},
     {"break": {"text": "pause.md", "at_least_s": 20}},
     {"appointment": {"text": "come_back.md"}},
+    {"instruction": {"text": "instruction.md"}},
     RATING,
     {"questionnaire": {"use": "order"}},
 ]

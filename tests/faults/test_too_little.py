@@ -47,12 +47,12 @@ def test_too_few_answers_on_the_pages(served: Served, experimenter: httpx.Client
         form = {"csrf": csrf.group(1), "study": served.installation.study.id, "participant": code}
         refused = experimenter.post("/lab/snapshots", data=form)
         assert refused.status_code == 422, refused.text
-        assert "--answers simulated" in refused.text
+        assert "choose these above to learn from them" in refused.text
         form["answers"] = "simulated"
         refused = experimenter.post("/lab/snapshots", data=form)
         assert refused.status_code == 422, refused.text
-        assert f"{answers} usable answer" in refused.text
-        assert "at least 2" in refused.text
+        assert f"Usable answers of simulated participants: {'only one' if answers else 0}" in refused.text
+        assert "at least two are needed" in refused.text
     with served.installation.database.session() as s:
         assert s.query(Artefact).filter_by(kind="snapshot").count() == 0
         assert s.query(Job).count() == 0

@@ -107,6 +107,7 @@ def test_1_experimenter_opens_a_study(installation: Installation, open_page: Cal
     screenshots(page, "experimenter_no_studies")
     page.goto(f"{installation.url}/lab/new")
     screenshots(page, "experimenter_choose_protocol")
+    page.locator("input[value='shipped:quick_preference_study']").check()
     page.get_by_role("button", name="Check it").first.click()
     editor = page.locator("textarea[name=yaml]")
     yaml = editor.input_value()

@@ -28,6 +28,7 @@ STAGES = [
         }
     },
     {"appointment": {"text": "come_back.md", "after_days": 1, "within_days": 3}},
+    {"instruction": {"text": "instruction.md"}},
     {"questionnaire": {"use": "order"}, "when": {"questionnaire": "about", "item": "age", "at_least": 18}},
 ]
 
