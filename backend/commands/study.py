@@ -183,7 +183,7 @@ def power_command(
 
     sizes = [int(number) if number.strip().isdecimal() else 0 for number in participants.split(",")]
     found = plan_power(
-        _frozen_protocol(study),
+        frozen_protocol(study),
         sizes,
         condition=condition,
         item=item,
@@ -205,7 +205,7 @@ def power_command(
     say(told, as_json)
 
 
-def _frozen_protocol(study: str) -> FrozenProtocol:
+def frozen_protocol(study: str) -> FrozenProtocol:
     """Of a file, or of a study of this installation (the protocol that whoever joins now gets)."""
     from backend.store.models import Study
     from backend.study.protocol import freeze
@@ -217,7 +217,7 @@ def _frozen_protocol(study: str) -> FrozenProtocol:
     with database.session() as s:
         row = s.get(Study, study)
         if row is None:
-            raise LookupError(f"no study with id {study!r} and no such file; `desirepath study list` shows the studies")
+            raise LookupError(f"{study!r} is neither a file nor the id of a study; `desirepath study list` shows those")
         return newest_protocol(s, row)[1]
 
 

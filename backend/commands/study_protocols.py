@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
-from backend.commands.study import commands, open_store, query_sets
-
-if TYPE_CHECKING:
-    from backend.study.protocol import FrozenProtocol
+from backend.commands.study import commands, frozen_protocol, open_store, query_sets
 
 
 def register() -> None:
@@ -68,7 +65,7 @@ def diff(
     """Say what differs between two protocols and what that means for data that are there already."""
     from backend.study.revising import differences
 
-    changes = differences(_protocol(before), _protocol(after))
+    changes = differences(frozen_protocol(before), frozen_protocol(after))
     if as_json:
         say({"same": not changes, "changes": [change.as_dict() for change in changes]}, as_json)
         return
@@ -82,22 +79,6 @@ def diff(
 
 def _shown(value: object) -> str:
     return "nothing" if value is None else str(value)
-
-
-def _protocol(named: str) -> FrozenProtocol:
-    """The protocol of a file, or the newest one of a study."""
-    from backend.store.models import Study
-    from backend.study.protocol import freeze
-    from backend.study.versions import newest_protocol
-
-    if Path(named).is_file():
-        return freeze(Path(named), query_sets())
-    database, _ = open_store()
-    with database.session() as s:
-        study = s.get(Study, named)
-        if study is None:
-            raise LookupError(f"{named!r} is neither a file nor the id of a study; `desirepath study list` shows those")
-        return newest_protocol(s, study)[1]
 
 
 @plain_errors
