@@ -43,22 +43,24 @@ def wilcoxon(first: ArrayLike, second: ArrayLike, *, about: str, names: tuple[st
     Pairs without a difference are left out (Wilcoxon's own way, `zero_method="wilcox"`). p is exact up to 50 pairs
     without ties, else by scipy's choice (permutations of few pairs, otherwise the normal approximation with the ties'
     correction). Effect: the matched-pairs rank-biserial correlation (R+ - R-) / (R+ + R-), positive where `first` is
-    higher. Raises ValueError as `friedman` does.
+    higher. z: W's normal approximation with the ties' correction and none for continuity, never above 0, as in the
+    thesis's table 2.2. Raises ValueError as `friedman` does.
     """
     data = _table("pairs", np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1), conditions=2)
     differences = data[:, 0] - data[:, 1]
     differences = np.round(differences[differences != 0], 12)  # shares such as 2/3 - 1/3 and 1/3 - 0 are ties
-    statistic, p, effect = 0.0, 1.0, 0.0
+    statistic, p, effect, z = 0.0, 1.0, 0.0, 0.0
     if len(differences):
         ranks = stats.rankdata(np.abs(differences))
         effect = float((np.sign(differences) * ranks).sum() / ranks.sum())
         result = stats.wilcoxon(differences, zero_method="wilcox", alternative="two-sided", method="auto")
         statistic, p = float(result.statistic), float(result.pvalue)
+        z = float((statistic - ranks.sum() / 2) / np.sqrt((ranks**2).sum() / 4))
     higher, lower = names if effect >= 0 else names[::-1]
     return Tested(
         test="Wilcoxon signed-rank", about=about, symbol="W", statistic=statistic, df=None, p=p, p_corrected=p,
         correction="uncorrected", effect_name="rank-biserial r", effect=effect, n=len(data), used=len(differences),
-        direction=f"higher for {higher} than for {lower}",
+        direction=f"higher for {higher} than for {lower}", z=z,
     )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ class Tested:
     symbol: of the statistic. df: degrees of freedom, None where the test has none. n: independent units (people).
     used: those of them that the test could use (no ties), where that is fewer. p_corrected: p itself until a family was
     corrected, by `correction`. effect: of the kind `effect_name`; direction: what a significant result says, in words.
+    z: the statistic's normal approximation, where papers give it beside one of another kind.
     """
 
     test: str
@@ -37,6 +38,7 @@ class Tested:
     n: int
     used: int
     direction: str
+    z: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -60,8 +62,9 @@ class Tested:
         df = "" if self.df is None else f"{self.df:g}, "
         told_n = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} used"
         p = "" if self.correction == "uncorrected" else f" ({self.correction})"
+        z = "" if self.z is None else f"z = {self.z:.2f}, "
         return (
-            f"{self.symbol}({df}{told_n}) = {self.statistic:.2f}, {told_p(self.p_corrected)}{p}, "
+            f"{self.symbol}({df}{told_n}) = {self.statistic:.2f}, {z}{told_p(self.p_corrected)}{p}, "
             f"{self.effect_name} = {self.effect:.2f}"
         )
 

@@ -78,9 +78,10 @@ def items_picture(found: Findings) -> Picture:
         for item in found.items
         for name in found.conditions
     ]
+    where = "" if found.plan.pairs == "always" else " in items where the conditions differ (Friedman)"
     caption = (
         "Mean ratings with standard errors over people. Brackets: pairs of conditions that differ (Wilcoxon, "
-        "Bonferroni over the pairs) in items where the conditions differ (Friedman); * p ≤ 0.05, ** 0.01, *** 0.001."
+        f"Bonferroni over the pairs){where}; * p ≤ 0.05, ** 0.01, *** 0.001."
     )
     return Picture("items", "Questionnaire after each block", caption, figure, rows)
 

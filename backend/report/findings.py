@@ -61,7 +61,7 @@ class Described:
 @dataclass(frozen=True)
 class ItemResult:
     """One item under each condition. people: who answered it under all of them; pairs: where Friedman's was
-    significant."""
+    significant, or where the plan wants them always."""
 
     item: ItemText
     means: Mapping[str, Mean]
@@ -244,8 +244,9 @@ def item_results(
     ratings: Sequence[Rating], conditions: Sequence[str], plan: AnalysisPlan, data: StudyData
 ) -> list[ItemResult]:
     """Friedman per item over the people who rated it under every condition, p corrected over the items; Wilcoxon in
-    pairs (Bonferroni) where significant. Whoever rated a condition more than once, as a controller in each environment,
-    counts with the mean. Fewer than three conditions, or two people, cannot be tested."""
+    pairs (Bonferroni) where significant or always, as the plan says. Whoever rated a condition more than once, as a
+    controller in each environment, counts with the mean. Fewer than three conditions, or two people, cannot be tested.
+    """
     table: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
     for one in ratings:
         asked = plan.items is None or one.questionnaire == plan.items
@@ -267,7 +268,7 @@ def item_results(
             test=test,
             pairs=(
                 corrected(pairs_of(rows, [_named(c) for c in conditions], about=test.about), "bonferroni")
-                if test.significant(plan.alpha)
+                if plan.pairs == "always" or test.significant(plan.alpha)
                 else ()
             ),
         )

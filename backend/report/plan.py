@@ -28,16 +28,18 @@ class AnalysisPlan(BaseModel):
     """What is tested and how, declared before the data (`analysis:` in a protocol). Defaults: spec 07 unless marked.
 
     items: the questionnaire that is answered after each block (Friedman per item, then Wilcoxon in pairs, Bonferroni);
-    default every scale that is answered under two or more conditions. ranking: the questionnaire with forced rankings
-    (chi-square of first choices, then z in pairs, Bonferroni); default every ranking item. correction: over the items,
-    and over the rankings. sessions: whose answers count. min_probes: fewer repeated queries of a person within a
-    condition than these say nothing about consistency.
+    default every scale that is answered under two or more conditions. pairs: of which items the pairs are tested, of
+    those where Friedman's test is significant or always, as chapter 2 did; corrected over an item's pairs. ranking: the
+    questionnaire with forced rankings (chi-square of first choices, then z in pairs, Bonferroni); default every ranking
+    item. correction: over the items, and over the rankings. sessions: whose answers count. min_probes: fewer repeated
+    queries of a person within a condition than these say nothing about consistency.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     alpha: float = Field(0.05, gt=0, lt=0.5)
     items: str | None = None
+    pairs: Literal["where_significant", "always"] = "where_significant"
     ranking: str | None = None
     correction: Correction = "holm"  # ours; the thesis names none over the items
     sessions: Literal["completed", "all"] = "completed"  # ours

@@ -117,27 +117,47 @@ def _items(found: Findings) -> Section:
     ]
     sentences = [
         f"Friedman's test per item over the people who answered it under every condition, p corrected over the "
-        f"{len(found.items)} items ({_correction(found)}). Where the corrected p is at most {found.plan.alpha:g}, "
-        "Wilcoxon's signed-rank tests of the three pairs, Bonferroni over the pairs; pairs without a difference are "
-        "left out (used: how many remain), p is exact where it can be.",
+        f"{len(found.items)} items ({_correction(found)}). {_which_pairs(found)} "
+        "Wilcoxon's signed-rank tests of its pairs of conditions, Bonferroni over these pairs and not over the items; "
+        "people without a difference are left out (used: how many remain), p is exact where it can be, z is the normal "
+        "approximation.",
         *(test.sentence(found.plan.alpha) for one in found.items for test in _told(one.test, one.pairs, found)),
     ]
-    return Section(
-        "Ratings after each block", sentences[:1], [Table("Mean ± standard error.", heads, rows)], sentences[1:]
-    )
+    tables = [Table("Mean ± standard error.", heads, rows)]
+    pairs = [[test.about, *_pair_cells(test)] for one in found.items for test in one.pairs]
+    if pairs:
+        heads = ["pair", "W", "z", "p", "p, corrected", "rank-biserial r", "n", "used"]
+        tables.append(Table("Pairs of conditions; r above 0: the first is rated higher.", heads, pairs))
+    return Section("Ratings after each block", sentences[:1], tables, sentences[1:])
+
+
+def _which_pairs(found: Findings) -> str:
+    if found.plan.pairs == "always":
+        return "For every item, whatever Friedman's test says:"
+    return f"Where the corrected p is at most {found.plan.alpha:g}:"
 
 
 def _told(test: Tested, pairs: Sequence[Tested], found: Findings) -> list[Tested]:
     """A significant test and its significant pairs; one that found nothing is in the table."""
     significant = [one for one in pairs if one.significant(found.plan.alpha)]
-    return [test, *significant] if test.significant(found.plan.alpha) else []
+    return [*([test] if test.significant(found.plan.alpha) else []), *significant]
 
 
 def _test_cells(test: Tested) -> list[str]:
     df = NONE if test.df is None else f"{test.df:g}"
+    return [f"{test.statistic:.2f}", df, *_p_cells(test), f"{test.effect:.2f}", str(test.n)]
+
+
+def _pair_cells(test: Tested) -> list[str]:
+    z = NONE if test.z is None else f"{test.z:.2f}"
+    return [f"{test.statistic:.2f}", z, *_p_cells(test), f"{test.effect:.2f}", str(test.n), str(test.used)]
+
+
+def _p_cells(test: Tested) -> list[str]:
+    """p as it is and corrected, the latter with its stars."""
     stars = f" {test.stars}" if test.stars else ""
     p = [told_p(test.p).removeprefix("p "), told_p(test.p_corrected).removeprefix("p ") + stars]
-    return [f"{test.statistic:.2f}", df, *(one.removeprefix("= ") for one in p), f"{test.effect:.2f}", str(test.n)]
+    return [one.removeprefix("= ") for one in p]
 
 
 def _rankings(found: Findings) -> Section:

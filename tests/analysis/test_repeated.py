@@ -36,7 +36,24 @@ def test_wilcoxon_of_the_patients() -> None:
     test = wilcoxon(FIRST_VISIT, SECOND_VISIT, about="depression", names=("visit 1", "visit 2"))
     assert (test.statistic, test.p) == pytest.approx((5, 0.0390625))
     assert test.effect == pytest.approx((40 - 5) / 45)
-    assert test.sentence().startswith("Depression: higher for visit 1 than for visit 2, W(N = 9) = 5.00, p = 0.039")
+    assert test.sentence().startswith(
+        "Depression: higher for visit 1 than for visit 2, W(N = 9) = 5.00, z = -2.07, p = 0.039"
+    )
+
+
+@pytest.mark.parametrize(
+    ("differences", "z"),
+    [
+        (np.subtract(FIRST_VISIT, SECOND_VISIT), -2.0732),  # R's coin: wilcoxsign_test of these patients, Z = 2.0732
+        (np.arange(1.0, 25.0), -4.29),  # thesis table 2.2, closeness, ours - SC: as far as 24 people can go
+        ([3.0, 1.0, 1.0, -1.0, 2.0, 2.0, 0.0, 4.0], None),  # ties and one without a difference
+    ],
+)
+def test_z_is_that_of_other_programs(differences: np.ndarray, z: float | None) -> None:
+    test = wilcoxon(differences, np.zeros(len(differences)), about="fun", names=("a", "b"))
+    theirs = stats.wilcoxon(differences, zero_method="wilcox", method="asymptotic").zstatistic
+    assert test.z == pytest.approx(theirs)
+    assert z is None or test.z == pytest.approx(z, abs=0.005)
 
 
 def test_pairs_without_difference_are_left_out_and_said() -> None:

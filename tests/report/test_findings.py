@@ -143,11 +143,18 @@ def test_an_evaluation_without_queries_is_tested_over_the_controllers() -> None:
         assert [pair.test for pair in one.pairs] == ["Wilcoxon signed-rank"] * 3
         assert [pair.correction for pair in one.pairs] == ["Bonferroni"] * 3
         assert [pair.significant() for pair in one.pairs] == [True, False, True]
+        assert [pair.z < -2.9 for pair in one.pairs] == [True, False, True]
     parts = sections(found, [], Path())
     (orders,) = (table for part in parts for table in part.tables if table.caption.startswith("Orders"))
     assert len(orders.rows) == 6
     told = " ".join(point for part in parts for point in part.points)
     assert "higher for own than for social cost" in told
+    # Nothing differs any more: chapter 2's plan tests the pairs all the same.
+    alike = [replace(one, value=3) for one in ratings]
+    for name, pairs in {"always": 3, "where_significant": 0}.items():
+        plan = found.plan.model_copy(update={"pairs": name})
+        same = analyse(study([], people, ratings=alike), nothing, plan=plan)
+        assert [len(one.pairs) for one in same.items] == [pairs] * 3
     assert "Agreement" not in [part.title for part in parts]
 
 
