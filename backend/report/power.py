@@ -230,11 +230,11 @@ def _power_tests(design: Design, assumed: Assumed) -> list[str]:
 
 def _found(findings: Findings, assumed: Assumed, alpha: float) -> list[str]:
     told = []
-    words = assumed.condition.replace("_", " ")
+    pairs = list(combinations(findings.conditions, 2))  # as `item_results` tests them
     for one in findings.items:
         if one.item.key == assumed.item and one.test.significant(alpha):
             told.append(f"Friedman, {assumed.item} (over {len(findings.items)} items)")
-            mine = [test for test in one.pairs if words in test.about]
+            mine = [test for pair, test in zip(pairs, one.pairs, strict=True) if assumed.condition in pair]
             if all(test.significant(alpha) for test in mine):
                 told.append("Wilcoxon, against both others")
     for ranking in findings.rankings:

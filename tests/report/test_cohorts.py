@@ -95,6 +95,13 @@ def test_more_people_more_power() -> None:
     assert many.agreement_half_width < few.agreement_half_width / 1.8  # about the root of five
 
 
+def test_a_condition_whose_name_holds_another_is_not_taken_for_it() -> None:
+    """`view` differs from both others, `view_2` and `view_3` not from each other; by name all three pairs hold `view`."""
+    design = Design(("view", "view_2", "view_3"), ("fun",), (), queries=1, comparisons=0)
+    (found,) = power(design, Assumed("view", "fun", "", effect=2.0), (40,), cohorts=5)
+    assert {one.test: one.rate for one in found.rates}["Wilcoxon, against both others"] == 1.0
+
+
 def test_made_up_answers_do_not_depend_on_the_order_of_asking() -> None:
     person, again = DIFFERENT.person(5), DIFFERENT.person(5)
     first = [person.rate(item, "immersive") for item in ITEMS]
