@@ -64,6 +64,7 @@ def make_next(s: DatabaseSession, session: Session, step: Step, begins: int, now
         position=begins,
         assignment=session.assignment,
         appointment=session.appointment + 1,
+        personalisation=session.personalisation,  # why nothing is learned, where that is known already
         protocol_number=session.protocol_number,
         opens_at=now + timedelta(days=step["after_days"]),
         created_at=now,

@@ -294,11 +294,13 @@ def settle(s: DatabaseSession, files: ArtefactStore, session: Session, *, now: d
     shown = personalisation.make_comparisons(s, session, now) if outcome == "shown" else 0
     session.personalisation = outcome
     log_event(s, "personalisation", session_id=session.id, outcome=outcome, comparisons=shown)
-    _move(s, files, session, _after_wait(session, shown), now)
+    _move(s, files, session, _after_wait(s, session, shown), now)
     return True
 
 
-def _after_wait(session: Session, shown: int) -> int:
-    """Where a waiting session goes: to the first comparison, past all of them and the guess if there is none."""
+def _after_wait(s: DatabaseSession, session: Session, shown: int) -> int:
+    """Where a waiting session goes: to the first comparison or drive to be rated, past all of them and the guess if
+    there is none."""
     past = ("comparison", "guess") if not shown else ()
-    return next(i for i in range(session.position + 1, len(session.plan)) if session.plan[i]["kind"] not in past)
+    after = (i for i in range(session.position + 1, len(session.plan)) if session.plan[i]["kind"] not in past)
+    return routing.first_asked(s, session, next(after))

@@ -169,12 +169,17 @@ def _verdict(job: Job) -> str | None:
 
 
 def progress_of(s: DatabaseSession, session: Session) -> float:
-    """How far the alignment is that somebody waits for, 0 to 1."""
-    return max((job.progress for job in jobs_of(s, session)), default=0.0)
+    """How far the learning is that somebody waits for, 0 to 1: of each snapshot the furthest job, on average."""
+    furthest: dict[str, float] = {}
+    for job in jobs_of(s, session):
+        snapshot = job.params["snapshot"]
+        furthest[snapshot] = max(job.progress, furthest.get(snapshot, 0.0))
+    return sum(furthest.values()) / len(furthest) if furthest else 0.0
 
 
 def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: datetime) -> str | None:
-    """How the alignment stands for somebody who waits: None means not ready and still worth waiting for.
+    """How the learning stands for somebody who waits: None means not ready and still worth waiting for. Of several
+    recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
 
     Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_consent, no_scenes (a policy that
     passed the gate, but no scene in which both drives can be shown).
@@ -184,16 +189,19 @@ def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: da
     jobs = jobs_of(s, session)
     if not jobs:
         return "too_few_answers"
-    verdicts = [_verdict(job) for job in jobs]
-    if "shown" in verdicts:
-        return "shown"
+    of_snapshot: dict[str, list[str | None]] = {}
+    for job in jobs:
+        of_snapshot.setdefault(job.params["snapshot"], []).append(_verdict(job))
+    verdicts = ["shown" if "shown" in each else None if None in each else each[-1] for each in of_snapshot.values()]
     if None not in verdicts:
-        return verdicts[-1]
+        return "shown" if "shown" in verdicts else verdicts[-1]
     last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
     began = min(job.created_at for job in jobs)
     since = max(began, last) if last else began
     patience = timedelta(seconds=train_stage(protocol).give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
-    return "late" if now - since > patience else None
+    if now - since <= patience:
+        return None
+    return "shown" if "shown" in verdicts else "late"
 
 
 def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int:

@@ -170,12 +170,13 @@ def _evaluations(
     protocol: schema.Protocol,
     random: np.random.Generator,
 ) -> list[Step]:
-    """Environment by environment, controller by controller: its drives, then the questions. Keys tell no controller.
+    """A wait for what is still being learned; then environment by environment, controller by controller: its drives,
+    and the questions. Keys tell no controller.
 
     conditions: the controllers in the order of the first environment; the second has it in reverse.
     """
     drawn = {one.demonstrations.environment: one.demonstrations for one in protocol.stages if one.demonstrations}
-    steps: list[Step] = []
+    steps: list[Step] = [{"key": f"{name}.wait", "kind": "wait", "stage": name}]
     for turn, environment in enumerate(random.permutation(sorted(drawn)).tolist()):
         pairs = drawn[environment].pairs
         for place, controller in enumerate(conditions[::-1] if turn % 2 else conditions, 1):

@@ -45,6 +45,8 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
         return False
     if step["kind"] == "comparison":
         return _has_trial(s, session, step["key"])
+    if step["kind"] == "wait":
+        return True
     if step["stage"] == "evaluation":
         return evaluating.can_be_shown(s, session, step)
     if step["kind"] in DRAWN_KINDS:

@@ -170,3 +170,34 @@ def test_nobody_is_shown_robots_that_could_not_be_learned(walker: Walker):
     come_back(walker)
     walker.submit("instruction_2", {})
     assert walker.view.kind == "debriefing"
+    assert personalisation_of(walker) == "gate_not_passed"
+
+
+def settled(walker: Walker) -> bool:
+    with acting(walker.database, walker.token, request="settle", now=walker.now) as (s, session):
+        return machine.settle(s, walker.files, session, now=walker.now)
+
+
+def personalisation_of(walker: Walker) -> str | None:
+    with walker.database.session() as s:
+        return s.scalars(select(Session.personalisation).where(Session.appointment == 2)).one()
+
+
+def test_who_comes_back_before_the_robots_are_learned_waits_for_them(walker: Walker):
+    come_back(walker)
+    walker.submit("instruction_2", {})
+    assert walker.view.kind == "wait"
+    assert not settled(walker)
+    trained(walker)
+    assert settled(walker)
+    assert walker.view.key == "evaluation.corridor.1.1"
+    assert personalisation_of(walker) == "shown"
+
+
+def test_nobody_waits_for_ever(walker: Walker):
+    come_back(walker)
+    walker.submit("instruction_2", {})
+    walker.later(901)
+    settled(walker)
+    assert walker.view.kind == "debriefing"
+    assert personalisation_of(walker) == "late"
