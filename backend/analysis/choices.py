@@ -93,6 +93,18 @@ def cohens_kappa(first: ArrayLike, second: ArrayLike) -> float:
     return (observed - expected) / (1 - expected) if expected < 1 else math.nan
 
 
+CHANCE_CIRCULAR = 0.25  # of three choices by three coins: two of the eight outcomes go round
+
+
+def is_circular(choices: Sequence[tuple[str, str]]) -> bool:
+    """Whether three choices (chosen, rejected) among three go round: each was chosen once (Kendall and Babington Smith
+    1940). Raises ValueError unless they are the three pairs of three."""
+    pairs = {frozenset(pair) for pair in choices}
+    if len(choices) != 3 or len(pairs) != 3 or len(set().union(*pairs)) != 3:
+        raise ValueError(f"choices = {list(choices)}: needs the three pairs of three")
+    return len({chosen for chosen, _ in choices}) == 3
+
+
 def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:
     """Sign test over people: who chose the first of two more often than the second. Each person counts once.
 

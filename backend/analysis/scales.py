@@ -61,6 +61,13 @@ class Scale:
         return self.lowest + share * (self.highest - self.lowest)
 
 
+def frozen_scale(frozen: str) -> Scale:
+    """A scale from a study's copy of it: a `Scale` as JSON."""
+    told = json.loads(frozen)
+    items = tuple(ScaleItem(**item) for item in told.pop("items"))
+    return Scale(items=items, **{**told, "names": tuple(told["names"])})
+
+
 def frozen_items(frozen: str) -> list[dict[str, Any]]:
     """The items of a scale, as a questionnaire writes its own ones, from a study's copy of it: a `Scale` as JSON."""
     scale = json.loads(frozen)

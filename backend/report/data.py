@@ -9,9 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from backend.analysis.scales import Scale
 from backend.simulation.trajectory import Trajectory
 
 PROBES = ("repeat", "swap")  # roles of queries that are asked again
+TRIAD = "transitivity"  # role of the three pairs of three drives
 Load = Callable[[str], Trajectory]
 """A trajectory by its id."""
 
@@ -42,6 +44,10 @@ class Choice:
     second: str
     chosen: str
     decision_s: float | None
+
+    @property
+    def rejected(self) -> str:
+        return self.first if self.second_chosen else self.second
 
     @property
     def second_chosen(self) -> bool:
@@ -91,7 +97,8 @@ class ItemText:
 @dataclass(frozen=True)
 class StudyData:
     """Everybody of a study with all that they answered; nobody is left out yet. protocol: the frozen copy, plain.
-    newest: the same of its latest version, None where the study was never revised."""
+    newest: the same of its latest version, None where the study was never revised. scales: validated scales with the
+    questionnaire that each stands in."""
 
     name: str
     study: str
@@ -103,6 +110,7 @@ class StudyData:
     ratings: Sequence[Rating]
     comparisons: Sequence[Comparison]
     newest: Mapping[str, Any] | None = None
+    scales: Sequence[tuple[str, Scale]] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""

@@ -15,9 +15,11 @@ from matplotlib.axes import Axes
 from backend.analysis.tested import Mean
 from backend.explain.drawing import DATA, INK, PAPER, SOFT, STYLE
 from backend.explain.pictures import Picture, Rows, blank, quiet
-from backend.report.findings import Findings, ItemResult, Pair
+from backend.report.chosen import Pair
+from backend.report.findings import Findings
 from backend.report.plan import METRICS
 from backend.report.power import Assumed, Power
+from backend.report.rated import ItemResult
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
 BAR = 0.26

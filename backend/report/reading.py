@@ -14,7 +14,7 @@ import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from backend.analysis.scales import frozen_items
+from backend.analysis.scales import Scale, frozen_items, frozen_scale
 from backend.report.data import Choice, Comparison, ItemText, Load, Person, Rating, StudyData
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
@@ -88,6 +88,7 @@ def tidy(
         ratings=[one for one in _ratings(tables["responses"], plans) if (one.questionnaire, one.item) not in checks],
         comparisons=[found for row in trials if (found := _comparison(row, answers[row["trial"]])) is not None],
         newest=later[-1][0] if later else None,
+        scales=list(_scales(files)),
     )
 
 
@@ -151,30 +152,32 @@ def _asked(plan: Sequence[Row], step_key: str) -> tuple[str, str | None]:
     return step["questionnaire"], step.get("block")
 
 
-def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
+def _blocks(files: Mapping[str, str]) -> Iterator[tuple[str, Row, str | None]]:
+    """Every block of every questionnaire, with the questionnaire's name and the study's copy of the scale it asks."""
     for name, content in files.items():
-        if not name.startswith(QUESTIONNAIRES):
-            continue
-        questionnaire = name.removeprefix(QUESTIONNAIRES).removesuffix(".yaml")
-        for block in yaml.safe_load(content)["blocks"]:
-            for item in _asked_in(block, files):
-                yield ItemText(
-                    questionnaire=questionnaire,
-                    key=item["key"],
-                    type=item["type"],
-                    text=_english(item["text"]),
-                    points=item.get("points", 7),
-                    options={str(one["value"]): _english(one["label"]) for one in item.get("options", [])},
-                    reversed=bool(item.get("reversed", False)),
-                    instructed=item.get("instructed") is not None,
-                )
+        if name.startswith(QUESTIONNAIRES):
+            for block in yaml.safe_load(content)["blocks"]:
+                copy = files[f"scales/{block['scale']}.json"] if block.get("scale") else None
+                yield name.removeprefix(QUESTIONNAIRES).removesuffix(".yaml"), block, copy
 
 
-def _asked_in(block: Row, files: Mapping[str, str]) -> Sequence[Row]:
-    """The items of a block; those of a validated scale stand in the study's own copy of it."""
-    if not block.get("scale"):
-        return list(block["items"])
-    return frozen_items(files[f"scales/{block['scale']}.json"])
+def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
+    for questionnaire, block, copy in _blocks(files):
+        for item in frozen_items(copy) if copy else block["items"]:
+            yield ItemText(
+                questionnaire=questionnaire,
+                key=item["key"],
+                type=item["type"],
+                text=_english(item["text"]),
+                points=item.get("points", 7),
+                options={str(one["value"]): _english(one["label"]) for one in item.get("options", [])},
+                reversed=bool(item.get("reversed", False)),
+                instructed=item.get("instructed") is not None,
+            )
+
+
+def _scales(files: Mapping[str, str]) -> Iterator[tuple[str, Scale]]:
+    return ((questionnaire, frozen_scale(copy)) for questionnaire, _, copy in _blocks(files) if copy)
 
 
 def _english(text: Mapping[str, str]) -> str:

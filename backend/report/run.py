@@ -9,10 +9,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from backend.analysis.scales import Scale
 from backend.analysis.tested import Tested
 from backend.explain.printed import page
 from backend.report.data import Load, StudyData
-from backend.report.findings import Findings, Who, analyse
+from backend.report.findings import Findings, Who, analyse, device_words
 from backend.report.plan import AnalysisPlan
 from backend.report.policies import PolicyRow, policies_section
 from backend.report.words import brief, every_test, facts, sections
@@ -20,6 +21,8 @@ from backend.report.words import brief, every_test, facts, sections
 REPORT_FILE = "report.html"
 TESTS_FILE = "tests.csv"
 POLICIES_FILE = "policies.csv"
+SCALES_FILE = "scales.csv"
+ANSWERS_FILE = "answers.csv"
 FINDINGS_FILE = "findings.json"
 FIGURES_FOLDER = "figures"
 
@@ -48,6 +51,10 @@ def write_study_report(
     files = [path for picture in drawn for path in picture.save(out / FIGURES_FOLDER)]
     if found.tests:
         write_csv(out / TESTS_FILE, [_row(test, found.plan.alpha) for test in found.tests])
+    if scores := scale_rows(found):
+        write_csv(out / SCALES_FILE, scores)
+    if answers := answer_rows(data, found):
+        write_csv(out / ANSWERS_FILE, answers)
     if policies:
         write_csv(out / POLICIES_FILE, [one.row() for one in policies])
     (out / FINDINGS_FILE).write_text(json.dumps(findings_dict(found), indent=1) + "\n", encoding="utf-8")
@@ -84,6 +91,42 @@ def _row(test: Tested, alpha: float) -> dict[str, object]:
     return {**test.as_dict(), "significant": test.significant(alpha), "sentence": test.sentence(alpha)}
 
 
+def answer_rows(data: StudyData, found: Findings) -> list[dict[str, object]]:
+    """Every answer to a query of those analysed, learning trials and probes marked, with view and device."""
+    people = {one.code: one for one in data.people if one.code in found.analysed}
+    return [
+        {
+            "participant": one.person,
+            "condition": one.condition,
+            "view": one.view,
+            "device": device_words(people[one.person]),
+            "role": one.role,
+            "query": one.query,
+            "first": one.first,
+            "second": one.second,
+            "second_chosen": one.second_chosen,
+            "decision_s": one.decision_s,
+        }
+        for one in data.choices
+        if one.person in people
+    ]
+
+
+def scale_rows(found: Findings) -> list[dict[str, object]]:
+    """Every score of a validated scale."""
+    return [
+        {
+            "participant": one.person,
+            "questionnaire": of.questionnaire,
+            "scale": of.scale.name,
+            "condition": one.condition or "",
+            "score": one.score,
+        }
+        for of in found.scales
+        for one in of.scores
+    ]
+
+
 def findings_dict(found: Findings) -> dict[str, Any]:
     """The findings as plain JSON: pairs as "a, b", numbers that are not known as null."""
     plain: dict[str, Any] = _plain({field.name: getattr(found, field.name) for field in dataclasses.fields(found)})
@@ -93,6 +136,8 @@ def findings_dict(found: Findings) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, AnalysisPlan):
         return value.model_dump(mode="json")
+    if isinstance(value, Scale):
+        return value.name
     if dataclasses.is_dataclass(value):
         return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, dict):

@@ -8,9 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from backend.analysis.choices import CHANCE_CIRCULAR
 from backend.analysis.tested import Mean, Tested, told_p
 from backend.explain.printed import Section, Table, shown_picture
-from backend.report.findings import Agreement, Findings
+from backend.report.chosen import Agreement
+from backend.report.findings import Findings
 from backend.report.plan import METRICS
 
 if TYPE_CHECKING:
@@ -25,6 +27,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         _people(found),
         _items(found),
         _rankings(found),
+        _scales(found),
         _agreement(found),
         _disagreement(found),
         _personalised(found),
@@ -184,6 +187,25 @@ def _rankings(found: Findings) -> Section:
     )
 
 
+def _scales(found: Findings) -> Section:
+    """Scores over people, per condition where a scale was asked after blocks."""
+    sentences, rows = [], []
+    for one in found.scales:
+        scale = one.scale
+        sentences.append(
+            f"{scale.names[-1]}, {scale.lowest:g} to {scale.highest:g}; {scale.scoring}. Source: {scale.source}."
+        )
+        for name, of in one.means.items():
+            interval = NONE if math.isnan(of.low) else f"{of.low:.1f} to {of.high:.1f}"
+            told = [_number(value, "{:.1f}") for value in (of.mean, of.sd)]
+            rows.append([scale.names[0], name.replace("_", " ") or "asked once", *told, interval, str(of.n)])
+        if one.incomplete:
+            sentences.append(f"{one.incomplete} answers to {scale.names[0]} were not complete and have no score.")
+    heads = ["scale", "about", "mean", "SD", "95 % interval", "people"]
+    caption = "Scores by the scales' own scoring, over people; each person's in scales.csv."
+    return Section("Validated scales", sentences, [Table(caption, heads, rows)] if rows else [])
+
+
 def _agreement(found: Findings) -> Section:
     if not found.of_condition:
         return Section("Agreement")
@@ -212,8 +234,20 @@ def _agreement(found: Findings) -> Section:
         ]
         for name, one in found.of_condition.items()
     ]
+    position = "Position: an answer that follows the order of showing looks like agreement."
+    if found.triads:
+        told = [
+            [name.replace("_", " "), str(of.triads), str(of.circular), _share(of.share), str(of.share.n)]
+            for name, of in found.triads.items()
+        ]
+        caption = (
+            "Circular triads: of three trajectories compared in all three pairs, A was chosen over B, B over C and C "
+            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, a taste that orders them none."
+        )
+        shares = "share of a person's, mean, 95 % interval"
+        tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], told))
     heads = ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"]
-    tables.append(Table("Position: an answer that follows the order of showing looks like agreement.", heads, rows))
+    tables.append(Table(position, heads, rows))
     sentence = (
         "Shares of equal answers per person, then mean and SD over people. Cohen's kappa is that of the places chosen "
         "(first or second shown): it is near 0 where people agree only because they like one place. It is not defined "
@@ -303,7 +337,11 @@ def every_test(found: Findings) -> list[Section]:
         for test in found.tests
     ]
     heads = ["test", "of", "statistic", "df", "p", "p, corrected", "by", "effect", "n"]
-    return [Section("Every test", [], [Table("As in tests.csv.", heads, rows)])] if rows else []
+    return (
+        [Section("Every test", [], [Table("As in tests.csv, which holds a sentence for each, too.", heads, rows)])]
+        if rows
+        else []
+    )
 
 
 def facts(found: Findings, *, study: str, protocol: str, protocol_hash: str, command: str) -> list[tuple[str, str]]:

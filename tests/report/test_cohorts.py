@@ -96,7 +96,7 @@ def test_more_people_more_power() -> None:
 
 
 def test_a_condition_whose_name_holds_another_is_not_taken_for_it() -> None:
-    """`view` differs from both others, `view_2` and `view_3` not from each other; by name all three pairs hold `view`."""
+    """`view` differs from both others, which do not differ; the names of all three pairs hold the word `view`."""
     design = Design(("view", "view_2", "view_3"), ("fun",), (), queries=1, comparisons=0)
     (found,) = power(design, Assumed("view", "fun", "", effect=2.0), (40,), cohorts=5)
     assert {one.test: one.rate for one in found.rates}["Wilcoxon, against both others"] == 1.0

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 import yaml
 
+from backend.analysis.choices import is_circular
 from backend.analysis.metrics import measure
+from backend.analysis.scales import SCALES
 from backend.learning.shipped import load_queries
 from backend.report.data import Choice, Comparison, ItemText, Person, Rating, StudyData
 from backend.report.findings import NothingToReport, analyse
 from backend.report.plan import AnalysisPlan, declared_plan, deviations, read_plan
+from backend.report.run import answer_rows, scale_rows
 from backend.report.words import sections
 
 HERE, THERE = "first_person", "top_down"
@@ -156,6 +159,54 @@ def test_an_evaluation_without_queries_is_tested_over_the_controllers() -> None:
         same = analyse(study([], people, ratings=alike), nothing, plan=plan)
         assert [len(one.pairs) for one in same.items] == [pairs] * 3
     assert "Agreement" not in [part.title for part in parts]
+
+
+def test_circular_triads_are_counted_beside_chance() -> None:
+    """P-1's first triad goes round, the second has an order, of the third one pair's time was over."""
+
+    def probe(k: int, first: str, second: str) -> Choice:
+        drives = f"{k}-{first}", f"{k}-{second}"
+        return Choice("P-1", HERE, HERE, f"{k}{first}{second}", "transitivity", *drives, chosen=drives[0], decision_s=1)
+
+    answers = [choice("P-1", HERE, 99, "a")]
+    answers += [probe(1, *pair) for pair in ("xy", "yz", "zx")]
+    answers += [probe(2, *pair) for pair in ("xy", "yz", "xz")]
+    answers += [probe(3, *pair) for pair in ("xy", "yz")]
+    found = analyse(study(answers), nothing, plan=PLAN)
+    triads = found.triads[HERE]
+    assert (triads.triads, triads.circular, triads.share.mean) == (2, 1, 0.5)
+    assert found.of_condition[HERE].answers == 1
+    (table,) = (t for part in sections(found, [], Path()) for t in part.tables if t.caption.startswith("Circular"))
+    assert "coin makes 25%" in table.caption
+    with pytest.raises(ValueError, match="three pairs of three"):
+        is_circular([("x", "y"), ("y", "z"), ("u", "v")])
+
+
+def test_a_validated_scale_is_scored_per_participant_by_its_own_scoring() -> None:
+    """SUS: agreeing with everything is 50, with the praise only 100; an unfinished page has no score."""
+    sus, people = SCALES["sus"], [replace(PERSON, code=code) for code in ("P-1", "P-2", "P-3")]
+    given = [Rating("P-1", None, "usability", item.key, 5) for item in sus.items]
+    given += [Rating("P-2", None, "usability", item.key, 1 if item.reversed else 5) for item in sus.items]
+    given += [Rating("P-3", None, "usability", item.key, 3) for item in sus.items[1:]]
+    answers = [choice(one.code, HERE, 0, "a") for one in people]
+    found = analyse(study(answers, people, ratings=given, scales=[("usability", sus)]), nothing, plan=PLAN)
+    (score,) = found.scales
+    assert {(one.person, one.score) for one in score.scores} == {("P-1", 50.0), ("P-2", 100.0)}
+    assert (score.means[""].mean, score.means[""].n, score.incomplete) == (75.0, 2, 1)
+    assert score.means[""].sd == pytest.approx(math.sqrt(2 * 25**2))
+    assert [row["score"] for row in scale_rows(found)] == [50.0, 100.0]
+    (part,) = (part for part in sections(found, [], Path()) if part.title == "Validated scales")
+    assert part.tables[0].rows[0][:4] == ["SUS", "asked once", "75.0", "35.4"]
+    assert "Brooke" in part.sentences[0]
+
+
+def test_view_and_device_stand_beside_every_answer() -> None:
+    data = study([choice("P-1", HERE, 0, "a"), choice("P-1", HERE, 1, "b", "learning")])
+    rows = answer_rows(data, analyse(data, nothing, plan=PLAN))
+    assert [(row["view"], row["device"], row["role"], row["second_chosen"]) for row in rows] == [
+        (HERE, "mouse or touchpad", "regular", False),
+        (HERE, "mouse or touchpad", "learning", True),
+    ]
 
 
 def test_look_alike_comparisons_are_counted_and_said() -> None:

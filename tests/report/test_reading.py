@@ -73,3 +73,4 @@ def test_a_choice_whose_time_was_over_is_none_and_its_mark_no_rating() -> None:
     assert [one.key for one in scale] == [one.key for one in SCALES["sus"].items]
     assert {one.points for one in scale} == {5}
     assert any(one.reversed for one in scale)
+    assert data.scales == [("usability", SCALES["sus"])]

@@ -1,0 +1,215 @@
+"""What was chosen: agreement between and within conditions, circular triads, what changes where choices differ, the own
+policy against others. Pure.
+
+What was rated is `rated.py`'s, everything together `findings.py`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.analysis.choices import agreement, cohens_kappa, is_circular, mostly, share_over_people
+from backend.analysis.metrics import measure
+from backend.analysis.tested import Mean, Tested, corrected, mean_of
+from backend.report.data import PROBES, TRIAD, Choice, Comparison, Load
+from backend.report.plan import AnalysisPlan, Metric
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How often the same people chose alike, over people. kappa: of the places chosen (first or second shown).
+
+    no_kappa: people whose kappa is not defined, because they always chose the same place.
+    """
+
+    share: Mean
+    kappa: Mean
+    no_kappa: int
+
+
+@dataclass(frozen=True)
+class OfCondition:
+    """What is known of each condition beside the tests. repeat, swap: agreement with the own first answer."""
+
+    answers: int
+    second_shown: Mean
+    decision_s: Mean
+    repeat: Agreement
+    swap: Agreement
+
+
+@dataclass(frozen=True)
+class Triads:
+    """Scenes of which three drives were compared in all three pairs. circular: A over B over C over A, which no order
+    of preference allows. share: circular ones of a person's, over people."""
+
+    triads: int
+    circular: int
+    share: Mean
+
+
+@dataclass(frozen=True)
+class Personalised:
+    """Own policy against another arm, over people. share: of a person's choices; look_alike: left out of nothing."""
+
+    against: str
+    share: Mean
+    test: Tested
+    answers: int
+    look_alike: int
+
+
+def of_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
+    own = [one for one in choices if one.condition == condition]
+    regular = [one for one in own if one.role == "regular"]
+    by_person = _by_person(regular)
+    first_answers = {(one.person, one.query): one for one in regular}
+    again = {
+        role: _over_people(
+            {
+                person: [
+                    (first_answers[person, one.query], one) for one in given if (person, one.query) in first_answers
+                ]
+                for person, given in _by_person([one for one in own if one.role == role]).items()
+            },
+            fewest=plan.min_probes,
+        )
+        for role in PROBES
+    }
+    seconds = [[one.decision_s for one in given if one.decision_s is not None] for given in by_person.values()]
+    return OfCondition(
+        answers=len(regular),
+        second_shown=mean_of([float(np.mean([o.second_chosen for o in given])) for given in by_person.values()]),
+        decision_s=mean_of([float(np.median(one)) for one in seconds if one]),
+        repeat=again["repeat"],
+        swap=again["swap"],
+    )
+
+
+def _by_person(choices: Sequence[Choice]) -> dict[str, list[Choice]]:
+    found: dict[str, list[Choice]] = defaultdict(list)
+    for one in choices:
+        found[one.person].append(one)
+    return found
+
+
+def between(regular: Sequence[Choice], pair: Pair) -> Agreement:
+    """Agreement of the same person's answers to the same queries under two conditions."""
+    return _over_people({person: _both(given, pair) for person, given in _by_person(regular).items()})
+
+
+def _both(given: Sequence[Choice], pair: Pair) -> list[tuple[Choice, Choice]]:
+    """One person's answers to the queries that were asked under both conditions."""
+    first, second = ({one.query: one for one in given if one.condition == name} for name in pair)
+    return [(first[query], second[query]) for query in sorted(first.keys() & second.keys())]
+
+
+def _over_people(pairs: Mapping[str, Sequence[tuple[Choice, Choice]]], fewest: int = 1) -> Agreement:
+    shares, kappas = [], []
+    for given in pairs.values():
+        if len(given) < fewest:
+            continue
+        shares.append(agreement([a.chosen for a, _ in given], [b.chosen for _, b in given]))
+        kappas.append(cohens_kappa([a.second_chosen for a, _ in given], [b.second_chosen for _, b in given]))
+    return Agreement(mean_of(shares), mean_of(kappas), sum(math.isnan(kappa) for kappa in kappas))
+
+
+def triads_of(choices: Sequence[Choice], condition: str) -> Triads | None:
+    """The condition's triads that were answered whole; None where there are none."""
+    asked = [one for one in choices if one.role == TRIAD and one.condition == condition]
+    shares: list[float] = []
+    count = circular = 0
+    for given in _by_person(asked).values():
+        whole = [three for three in _threes(given) if len(three) == 3]
+        ways = sum(is_circular([(one.chosen, one.rejected) for one in three]) for three in whole)
+        count, circular = count + len(whole), circular + ways
+        shares += [ways / len(whole)] if whole else []
+    return Triads(count, circular, mean_of(shares)) if count else None
+
+
+def _threes(given: Sequence[Choice]) -> list[list[Choice]]:
+    """One person's answers by triad: those that share a drive belong together, since every triad has a scene of its
+    own."""
+    groups: list[list[Choice]] = []
+    for one in given:
+        mine = [group for group in groups if any({x.first, x.second} & {one.first, one.second} for x in group)]
+        groups = [group for group in groups if group not in mine] + [[*(x for group in mine for x in group), one]]
+    return groups
+
+
+def disagreement(
+    regular: Sequence[Choice], conditions: Sequence[str], metrics: Sequence[Metric], load: Load
+) -> dict[Pair, dict[Metric, Mean]]:
+    """Where a choice flips from one condition to another: the preferred trajectory there minus the one here.
+
+    z-scored over all trajectories that the person was shown, averaged within people, then over them (thesis 7.4.4.2).
+    Descriptive: what the two drives of a query differ in was made, not observed.
+    """
+    transitions = list(combinations(conditions, 2))
+    shown = sorted({trajectory for one in regular for trajectory in (one.first, one.second)})
+    if not (shown and transitions and metrics):
+        return {}
+    measured = measure([load(trajectory) for trajectory in shown])
+    values = np.stack([np.asarray(getattr(measured, name), dtype=float) for name in metrics], axis=1)
+    row_of = {trajectory: k for k, trajectory in enumerate(shown)}
+    per_person: dict[Pair, list[NDArray[np.float64]]] = {pair: [] for pair in transitions}
+    for given in _by_person(regular).values():
+        seen = {row_of[t] for one in given for t in (one.first, one.second)}
+        of_person = values[sorted(seen)]
+        deviation = of_person.std(axis=0, ddof=1) if len(of_person) > 1 else np.zeros(len(metrics))
+        scored = values / np.where(deviation > 0, deviation, math.nan)  # the mean cancels in a difference
+        for pair in transitions:
+            flips = [
+                scored[row_of[there.chosen]] - scored[row_of[here.chosen]]
+                for here, there in _both(given, pair)
+                if here.chosen != there.chosen
+            ]
+            if flips:
+                per_person[pair].append(np.mean(flips, axis=0))
+    return {
+        pair: {name: mean_of([float(row[k]) for row in rows]) for k, name in enumerate(metrics)}
+        for pair, rows in per_person.items()
+    }
+
+
+def personalised(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[Personalised]:
+    """The own policy against the base's and against another participant's, p corrected over the two. People are the
+    units: answers of one person depend on each other."""
+    words = {"base": "the base policy", "other": "another participant's policy"}
+    counted: dict[str, dict[str, Counter[str]]] = {}
+    for against in words:
+        asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
+        if asked:
+            counted[against] = defaultdict(Counter)
+            for one in asked:
+                counted[against][one.person][one.chosen] += 1
+    pairs = {
+        against: ([of["own"] for of in people.values()], [of[against] for of in people.values()])
+        for against, people in counted.items()
+    }
+    tests = corrected(
+        [
+            mostly(*pair, about=f"own policy against {words[against]}", names=("the own policy", words[against]))
+            for against, pair in pairs.items()
+        ],
+        plan.correction,
+    )
+    return [
+        Personalised(
+            against=against,
+            share=share_over_people(*pair),
+            test=test,
+            answers=sum(map(sum, pair)),
+            look_alike=sum(one.look_alike and against in (one.chosen, one.rejected) for one in comparisons),
+        )
+        for (against, pair), test in zip(pairs.items(), tests, strict=True)
+    ]

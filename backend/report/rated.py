@@ -1,0 +1,199 @@
+"""What was rated, ranked and asked once: tests per item and ranking, scores of validated scales, demographics. Pure.
+
+What was chosen is `chosen.py`'s, everything together `findings.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.analysis.choices import equal_first_choices, first_choice_pairs
+from backend.analysis.repeated import friedman, pairs_of
+from backend.analysis.scales import Scale
+from backend.analysis.tested import Mean, Tested, corrected, mean_of
+from backend.report.data import ItemText, Rating, StudyData
+from backend.report.plan import AnalysisPlan
+
+
+@dataclass(frozen=True)
+class Described:
+    """An item that was asked once, outside blocks. counts: answer -> people; numbers: where answers are numbers."""
+
+    item: ItemText
+    n: int
+    counts: Mapping[str, int]
+    numbers: Mean | None
+
+
+@dataclass(frozen=True)
+class ItemResult:
+    """One item under each condition. people: who answered it under all of them; pairs: where Friedman's was
+    significant, or where the plan wants them always."""
+
+    item: ItemText
+    means: Mapping[str, Mean]
+    test: Tested
+    pairs: Sequence[Tested]
+
+
+@dataclass(frozen=True)
+class RankingResult:
+    """One forced ranking. places: condition -> people who put it first, second, ..."""
+
+    item: ItemText
+    places: Mapping[str, Sequence[int]]
+    test: Tested
+    pairs: Sequence[Tested]
+
+
+@dataclass(frozen=True)
+class Score:
+    """One person's score of a validated scale; condition: the block that it was about, None outside blocks."""
+
+    person: str
+    condition: str | None
+    score: float
+
+
+@dataclass(frozen=True)
+class ScaleResult:
+    """A validated scale's scores by its own scoring. means: condition -> over people ("": asked outside blocks);
+    incomplete: askings that cannot be scored, because an item was not answered."""
+
+    questionnaire: str
+    scale: Scale
+    scores: Sequence[Score]
+    means: Mapping[str, Mean]
+    incomplete: int
+
+
+def demographics(data: StudyData) -> list[Described]:
+    """Items outside blocks that are no rankings."""
+    answers: dict[tuple[str, str], list[Any]] = defaultdict(list)
+    for one in data.ratings:
+        if one.condition is None and not isinstance(one.value, list):
+            answers[one.questionnaire, one.item].append(one.value)
+    found = []
+    for (questionnaire, key), values in sorted(answers.items(), key=lambda one: data.place(*one[0])):
+        item = data.item(questionnaire, key)
+        if item.type == "text":
+            continue  # free text is read by people, not counted
+        numbers = item.type in ("scale", "number")
+        counts = {} if numbers else {label: values.count(value) for value, label in item.options.items()}
+        found.append(Described(item, len(values), counts, mean_of(values) if numbers else None))
+    return found
+
+
+def item_results(
+    ratings: Sequence[Rating], conditions: Sequence[str], plan: AnalysisPlan, data: StudyData
+) -> list[ItemResult]:
+    """Friedman per item over the people who rated it under every condition, p corrected over the items; Wilcoxon in
+    pairs (Bonferroni) where significant or always, as the plan says. Whoever rated a condition more than once, as a
+    controller in each environment, counts with the mean. Fewer than three conditions, or two people, cannot be tested.
+    """
+    table: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
+    for one in ratings:
+        asked = plan.items is None or one.questionnaire == plan.items
+        if asked and one.condition is not None and one.condition in conditions and isinstance(one.value, int | float):
+            rated_by = table[one.questionnaire, one.item].setdefault(one.person, {})
+            rated_by.setdefault(one.condition, []).append(float(one.value))
+    complete: dict[tuple[str, str], NDArray[np.float64]] = {}
+    for key, rated in sorted(table.items(), key=lambda one: data.place(*one[0])):
+        rows = [
+            [float(np.mean(of[name])) for name in conditions] for of in rated.values() if len(of) == len(conditions)
+        ]
+        if len(rows) >= 2 and len(conditions) >= 3:
+            complete[key] = np.array(rows)
+    tests = corrected([friedman(rows, about=_rating_of(key[1])) for key, rows in complete.items()], plan.correction)
+    return [
+        ItemResult(
+            item=data.item(*key),
+            means={name: mean_of(rows[:, k]) for k, name in enumerate(conditions)},
+            test=test,
+            pairs=(
+                corrected(pairs_of(rows, [_named(c) for c in conditions], about=test.about), "bonferroni")
+                if plan.pairs == "always" or test.significant(plan.alpha)
+                else ()
+            ),
+        )
+        for (key, rows), test in zip(complete.items(), tests, strict=True)
+    ]
+
+
+def _rating_of(item: str) -> str:
+    return f"rating of {_named(item)}"
+
+
+def _named(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def ranking_results(ratings: Sequence[Rating], plan: AnalysisPlan, data: StudyData) -> list[RankingResult]:
+    """Chi-square of first choices per ranking, p corrected over the rankings; z in pairs (Bonferroni) where
+    significant."""
+    orders: dict[tuple[str, str], list[list[str]]] = defaultdict(list)
+    for one in ratings:
+        if isinstance(one.value, list) and (plan.ranking is None or one.questionnaire == plan.ranking):
+            orders[one.questionnaire, one.item].append([str(option) for option in one.value])
+    places: dict[tuple[str, str], dict[str, list[int]]] = {}
+    for key, given in sorted(orders.items(), key=lambda one: data.place(*one[0])):
+        names = sorted({name for order in given for name in order})
+        places[key] = {name: [sum(o[k] == name for o in given) for k in range(len(names))] for name in names}
+    tests = corrected(
+        [
+            equal_first_choices([of[0] for of in found.values()], about=f"first choices for {_named(key[1])}")
+            for key, found in places.items()
+        ],
+        plan.correction,
+    )
+    return [
+        RankingResult(
+            item=data.item(*key),
+            places=found,
+            test=test,
+            pairs=(
+                corrected(
+                    first_choice_pairs(
+                        [of[0] for of in found.values()], [_named(name) for name in found], about=test.about
+                    ),
+                    "bonferroni",
+                )
+                if test.significant(plan.alpha)
+                else ()
+            ),
+        )
+        for (key, found), test in zip(places.items(), tests, strict=True)
+    ]
+
+
+def scale_results(data: StudyData) -> list[ScaleResult]:
+    """Every validated scale that was asked. Whoever answered it about a condition more than once counts with the mean
+    of the scores."""
+    found = []
+    for questionnaire, scale in data.scales:
+        keys = {item.key for item in scale.items}
+        given: dict[tuple[str, str | None], dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+        for one in data.ratings:
+            if one.questionnaire == questionnaire and one.item in keys:
+                given[one.person, one.condition][one.item].append(one.value)
+        scores, incomplete = [], 0
+        for (person, condition), answers in given.items():
+            askings = max(map(len, answers.values()))
+            if any(len(answers[key]) < askings for key in keys):
+                incomplete += askings  # whose answer is missing is not known
+                continue
+            scored = [scale.score({key: answers[key][k] for key in keys}) for k in range(askings)]
+            scores.append(Score(person, condition, float(np.mean(scored))))
+        of_condition: dict[str, list[float]] = defaultdict(list)
+        for score in scores:
+            of_condition[score.condition or ""].append(score.score)
+        means = {name: mean_of(values) for name, values in sorted(of_condition.items())}
+        if given:
+            found.append(ScaleResult(questionnaire, scale, scores, means, incomplete))
+    return found
