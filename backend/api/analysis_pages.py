@@ -43,6 +43,7 @@ WHO = ("people", "simulated")
 MOST_KEPT = 4  # reports; about five MB each
 NICENESS = 5  # as figures: an analyst waits for it, but everything of participants goes first
 LONGEST_S = 600.0
+SHOWN = ("html", "png", "svg")  # endings of what is looked at; all else is data
 REPORT_MEDIA = MEDIA_TYPES | {"html": "text/html; charset=utf-8", "json": "application/json"}
 
 
@@ -175,9 +176,27 @@ def analysis_zip(request: Request, study_id: str, who: str, database: Db) -> Res
     return Response(_ready(report).as_zip(), media_type="application/zip", headers=headers)
 
 
+@router.get("/lab/studies/{study_id}/analysis/{who}/{name:path}.csv")
+def analysis_rows(request: Request, study_id: str, who: str, name: str, database: Db) -> Response:
+    """The rows beside a figure or a table of the report."""
+    return _file(request, study_id, who, f"{name}.csv", database)
+
+
+@router.get("/lab/studies/{study_id}/analysis/{who}/{name:path}.json")
+def analysis_findings(request: Request, study_id: str, who: str, name: str, database: Db) -> Response:
+    """The findings as data."""
+    return _file(request, study_id, who, f"{name}.json", database)
+
+
 @router.get("/lab/studies/{study_id}/analysis/{who}/{name:path}")
 def analysis_file(request: Request, study_id: str, who: str, name: str, database: Db) -> Response:
-    """One file of the report: the page itself, or what it links to."""
+    """The report's page, or one of its pictures."""
+    if name.rpartition(".")[2] not in SHOWN:
+        raise LabRefusal(404, "no_report")  # data are taken away by routes of their own, which need the right to it
+    return _file(request, study_id, who, name, database)
+
+
+def _file(request: Request, study_id: str, who: str, name: str, database: Db) -> Response:
     with database.session() as s:
         study, report = _asked(request, s, study_id, who)
         if name == REPORT_FILE and not report.done():
@@ -187,7 +206,7 @@ def analysis_file(request: Request, study_id: str, who: str, name: str, database
         raise LabRefusal(404, "no_report")
     ending = name.rpartition(".")[2]
     headers = {"Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
-    if ending not in ("html", "png", "svg"):
+    if ending not in SHOWN:
         headers["Content-Disposition"] = f'attachment; filename="{name.rpartition("/")[2]}"'
     return Response(files[name], media_type=REPORT_MEDIA[ending], headers=headers)
 

@@ -66,10 +66,13 @@ def draft_from_shipped(data: Path, name: str) -> Draft:
     return draft_from_text(data, known[name].read_text(encoding="utf-8"))
 
 
-def draft_from_text(data: Path, yaml: str, texts: Mapping[str, bytes] | None = None) -> Draft:
+def draft_from_text(
+    data: Path, yaml: str, texts: Mapping[str, bytes] | None = None, own: Mapping[str, str] | None = None
+) -> Draft:
     """A draft of pasted or uploaded YAML, with the shipped texts and questionnaires beside it.
 
     texts: file name -> bytes, `.md` are texts, `.yaml` questionnaires; they are added to the shipped or replace them.
+    own: a study's frozen files, path -> content, between the two.
 
     Raises DraftError for an empty, too large or not readable file, or a name that is no plain file name.
     """
@@ -83,8 +86,12 @@ def draft_from_text(data: Path, yaml: str, texts: Mapping[str, bytes] | None = N
     draft = Draft(draft_id, data / "drafts" / draft_id)
     for folder in FOLDERS.values():
         shutil.copytree(PROTOCOLS / folder, draft.folder / folder)
-    for name, text in decoded.items():
-        (draft.folder / FOLDERS[Path(name).suffix] / name).write_text(text, encoding="utf-8")
+    kept = own or {}
+    places = {Path(path).name: path for path in kept}
+    uploaded = {places.get(name, f"{FOLDERS[Path(name).suffix]}/{name}"): text for name, text in decoded.items()}
+    for path, text in {**kept, **uploaded}.items():
+        (draft.folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (draft.folder / path).write_text(text, encoding="utf-8")
     draft.save(yaml)
     return draft
 

@@ -1,5 +1,6 @@
 """The experimenters' pages: the studies and one study's tabs. One participant's page lives in `people_pages.py`, making
-a study in `new_study.py`, the numbers of the Report tab in `study_report.py`, accounts in `auth.py`."""
+a study in `new_study.py`, its protocol in `protocol_pages.py`, the numbers of the Report tab in `study_report.py`,
+accounts in `auth.py`."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.background import BackgroundTask
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
 
 from backend.api import (
     analysis_pages,
@@ -21,6 +22,7 @@ from backend.api import (
     people_pages,
     people_rows,
     preview,
+    protocol_pages,
     settings_pages,
     study_rows,
 )
@@ -28,7 +30,6 @@ from backend.api.auditing import audit_details
 from backend.api.auth import CheckedCsrf, SignedIn, checked_csrf
 from backend.api.dependencies import Db, Files, contact, public_url
 from backend.api.lab import LabRefusal, lab_page
-from backend.api.preview import first_steps
 from backend.api.study_report import study_report
 from backend.api.study_tabs import study_tab, the_study
 from backend.store.dataset import data_dictionary
@@ -39,8 +40,7 @@ from backend.store.retention import checked_day, is_overdue
 from backend.study.assignment import STANDINGS, assignment_table
 from backend.study.outline import describe_stages
 from backend.study.protocol import thaw
-from backend.study.revising import versions_of
-from backend.study.versions import newest_protocol, protocol_row
+from backend.study.versions import newest_protocol
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
@@ -48,6 +48,7 @@ router.include_router(audit_pages.router)
 router.include_router(new_study.router)
 router.include_router(people_pages.router)
 router.include_router(preview.router)
+router.include_router(protocol_pages.router)
 router.include_router(settings_pages.router)
 
 
@@ -202,40 +203,6 @@ def problems(request: Request, study_id: str, database: Db, participant: str = "
         study = the_study(s, study_id)
         reports = study_rows.problems(s, study.id, participant=participant or None)
         return study_tab(request, study, "people", "lab/problems.html", reports=reports)
-
-
-@router.get("/lab/studies/{study_id}/protocol")
-def protocol(request: Request, study_id: str, database: Db, number: int = 0) -> Response:
-    """The study's newest protocol, or the one of that number, with the list of all."""
-    with database.session() as s:
-        study = the_study(s, study_id)
-        versions = versions_of(s, study)
-        shown = next((line.number for line in versions if line.number == number), versions[-1].number)
-        row = protocol_row(s, study, shown)
-        frozen = thaw(row)
-        return study_tab(
-            request,
-            study,
-            "protocol",
-            frozen=frozen,
-            stages=describe_stages(row.protocol, row.files),
-            first_steps=first_steps(frozen),
-            versions=versions,
-            shown=shown,
-        )
-
-
-@router.get("/lab/studies/{study_id}/protocol.yaml")
-def protocol_file(study_id: str, database: Db, number: int = 0) -> Response:
-    """The study's frozen copy, the newest or that number's, byte for byte."""
-    with database.session() as s:
-        study = the_study(s, study_id)
-        numbers = [line.number for line in versions_of(s, study)]
-        return PlainTextResponse(
-            protocol_row(s, study, number if number in numbers else numbers[-1]).protocol_yaml,
-            media_type="application/yaml",
-            headers={"Content-Disposition": f'attachment; filename="{study.protocol_name}.yaml"'},
-        )
 
 
 @router.get("/lab/studies/{study_id}/recruit")

@@ -26,6 +26,7 @@ INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in 
 INCONSISTENT_SHARE = 0.5
 LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
 FOCUS_REASONS = ("hidden",)
+STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's drive, the drive of a drawn path
 
 ANSWER_SIGNS = ("too_fast", "one_sided", "failed_checks", "inconsistent")
 """Flags with answers behind them; those behind the others are events."""
@@ -145,7 +146,7 @@ def _lost_focus(s: DatabaseSession, study_id: str) -> Counter[str]:
         .join(Session, Event.session_id == Session.id)
         .where(
             Session.study_id == study_id,
-            Event.kind == "trial_interrupted",
+            Event.kind.in_(STOPPED),
             Event.data["reason"].as_string().in_(FOCUS_REASONS),
         )
         .group_by(Session.participant_id)

@@ -64,8 +64,8 @@ async def make_draft(
         elif source == "upload":
             if protocol is None or not protocol.filename:
                 raise DraftError("no_file")
-            named = {one.filename: await _read(one) for one in texts or [] if one.filename}
-            draft = drafts.draft_from_text(data, _text(protocol.filename, await _read(protocol)), named)
+            named = {one.filename: await read_upload(one) for one in texts or [] if one.filename}
+            draft = drafts.draft_from_text(data, uploaded_text(protocol.filename, await read_upload(protocol)), named)
         elif source == "paste":
             draft = drafts.draft_from_text(data, yaml)
         else:
@@ -75,14 +75,14 @@ async def make_draft(
     return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
 
 
-async def _read(file: UploadFile) -> bytes:
+async def read_upload(file: UploadFile) -> bytes:
     content = await file.read(drafts.LARGEST_FILE + 1)
     if len(content) > drafts.LARGEST_FILE:
         raise DraftError("too_large", name=file.filename, kb=drafts.LARGEST_FILE // 1024)
     return content
 
 
-def _text(name: str, content: bytes) -> str:
+def uploaded_text(name: str, content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -126,6 +126,7 @@ def _check_page(
         problems=problems,
         wrong_lines={one.line for one in problems if one.file == draft.file.name},
         problem=problem,
+        veiled=str,
         name=name if name is not None else (frozen.title(lab_language(request)) if frozen else ""),
     )
 

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
 from backend.api.auth import CheckedCsrf, checked_csrf
-from backend.api.dependencies import Db, TheHouse, contact, house, page
+from backend.api.dependencies import Db, House, TheHouse, contact, house, page
 from backend.api.drafts import find_draft
 from backend.api.lab import LabRefusal, lab_language
 from backend.api.replay_stages import replays
@@ -90,15 +90,26 @@ def example_query(files: ArtefactStore, query_set: str) -> tuple[Trajectory, Tra
 
 @router.get("/new/{draft_id}/preview/{number}")
 def preview_draft(request: Request, parts: TheHouse, draft_id: str, number: int, language: str = "") -> Response:
+    return _preview_page(request, _drafted(parts, draft_id), number, language, back=f"/lab/new/{draft_id}")
+
+
+@router.get("/studies/{study_id}/revise/{draft_id}/preview/{number}")
+def preview_change(
+    request: Request, parts: TheHouse, study_id: str, draft_id: str, number: int, language: str = ""
+) -> Response:
+    back = f"/lab/studies/{study_id}/revise/{draft_id}"
+    return _preview_page(request, _drafted(parts, draft_id), number, language, back=back)
+
+
+def _drafted(parts: House, draft_id: str) -> FrozenProtocol:
     draft = find_draft(parts.settings.data, draft_id)
     if draft is None:
         raise LabRefusal(404, "no_draft")
     try:
         with parts.database.session() as s:
-            frozen = draft.freeze(query_sets_here(s))
+            return draft.freeze(query_sets_here(s))
     except ProtocolError:
         raise LabRefusal(422, "not_valid") from None
-    return _preview_page(request, frozen, number, language, back=f"/lab/new/{draft.id}")
 
 
 @router.get("/studies/{study_id}/preview/{number}")

@@ -201,7 +201,7 @@ def own_chosen(answer: Answer) -> bool | None:
 def events(
     s: DatabaseSession, study_id: str, *, kind: str | None = None, participant: str | None = None, page: int = 1
 ) -> Page:
-    """Pages of (Event, participant code or None), newest first."""
+    """Pages of (Event, participant code or None), newest first. kind: one, or several with commas."""
     session_of = select(Session.id).where(Session.study_id == study_id)
     query = (
         select(Event, Participant.code)
@@ -210,7 +210,7 @@ def events(
         .where((Event.study_id == study_id) | Event.session_id.in_(session_of))
     )
     if kind:
-        query = query.where(Event.kind == kind)
+        query = query.where(Event.kind.in_(kind.split(",")))
     if participant:
         query = query.where(Participant.code == participant)
     return found_page(s, query.order_by(Event.id.desc()), page)

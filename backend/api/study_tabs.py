@@ -31,8 +31,11 @@ def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
     return found
 
 
-def study_tab(request: Request, study: Study, tab: str, template: str | None = None, **context: Any) -> Response:
+def study_tab(
+    request: Request, study: Study, tab: str, template: str | None = None, *, status: int = 200, **context: Any
+) -> Response:
     """A page of a study; without a template, the tab's own."""
     drawn = any("demonstrations" in entry and entry["demonstrations"] for entry in study.protocol.get("stages", []))
     tabs = (*TABS[:2], "paths", *TABS[2:]) if drawn else TABS
-    return lab_page(request, template or f"lab/study_{tab}.html", study=study, tab=tab, tabs=tabs, **context)
+    shown = template or f"lab/study_{tab}.html"
+    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, **context)

@@ -145,6 +145,36 @@ def revise_study(
     changed under the same version, or the query set does not do.
     """
     study = s.scalars(select(Study).where(Study.id == study.id).with_for_update()).one()
+    number, changes = revision_of(s, study, frozen)
+    protocol = frozen.protocol
+    materials = materials_of(s, files, frozen)
+    if materials["setup"] != study.protocol["materials"]["setup"]:
+        raise StudyError(
+            f"query_set = {protocol.query_set!r}: is of setup {materials['setup']}, the study's is "
+            f"{study.protocol['materials']['setup']}; a study keeps its setup"
+        )
+    version = ProtocolVersion(
+        study_id=study.id,
+        number=number,
+        protocol_version=protocol.version,
+        protocol_yaml=frozen.yaml,
+        protocol={**frozen.data, "materials": materials},
+        files=frozen.files,
+        protocol_hash=frozen.hash,
+        changes=[change.as_dict() for change in changes],
+        created_by=by,
+    )
+    s.add(version)
+    s.flush()
+    log_event(s, "study_revised", study_id=study.id, protocol=study.protocol_name, hash=frozen.hash, number=number)
+    return version
+
+
+def revision_of(s: DatabaseSession, study: Study, frozen: FrozenProtocol) -> tuple[int, list[Change]]:
+    """The number that this protocol would get in the study, and everything that it would change. Writes nothing.
+
+    Raises StudyError as `revise_study`, which looks at the query set besides.
+    """
     number, before = newest_protocol(s, study)
     protocol = frozen.protocol
     if protocol.protocol != study.protocol_name:
@@ -161,27 +191,7 @@ def revise_study(
             f"stages.consent.version = {frozen.consent.version!r}: the consent's words changed, so it needs a version "
             "of its own; every answer names the version it was given under"
         )
-    materials = materials_of(s, files, frozen)
-    if materials["setup"] != study.protocol["materials"]["setup"]:
-        raise StudyError(
-            f"query_set = {protocol.query_set!r}: is of setup {materials['setup']}, the study's is "
-            f"{study.protocol['materials']['setup']}; a study keeps its setup"
-        )
-    version = ProtocolVersion(
-        study_id=study.id,
-        number=number + 1,
-        protocol_version=protocol.version,
-        protocol_yaml=frozen.yaml,
-        protocol={**frozen.data, "materials": materials},
-        files=frozen.files,
-        protocol_hash=frozen.hash,
-        changes=[change.as_dict() for change in changes],
-        created_by=by,
-    )
-    s.add(version)
-    s.flush()
-    log_event(s, "study_revised", study_id=study.id, protocol=study.protocol_name, hash=frozen.hash, number=number + 1)
-    return version
+    return number + 1, changes
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select
+from sqlalchemy import select, update
 
 from backend.api.application import build_house, create_application
-from backend.api.auth import change_password, ensure_first_user
+from backend.api.auth import add_user, change_password, ensure_first_user
 from backend.api.dependencies import House
 from backend.settings import Settings
 from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
@@ -81,6 +81,19 @@ def sign_in(client: TestClient, name: str = "experimenter", password: str = PASS
 def lab(visitor: TestClient) -> TestClient:
     """The experimenter's browser."""
     return sign_in(visitor)
+
+
+@pytest.fixture
+def as_role(lab_house: House) -> Callable[[str], TestClient]:
+    """A signed-in browser of somebody who has only this role."""
+
+    def enter(role: str) -> TestClient:
+        name, password = f"a-{role}", add_user(lab_house.database, f"a-{role}", role)
+        with lab_house.database.transaction() as s:
+            s.execute(update(User).where(User.name == name).values(must_change_password=False))
+        return sign_in(TestClient(create_application(lab_house), follow_redirects=False), name, password)
+
+    return enter
 
 
 def csrf(client: TestClient, page: str = "/lab/password") -> str:

@@ -119,10 +119,11 @@ def test_who_names_another_drive_when_asked_again_is_flagged(lab, lab_house, wal
 def test_who_looked_away_again_and_again_is_flagged(lab, lab_house, walked):
     with lab_house.database.transaction() as s:
         session = s.scalars(select(Session).join(Participant).where(Participant.code == walked.fresh)).one()
-        for reason in ("hidden", "hidden", "stage_connected", "hidden"):
-            log_event(s, "trial_interrupted", session_id=session.id, reason=reason)
+        for kind in ("trial_interrupted", "stroke_interrupted"):  # a pair's drive, the drive of a drawn path
+            for reason in ("hidden", "hidden", "stage_connected"):
+                log_event(s, kind, session_id=session.id, reason=reason)
     assert flags(lab_house, walked, walked.fresh) == ("lost_focus",)
-    assert rows_of(lab, walked, walked.fresh, "trial_interrupted") == 4
+    assert rows_of(lab, walked, walked.fresh, "stroke_interrupted") == 6
 
 
 def test_time_per_trial_is_from_answer_to_answer_within_a_session():

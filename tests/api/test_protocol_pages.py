@@ -13,6 +13,7 @@ from backend.store.models import Study
 from backend.study.revising import revise_study
 from backend.study.studies import create_study
 from backend.study.versions import newest_protocol
+from tests.api.lab_house import csrf
 from tests.study.small_protocol import CROSSED, small_protocol
 from tests.study.walking import twenty_queries
 
@@ -35,6 +36,7 @@ def study(lab_house: House, tmp_path: Path) -> Study:
     folder = tmp_path / "protocols"
     folder.mkdir()
     keys = {"query_set": str(twenty_queries(folder)), "assignment": {"scheme": "latin_square"}}
+    keys["screen_out"] = {"text": "sorry.md", "completion_code": "SORRY-77"}
     with lab_house.database.transaction() as s:
         study = create_study(
             s, lab_house.files, small_protocol(folder, EVERYTHING, **keys), name="Everything", created_by=None
@@ -65,3 +67,39 @@ def test_every_step_of_a_protocol_can_be_previewed(lab: TestClient, lab_house: H
     for number, step in enumerate(steps, 1):
         answered = lab.get(f"/lab/studies/{study.id}/preview/{number}")
         assert answered.status_code == 200, (step["kind"], answered.text[:500])
+
+
+def test_a_running_study_is_changed_here_and_what_it_means_is_said_before(lab: TestClient, study: Study):
+    here = f"/lab/studies/{study.id}"
+    assert f"{here}/revise" in lab.get(f"{here}/protocol").text
+    form = {"csrf": csrf(lab)}
+    assert "sorry.md" in lab.get(f"{here}/revise").text
+    texts = {"texts": ("pause.md", b"# Rest\n\nRest for longer.", "text/markdown")}
+    made = lab.post(f"{here}/revise", data=form, files=texts)
+    draft = made.headers["location"]
+    page = lab.get(draft).text
+    assert "files.pause.md" in page  # the version was raised, the text replaced where the study keeps it
+    assert "People read other words from now on" in page
+    assert "Make version 3" in page
+    assert lab.get(f"{draft}/preview/1").status_code == 200
+    yaml = lab.get(f"{here}/protocol.yaml").text
+    same = lab.post(draft, data={**form, "yaml": yaml})
+    assert (same.status_code, "must be higher" in lab.get(draft).text) == (303, True)
+    lab.post(draft, data={**form, "yaml": yaml.replace("version: 2", "version: 3") + "hours: 3\n"})
+    assert "hours" in lab.get(draft).text
+    assert "Make version 3" not in lab.get(draft).text
+    lab.post(draft, data={**form, "yaml": yaml.replace("version: 2", "version: 3")})
+    done = lab.post(f"{draft}/open", data=form)
+    assert done.headers["location"] == f"{here}/protocol?done=study_revised"
+    told = lab.get(done.headers["location"]).text
+    assert "The new version is there" in told
+    assert "files.pause.md" in told
+    assert lab.get(draft).status_code == 404
+
+
+def test_what_is_worth_money_is_shown_to_who_may_take_it(lab: TestClient, as_role, study: Study):
+    page = f"/lab/studies/{study.id}/protocol"
+    assert "SORRY-77" in lab.get(page).text
+    seen = as_role("viewer").get(page).text
+    assert "SORRY-77" not in seen
+    assert "completion_code" in seen
