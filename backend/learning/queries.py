@@ -11,6 +11,7 @@ import io
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +48,13 @@ class Query:
 
 @dataclass(frozen=True)
 class QueryConfig:
-    """What queries are made and which are dropped. The first three filters are the thesis's (6.4.2), the rest ours."""
+    """What queries are made and which are dropped. The first three filters are the thesis's (6.4.2), the rest ours.
+
+    count: scenes. drives: of each scene so many, every two of them a query; 3 for probes of transitivity.
+    """
 
     count: int = 200
+    drives: int = 2
     seed: int = 0
     max_duration_s: float = 12.0  # ours: people watch both drives of every query
     min_duration_s: float = 3.0  # ours: a drive that is over at once shows nothing
@@ -204,41 +209,42 @@ def generate_queries(
     config: QueryConfig | None = None,
     on_progress: Callable[[float, dict[str, float]], None] | None = None,
 ) -> QuerySet:
-    """`config.count` queries, each from another scene: a random pair of the members whose drives have no flaw.
+    """Queries of `config.count` scenes: in each every pair of `config.drives` random members' drives without a flaw.
 
     Raises LearningError if `config.max_scenes` scenes do not give that many, with what the filters dropped.
     """
     config = config or QueryConfig()
-    if len(members) < 2:
-        raise LearningError(f"members = {len(members)}: a query needs drives of at least 2 ensemble members")
+    if len(members) < config.drives:
+        raise LearningError(f"members = {len(members)}: {config.drives} drives need as many ensemble members")
     setup = get_setup(require_same(**{f"member {k}": member.setup for k, member in enumerate(members)}))
     random = np.random.default_rng([config.seed, 6])
     scenes = scene_set(setup.name, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
-    queries: list[Query] = []
+    of_scenes: list[list[Query]] = []
     for first in range(0, config.max_scenes, config.scenes_per_round):
         round_scenes = scenes[first : first + config.scenes_per_round]
         drives = [rollout(setup, member.act, round_scenes) for member in members]
         for row in range(len(round_scenes)):
             filtered["scenes"] += 1
-            query = _query_in_scene([drive[row] for drive in drives], config, random, filtered)
-            if query is None:
+            found = _queries_in_scene([drive[row] for drive in drives], config, random, filtered)
+            if not found:
                 continue
-            queries.append(query)
-            if len(queries) == config.count:
-                return QuerySet(setup.name, tuple(queries), filtered)
+            of_scenes.append(found)
+            if len(of_scenes) == config.count:
+                return QuerySet(setup.name, tuple(query for of_one in of_scenes for query in of_one), filtered)
         if on_progress:
-            on_progress(len(queries) / config.count, {"queries": len(queries), "scenes": filtered["scenes"]})
+            on_progress(len(of_scenes) / config.count, {"queries": len(of_scenes), "scenes": filtered["scenes"]})
     raise LearningError(
-        f"count = {config.count}: {config.max_scenes} scenes gave only {len(queries)} queries; dropped: {filtered}. "
-        "Ask for fewer, allow longer drives (max_duration_s) or train a better ensemble."
+        f"count = {config.count}: {config.max_scenes} scenes gave queries in only {len(of_scenes)}; dropped: "
+        f"{filtered}. Ask for fewer, allow longer drives (max_duration_s) or train a better ensemble."
     )
 
 
-def _query_in_scene(
+def _queries_in_scene(
     drives: Sequence[Trajectory], config: QueryConfig, random: np.random.Generator, filtered: dict[str, int]
-) -> Query | None:
+) -> list[Query]:
+    """Every pair of the first drawn drives that all look different; none where there are not so many."""
     good: list[int] = []
     for k, drive in enumerate(drives):
         filtered["drives"] += 1
@@ -247,16 +253,16 @@ def _query_in_scene(
             good.append(k)
         else:
             filtered[reason] += 1
-    if len(good) < 2:
+    if len(good) < config.drives:
         filtered["one_drive_left"] += 1
-        return None
-    pairs = [(i, j) for i in good for j in good if i != j]
-    for k in random.permutation(len(pairs)):
-        i, j = pairs[k]
-        if not look_alike(drives[i], drives[j], config):
-            return Query(drives[i].scene, rounded(drives[i]), rounded(drives[j]), (i, j))
+        return []
+    choices = list(permutations(good, config.drives))
+    for k in random.permutation(len(choices)):
+        pairs = list(combinations(choices[k], 2))
+        if not any(look_alike(drives[i], drives[j], config) for i, j in pairs):
+            return [Query(drives[i].scene, rounded(drives[i]), rounded(drives[j]), (i, j)) for i, j in pairs]
     filtered["look_alike"] += 1
-    return None
+    return []
 
 
 def segment_queries(

@@ -1,7 +1,7 @@
 """Making the shipped artefacts and their cards.
 
-`python -m backend.learning.ship base|ensemble|conditioned|queries|varied-queries SETUP [--count N] --seed N`. The
-science lives in the algorithms' files; finding what was shipped lives in `shipped.py`.
+`python -m backend.learning.ship base|ensemble|conditioned|queries|varied-queries|triples SETUP [--count N] --seed N`.
+The science lives in the algorithms' files; finding what was shipped lives in `shipped.py`.
 """
 
 from __future__ import annotations
@@ -155,15 +155,17 @@ def ship_queries(
     folder: Path = DATASETS,
     on_progress: OnProgress = no_progress,
     count: int = SHIPPED_QUERIES,
+    drives: int = 2,
 ) -> Card:
-    """Make, describe and store queries by the ensemble in the same folder."""
-    config = QueryConfig(count=count, seed=seed)
+    """Make, describe and store queries by the ensemble in the same folder; of three drives each scene: triples."""
+    config = QueryConfig(count=count, seed=seed, drives=drives)
+    what = "triples" if drives == 3 else "queries"
     files = sorted((folder / setup / "ensemble").glob("*.npz"))
     queries = generate_queries([Policy.load(path) for path in files], config, on_progress)
     return _store_queries(
         queries,
-        folder / setup / f"queries_{count}.npz",
-        what="queries",
+        folder / setup / f"{what}_{count}.npz",
+        what=what,
         config=config,
         seed=seed,
         parents={f"{setup}/ensemble/{file.stem}": file_sha256(file) for file in files},
@@ -207,13 +209,14 @@ def _store_queries(
 ) -> Card:
     """Write a query set and its card. what: the subcommand that makes it; results: more than every set's numbers."""
     queries.save(path)
+    count = (config.queries if isinstance(config, VariedConfig) else config).count
     card = Card(
         kind="query_set",
         name=f"{queries.setup}/{path.stem}",
         setup=queries.setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m backend.learning.ship {what} {queries.setup} --count {len(queries)} --seed {seed}",
+        command=f"python -m backend.learning.ship {what} {queries.setup} --count {count} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=config.as_dict(),
@@ -246,10 +249,10 @@ def describe_queries(queries: QuerySet) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
-    parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries", "varied-queries"))
+    parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries", "varied-queries", "triples"))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries; the other kinds have none")
+    parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries, or scenes of triples")
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
     arguments = parser.parse_args()
 
@@ -258,9 +261,10 @@ def main() -> None:
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
     given = (arguments.setup, arguments.seed, arguments.out, show)
-    if arguments.what in ("queries", "varied-queries"):
-        make = ship_queries if arguments.what == "queries" else ship_varied_queries
-        make(*given, count=arguments.count)
+    if arguments.what == "varied-queries":
+        ship_varied_queries(*given, count=arguments.count)
+    elif arguments.what in ("queries", "triples"):
+        ship_queries(*given, count=arguments.count, drives=3 if arguments.what == "triples" else 2)
     else:
         {"base": ship_base, "ensemble": ship_ensemble, "conditioned": ship_conditioned}[arguments.what](*given)
 
