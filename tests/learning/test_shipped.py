@@ -35,6 +35,7 @@ EXPECTED = {
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "study_room/queries_200",
     "study_room/queries_500",
+    "study_room/triples_50",
     *(f"{setup}/queries_varied_200" for setup in ("open_field", "study_room")),
 }
 KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet}
@@ -207,3 +208,15 @@ def test_bootstrap_covers_the_mean_it_should() -> None:
         estimate = mean_estimate(random.exponential(2.0, 80))
         hits += estimate.low <= 2.0 <= estimate.high
     assert 0.88 <= hits / 200 <= 0.99
+
+
+def test_shipped_triples_are_all_three_pairs_of_three_drives_that_look_different() -> None:
+    queries, config = load_queries("study_room/triples_50").queries, QueryConfig()
+    assert len(queries) == 150
+    for three in zip(queries[0::3], queries[1::3], queries[2::3], strict=True):
+        drives = [drive for query in three for drive in (query.trajectory_a, query.trajectory_b)]
+        assert len({query.scene.seed for query in three}) == 1
+        assert len({drive.digest() for drive in drives}) == 3
+        assert len({frozenset((q.trajectory_a.digest(), q.trajectory_b.digest())) for q in three}) == 3
+        assert not any(look_alike(query.trajectory_a, query.trajectory_b, config) for query in three)
+        assert {flaw(drive, config) for drive in drives} == {None}
