@@ -167,8 +167,9 @@ class BrowserWay:
     def _press_on(self, key: str, value: Mapping[str, Any]) -> None:
         """Answer screen after screen of the step until it is sent."""
         while self._page.locator(f".step-body[data-key='{key}']").count():
-            for item in self._page.locator("[data-item] >> visible=true").all():
-                self._answer(item, value.get(str(item.get_attribute("data-item"))))
+            for item in self._page.locator("[data-item]").all():
+                if item.is_visible():  # asked after the answers before it
+                    self._answer(item, value.get(str(item.get_attribute("data-item"))))
             before = self._screen()
             self._page.locator(".bottombar .main:enabled").click()
             deadline = time.monotonic() + PATIENCE_MS / 1000

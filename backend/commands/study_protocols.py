@@ -112,10 +112,13 @@ def revise(
 
 
 @plain_errors
-def schema_command() -> None:
+def schema_command(
+    questionnaire: Annotated[bool, typer.Option("--questionnaire", help="Of a questionnaire's file instead.")] = False,
+) -> None:
     """Print the JSON Schema of protocols, for editors that complete and check while you write."""
     import json
 
-    from backend.study.schema import json_schema
+    from backend.study.schema import Protocol, json_schema
+    from backend.study.schema_questionnaires import Questionnaire
 
-    typer.echo(json.dumps(json_schema(), indent=1, ensure_ascii=False))
+    typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=1, ensure_ascii=False))

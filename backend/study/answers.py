@@ -8,6 +8,7 @@ from typing import Any
 from backend.study.protocol import FrozenProtocol
 from backend.study.refusals import Refused
 from backend.study.schema_questionnaires import Item, Questionnaire
+from backend.study.skipping import Earlier, is_asked
 from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
 
 LARGEST_NUMBER = 10**12  # ours; beyond 2^53 no table holds it exactly, and beyond 10^308 none holds it at all
@@ -26,8 +27,10 @@ def timed_out(value: Mapping[str, Any]) -> bool:
     return value.get("timed_out") is True
 
 
-def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> dict[str, Any]:
-    """The answer to store for a step. Raises BadValue."""
+def checked_value(
+    frozen: FrozenProtocol, step: dict[str, Any], value: Any, earlier: Earlier | None = None
+) -> dict[str, Any]:
+    """The answer to store for a step. earlier: answers by which items are left out. Raises BadValue."""
     if not isinstance(value, dict):
         raise BadValue("value", value, "must be an object")
     kind = step["kind"]
@@ -48,11 +51,11 @@ def checked_value(frozen: FrozenProtocol, step: dict[str, Any], value: Any) -> d
         return _consent(frozen, value)
     questionnaire = frozen.questionnaires[step["questionnaire"]]
     over = timed_out(value) and step.get("time_limit_s") is not None
-    answers = _answers(questionnaire, {key: given for key, given in value.items() if key != "timed_out"}, over=over)
+    given = {key: answer for key, answer in value.items() if key != "timed_out"}
+    answers = _answers(questionnaire, given, earlier, over=over)
     if kind == "comprehension":
-        answers["passed"] = all(
-            str(answers.get(item.key)) == item.correct for item in questionnaire.items if item.correct is not None
-        )
+        checks = [one for one in questionnaire.items if one.correct is not None and is_asked(one, answers, earlier)]
+        answers["passed"] = all(str(answers.get(item.key)) == item.correct for item in checks)
     return answers | ({"timed_out": True} if over else {})
 
 
@@ -79,15 +82,20 @@ def _consent(frozen: FrozenProtocol, value: dict[str, Any]) -> dict[str, Any]:
     return {"given": True, "version": version, **agreed}
 
 
-def _answers(questionnaire: Questionnaire, value: dict[str, Any], *, over: bool) -> dict[str, Any]:
+def _answers(
+    questionnaire: Questionnaire, value: dict[str, Any], earlier: Earlier | None, *, over: bool
+) -> dict[str, Any]:
     """The answers by item. over: the time was over, so what is missing is left out instead of asked for."""
     known = {item.key: item for item in questionnaire.items}
     for key in value:
         if key not in known:
             raise BadValue(f"value.{key}", value[key], f"is no item of this questionnaire; items: {', '.join(known)}")
-    answers = {}
+    answers: dict[str, Any] = {}
     for key, item in known.items():
-        if value.get(key) not in (None, "", []):
+        if not is_asked(item, answers, earlier):
+            if value.get(key) not in (None, "", []):
+                raise BadValue(f"value.{key}", None, "is not asked after the other answers")
+        elif value.get(key) not in (None, "", []):
             answers[key] = _item(item, value[key])
         elif item.required and not over:
             raise BadValue(f"value.{key}", None, "has no answer yet")

@@ -23,6 +23,7 @@ from backend.report.cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 from backend.study.links import next_token
+from backend.study.skipping import ItemWhen
 from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
 
 POLL_S = 0.5  # how often a waiting bot looks
@@ -57,6 +58,10 @@ class Way(Protocol):
         """Send a drawn path; the state has `problem` where it cannot be driven."""
         ...
 
+    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+        """Send what was walked beside the drive; the state has `problem` where the robot met the walker."""
+        ...
+
     def submit(self, key: str, value: Mapping[str, Any]) -> State: ...
 
 
@@ -72,8 +77,8 @@ class Walk:
 
 @dataclass(frozen=True)
 class Character:
-    """What all bots of a study are like. oracle, habits: their taste and how answers stray from it; seed: of their
-    random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers; None: they
+    """What all bots of a study are like. oracle, habits: their taste (of several with commas each bot takes the next
+    one) and how answers stray from it; seed: of their random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers; None: they
     have no opinion on anything but drives. style: of drawing (backend/demonstrations); default each bot the next one.
     """
 
@@ -85,14 +90,19 @@ class Character:
 
     def check(self) -> None:
         """Raises LearningError for an unknown oracle or habits that cannot be."""
-        for name in {self.oracle, *(self.cohort.tastes.values() if self.cohort else ())}:
+        for name in {*self.oracle.split(","), *(self.cohort.tastes.values() if self.cohort else ())}:
             make_oracle(name, **asdict(self.habits), seed=self.seed)
+
+    def taste(self, number: int) -> str:
+        """The oracle of the bot of that number."""
+        names = self.oracle.split(",")
+        return names[number % len(names)]
 
     def told(self, number: int) -> dict[str, Any]:
         """What is stored of a bot's making."""
         cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
         style = {"style": self.style} if self.style else {}
-        return {"name": self.oracle, **asdict(self.habits), "seed": self.seed, "number": number, **cohort, **style}
+        return {"name": self.taste(number), **asdict(self.habits), "seed": self.seed, "number": number, **cohort, **style}
 
 
 def put_off_s(response: httpx.Response) -> float | None:
@@ -111,7 +121,12 @@ def any_answer(
         return {"choice": step["instructed"]}
     if step["kind"] == "consent":
         return {"given": True, "purposes": dict.fromkeys(step.get("purposes", ()), True)}
-    return {item["key"]: _value(item, step.get("block"), random, person) for item in step.get("items", [])}
+    answers: dict[str, Any] = {}
+    for item in step.get("items", []):
+        value = _value(item, step.get("block"), random, person)  # drawn in any case, so that bots stay comparable
+        if all(ItemWhen.model_validate(one).fits(answers.get(one["item"])) for one in item.get("when", ())):
+            answers[item["key"]] = value
+    return answers
 
 
 def _value(
@@ -185,10 +200,10 @@ class Bot:
         self._random = np.random.default_rng([character.seed, number, 11])
         self._person = character.cohort.person(number) if character.cohort else None
         stream = int(self._random.integers(2**31))
-        names = {character.oracle, *(character.cohort.tastes.values() if character.cohort else ())}
+        self._usual = character.taste(number)
+        names = {self._usual, *(character.cohort.tastes.values() if character.cohort else ())}
         habits = asdict(character.habits)
         self._oracles: dict[str, Oracle] = {name: make_oracle(name, **habits, seed=stream) for name in names}
-        self._usual = character.oracle
         self._style, self._number = character.style, number
         self._participant = way.join(character.told(number))
         self._responses = self._comparisons = 0
@@ -229,19 +244,32 @@ class Bot:
         return {"choice": "ab"[self._choice(step, *self._way.drives())]}
 
     def _drawn(self, step: Mapping[str, Any]) -> dict[str, Any]:
-        """A path in the bot's style, drawn again where it touches something, then kept."""
+        """A path in the bot's style, drawn again where it touches something, then kept.
+
+        Where a walk has to be chosen, any of them; where the participant walks, a walk to any free place.
+        """
         from backend.demonstrations.demonstrators import STYLES, draw_stroke  # numba comes with it
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
-        scene = Scene.from_dict(step["scene"])
+        scenes = [Scene.from_dict(one) for one in step["scenes"]]
         told: Any = None
         for _ in range(DRAWING_TRIES):
-            stroke = draw_stroke(style, scene, int(self._random.integers(2**31)))
-            state = self._way.draw(step["key"], stroke.as_dict() | {"pointer": "bot"})
+            choice = int(self._random.integers(len(scenes))) if len(scenes) > 1 else 0
+            stroke = draw_stroke(style, scenes[choice], int(self._random.integers(2**31)))
+            state = self._way.draw(step["key"], stroke.as_dict() | {"pointer": "bot", "walk": choice})
+            if state["step"]["trial"]["walking"]:
+                state = self._walked(step["key"], scenes[choice], state["step"]["trial"])
             told = state.get("problem")
             if told is None:
                 return {"stroke": state["step"]["trial"]["stroke"]}
         raise BotError(f"participant {self._participant}: {DRAWING_TRIES} paths were refused, the last one: {told}")
+
+    def _walked(self, key: str, scene: Scene, shown: Mapping[str, Any]) -> State:
+        from backend.demonstrations.people import record_walk  # numba comes with it
+
+        times, poses = record_walk(scene, shown["duration_s"], int(self._random.integers(2**31)))
+        walk = {"times_s": times.tolist(), "poses": poses.tolist()}
+        return self._way.walked(key, shown["playback_id"], walk)
 
     def _choice(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> int:
         """The taste's, then what the cohort makes of it. 0 for A, 1 for B."""
@@ -290,6 +318,9 @@ class HttpWay:
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/drawing/{key}/stroke", {"request_id": uuid4().hex, **stroke})
+
+    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+        return self._post(f"{self._api}/drawing/{key}/driven", {"playback_id": playback_id, "walk": dict(walk)})
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": dict(value)})

@@ -10,8 +10,9 @@ from backend.study.error_words import meant
 from backend.study.named import questionnaires_of
 from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockStage, Queries
-from backend.study.schema_questionnaires import Item, Questionnaire
-from backend.study.schema_stages import ComprehensionStage, When, stage_keys
+from backend.study.schema_questionnaires import Questionnaire
+from backend.study.schema_stages import ComprehensionStage, stage_keys
+from backend.study.skipping import When, problems_with
 from backend.study.source import Problem, Source
 
 ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
@@ -174,6 +175,16 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
                 yield source.problem((*here, "questionnaire"), told)
             else:
                 yield from _answers(entry.when, questionnaires, here, source)
+        for name, path in questionnaires_of(entry):
+            used = questionnaires[name].items if name in questionnaires else []
+            for one in {one for item in used for one in item.when if one.questionnaire not in (None, name)}:
+                at = ("stages", index, entry.kind, *path)
+                about = When.model_validate(one.model_dump(by_alias=True))
+                if asked.get(about.questionnaire, index) >= index:
+                    told = f"has an item with 'when' about {about.questionnaire}, which is not asked before this stage"
+                    yield source.problem(at, told + meant(about.questionnaire, list(asked)))
+                else:
+                    yield from _answers(about, questionnaires, at, source)
         for name, _ in questionnaires_of(entry):
             asked.setdefault(name, index)
     for q, quota in enumerate(protocol.quotas):
@@ -188,33 +199,8 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
 def _answers(
     when: When, questionnaires: Mapping[str, Questionnaire], here: yaml_source.Path, source: Source
 ) -> Iterator[Problem]:
-    if when.questionnaire not in questionnaires:
-        return  # it could not be read, which is an error of its own
-    items = {item.key: item for item in questionnaires[when.questionnaire].items}
-    item = items.get(when.item)
-    if item is None:
-        told = f"is no item of {when.questionnaire}; items: {', '.join(items)}{meant(when.item, list(items))}"
-        yield source.problem((*here, "item"), told)
-        return
-    if item.type in ("text", "ranking"):
-        yield source.problem((*here, "item"), f"is a {item.type}; only choices, scales and numbers can be asked about")
-        return
-    if item.type == "choice" and (when.at_least is not None or when.at_most is not None):
-        yield source.problem(here, "at_least and at_most need a scale or a number; use is, is_not or one_of")
-    allowed = _possible(item)
-    given: dict[str, list[str | None]] = {"is": [when.is_], "is_not": [when.is_not], "one_of": [*(when.one_of or [])]}
-    for key, values in given.items():
-        for value in values:
-            if value is not None and allowed is not None and value not in allowed:
-                told = f"can never be answered to {item.key}; answers: {', '.join(allowed)}{meant(value, allowed)}"
-                yield source.problem((*here, key), told)
-
-
-def _possible(item: Item) -> list[str] | None:
-    """The answers of an item as texts, None where they are numbers without a list."""
-    if item.type == "choice":
-        return [option.value for option in item.options]
-    return [str(n) for n in range(1, item.points + 1)] if item.type == "scale" else None
+    if when.questionnaire in questionnaires:  # one that could not be read is an error of its own
+        yield from problems_with(when, when.questionnaire, questionnaires[when.questionnaire].items, here, source)
 
 
 def _checks(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source) -> Iterator[Problem]:

@@ -110,7 +110,7 @@ def submit(
     if trial is None:
         _check_can_be_answered(s, session, step, value, now)
     try:
-        stored = checked_value(frozen, step, value)
+        stored = checked_value(frozen, step, value, lambda name: routing.answer_to(s, session, name))
     except Refused as wrong:
         wrong.session_id, wrong.study_id = session.id, session.study_id
         wrong.details["step"] = step_key

@@ -13,6 +13,7 @@ from backend.study.protocol import POINT, FrozenProtocol
 from backend.study.schema_blocks import Viewing
 from backend.study.schema_questionnaires import Item, Questionnaire
 from backend.study.schema_stages import stage_keys
+from backend.study.skipping import Earlier, may_ask
 from backend.study.texts import local
 from backend.study.words import DRAWN_KINDS, SINGLE_KINDS, TRIAL_KINDS
 
@@ -20,9 +21,14 @@ _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
 
 
 def payload_of(
-    frozen: FrozenProtocol, step: Step, language: str, *, completion_code: str | None = None
+    frozen: FrozenProtocol,
+    step: Step,
+    language: str,
+    *,
+    completion_code: str | None = None,
+    earlier: Earlier | None = None,
 ) -> dict[str, Any]:
-    """The payload of a step for its template."""
+    """The payload of a step for its template. earlier: answers by which items are left out; None: none is."""
     kind = step["kind"]
     if kind in TRIAL_KINDS:
         return trial_payload(step)
@@ -33,7 +39,8 @@ def payload_of(
     if kind == "attention":
         return {"instructed": step["instructed"]}
     if kind in ("questionnaire", "comprehension"):
-        return _questionnaire(frozen.questionnaires[step["questionnaire"]], language) | _rules(frozen, step, language)
+        asked = _questionnaire(frozen.questionnaires[step["questionnaire"]], language, earlier)
+        return asked | _rules(frozen, step, language)
     title, text = frozen.text(_text_of(frozen, step), language)
     shown = {"title": title, "text": text}
     if kind == "consent":
@@ -97,16 +104,18 @@ def _text_of(frozen: FrozenProtocol, step: Step) -> str:
     return str(getattr(stages[stage_keys(stages).index(step["stage"])].stage, "text"))  # noqa: B009
 
 
-def _questionnaire(questionnaire: Questionnaire, language: str) -> dict[str, Any]:
+def _questionnaire(questionnaire: Questionnaire, language: str, earlier: Earlier | None) -> dict[str, Any]:
+    asked = [(block, [item for item in block.items if may_ask(item, earlier)]) for block in questionnaire.blocks]
     return {
         "title": local(questionnaire.title, language),
         "text": local(questionnaire.text, language) if questionnaire.text else "",
         "blocks": [
             {
                 "title": local(block.title, language) if block.title else None,
-                "items": [_item(item, language) for item in block.items],
+                "items": [_item(item, language) for item in items],
             }
-            for block in questionnaire.blocks
+            for block, items in asked
+            if items
         ],
     }
 
@@ -127,6 +136,8 @@ def _item(item: Item, language: str) -> dict[str, Any]:
         "text": local(item.text, language),
         "required": item.required,
     }
+    if here := [one for one in item.when if one.questionnaire is None]:
+        shown["when"] = [one.model_dump(by_alias=True, exclude_none=True) for one in here]
     if item.low and item.high:
         shown |= {"low": local(item.low, language), "high": local(item.high, language)}
     if item.type == "scale":

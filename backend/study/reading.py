@@ -14,6 +14,7 @@ from backend.study.error_words import meant, parsed
 from backend.study.named import all_texts
 from backend.study.schema import Protocol
 from backend.study.schema_questionnaires import Item, ItemBlock, Questionnaire
+from backend.study.skipping import problems_within
 from backend.study.source import Problem, ProtocolError, Source
 from backend.study.texts import text_numbers, variant
 
@@ -121,11 +122,12 @@ class Reader:
             for i, item in enumerate(block.items):
                 problems += self._item(item, ("blocks", b, "items", i), own)
             try:
-                blocks.append(self._scale(block, ("blocks", b, "scale"), own) if block.scale else block)
+                items = self._scale(block, ("blocks", b, "scale"), own) if block.scale else block.items
+                blocks.append(block.with_items(items))
             except ProtocolError as wrong:
                 problems += wrong.problems
         whole = questionnaire.model_copy(update={"blocks": blocks})
-        problems += _keys_twice(whole, own) + _borrowed_names(name, whole, own)
+        problems += [*_keys_twice(whole, own), *_borrowed_names(name, whole, own), *problems_within(name, whole, own)]
         if problems:
             raise ProtocolError(problems)
         return whole
@@ -140,8 +142,8 @@ class Reader:
             problems += self.localized(option.label, (*here, "options", o, "label"), own)
         return problems
 
-    def _scale(self, block: ItemBlock, path: yaml_source.Path, own: Source) -> ItemBlock:
-        """The block with the scale's items, which become part of the study's own copy."""
+    def _scale(self, block: ItemBlock, path: yaml_source.Path, own: Source) -> list[Item]:
+        """The scale's items, which become part of the study's own copy."""
         scale = SCALES.get(block.scale or "")
         if scale is None:
             told = f"is no validated scale; there are: {', '.join(SCALES)}{meant(block.scale, list(SCALES))}"
@@ -162,7 +164,7 @@ class Reader:
         kept = f"scales/{scale.name}.json"
         frozen = self._read(kept) or _as_file(scale)
         self.files[kept] = frozen
-        return block.model_copy(update={"items": [Item(**item) for item in frozen_items(frozen)]})
+        return [Item(**item) for item in frozen_items(frozen)]
 
 
 def _as_file(scale: Scale) -> str:
@@ -174,8 +176,8 @@ def _is_verbatim(items: Collection[Item], scale: Scale, language: str) -> bool:
         (item.text.get(language, ""), (item.low or {}).get(language, ""), (item.high or {}).get(language, ""))
         for item in items
     ]
-    marks = [(item.type, item.points, item.reversed) for item in items]
-    wanted = [("scale", scale.points, item.reversed) for item in scale.items]
+    marks = [(item.type, item.points, item.reversed, bool(item.when)) for item in items]
+    wanted = [("scale", scale.points, item.reversed, False) for item in scale.items]  # a scale is asked whole
     return wording_digest(wording, scale.points) == scale.digest(language) and marks == wanted
 
 

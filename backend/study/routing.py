@@ -14,7 +14,9 @@ from backend.study import asking, drawing, evaluating
 from backend.study.assignment import places_held_by
 from backend.study.planning import Step
 from backend.study.schema import Protocol
-from backend.study.schema_stages import When
+from backend.study.schema_questionnaires import Questionnaire
+from backend.study.skipping import Earlier, When, asks_anything, may_ask_something
+from backend.study.versions import protocol_of
 from backend.study.words import DRAWN_KINDS
 
 
@@ -43,6 +45,8 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
     they repeat."""
     if "when" in step and not _is_met(s, session, step["when"]):
         return False
+    if "questionnaire" in step and not asks_anything(*_questions(s, session, step)):
+        return False
     if step["kind"] == "comparison":
         return _has_trial(s, session, step["key"])
     if step["kind"] == "wait":
@@ -67,9 +71,16 @@ def may_come(s: DatabaseSession, session: Session, step: Step) -> bool:
     """
     if step["kind"] == "wait" or step.get("optional") or (step["kind"] == "comprehension" and step["attempt"] > 1):
         return False
-    if "when" not in step:
-        return True
-    return _answer_to(s, session, step["when"]["questionnaire"]) is None or _is_met(s, session, step["when"])
+    answered = "when" in step and answer_to(s, session, step["when"]["questionnaire"]) is not None
+    if answered and not _is_met(s, session, step["when"]):
+        return False
+    return "questionnaire" not in step or may_ask_something(*_questions(s, session, step))
+
+
+def _questions(s: DatabaseSession, session: Session, step: Step) -> tuple[Questionnaire, Earlier]:
+    """The step's questionnaire, and what this participant answered to others."""
+    asked = protocol_of(s, session).questionnaires[step["questionnaire"]]
+    return asked, lambda name: answer_to(s, session, name)
 
 
 def _passed_before(s: DatabaseSession, session: Session, step: Step) -> bool:
@@ -79,28 +90,11 @@ def _passed_before(s: DatabaseSession, session: Session, step: Step) -> bool:
 
 
 def _is_met(s: DatabaseSession, session: Session, when: dict[str, Any]) -> bool:
-    value = _answer_to(s, session, when["questionnaire"]) or {}
-    return is_met(When.model_validate(when), value.get(when["item"]))
+    value = answer_to(s, session, when["questionnaire"]) or {}
+    return When.model_validate(when).fits(value.get(when["item"]))
 
 
-def is_met(when: When, given: Any) -> bool:
-    """Whether an answer fits. None: the item was not answered, or the questionnaire was not shown."""
-    if given is None:
-        return when.is_not is not None and when == when.model_copy(
-            update={"is_": None, "one_of": None, "at_least": None, "at_most": None}
-        )
-    word = str(given)
-    number = given if isinstance(given, int) else None
-    return (
-        (when.is_ is None or word == when.is_)
-        and (when.is_not is None or word != when.is_not)
-        and (when.one_of is None or word in when.one_of)
-        and (when.at_least is None or (number is not None and number >= when.at_least))
-        and (when.at_most is None or (number is not None and number <= when.at_most))
-    )
-
-
-def _answer_to(s: DatabaseSession, session: Session, questionnaire: str) -> dict[str, Any] | None:
+def answer_to(s: DatabaseSession, session: Session, questionnaire: str) -> dict[str, Any] | None:
     """The participant's newest answers to that questionnaire, in whichever appointment, None if it was not answered."""
     keys = [step["key"] for step in session.plan if step.get("questionnaire") == questionnaire]
     given = (

@@ -100,6 +100,6 @@ class Protocol(Part):
     stages: list[StageEntry] = Field(min_length=1)
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a protocol, for editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | Protocol.model_json_schema(by_alias=True)
+def json_schema(of: type[Part] = Protocol) -> dict[str, Any]:
+    """JSON Schema of a protocol, or of a questionnaire's file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema(by_alias=True)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from backend.study.parts import Localized, Part, Slug, Value
+from backend.study.skipping import ItemWhen
 
 
 class Option(Part):
@@ -22,7 +23,7 @@ class Item(Part):
 
     reversed: agreeing means less of what is measured; the answer is stored as given, scoring turns it round. correct:
     the right answer in a comprehension check. instructed: an attention check whose text says what to answer; a wrong
-    answer is stored, marked, never refused.
+    answer is stored, marked, never refused. when: asked only where all of these fit; a file gives one.
     """
 
     key: Slug
@@ -39,6 +40,12 @@ class Item(Part):
     max_length: int = Field(2000, ge=1, le=2000)
     correct: Value | None = None
     instructed: Value | None = None
+    when: Annotated[list[ItemWhen], WithJsonSchema(ItemWhen.model_json_schema())] = []
+
+    @field_validator("when", mode="before")
+    @classmethod
+    def _as_list(cls, given: Any) -> Any:
+        return [given] if isinstance(given, dict) else given
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> Item:
@@ -69,8 +76,10 @@ class ItemBlock(Part):
     """Items that share a screen, or a validated scale by its name: then its items, verbatim, are what is asked.
 
     Whoever gives the items themselves beside `scale` must give them word by word (`protocol.py` compares hashes).
+    when: the screen is shown only where it fits; every item of it then carries the condition, before its own.
     """
 
+    when: ItemWhen | None = None
     title: Localized | None = None
     scale: Slug | None = None
     items: list[Item] = []
@@ -80,6 +89,11 @@ class ItemBlock(Part):
         if not self.items and self.scale is None:
             raise ValueError("needs 'items', or 'scale' with the name of a validated scale")
         return self
+
+    def with_items(self, items: list[Item]) -> ItemBlock:
+        """The screen with these items, each of which carries the screen's condition."""
+        shared = [self.when] if self.when else []
+        return self.model_copy(update={"items": [i.model_copy(update={"when": [*shared, *i.when]}) for i in items]})
 
 
 class Questionnaire(Part):

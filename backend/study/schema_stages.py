@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from backend.study.parts import Address, Code, FileName, Localized, Part, Slug, Value, Version
+from backend.study.parts import Address, Code, FileName, Localized, Part, Slug, Version
 from backend.study.schema_blocks import BlockBreak, BlockStage
 from backend.study.schema_demonstrations import DemonstrationsStage, EvaluationStage
+from backend.study.skipping import When
 from backend.study.words import STAGE_KINDS, View
 
 
@@ -126,25 +127,6 @@ class DebriefingStage(Part):
     text: FileName
     completion_code: Code = "random"
     return_url: Address | None = None
-
-
-class When(Part):
-    """Show the stage only to whom an earlier answer fits. An item that was not answered fits `is_not` alone."""
-
-    questionnaire: Slug
-    item: Slug
-    is_: Value | None = Field(None, alias="is")
-    is_not: Value | None = None
-    one_of: Annotated[list[Value], Field(min_length=1)] | None = None
-    at_least: int | None = None
-    at_most: int | None = None
-
-    @model_validator(mode="after")
-    def _asks_something(self) -> When:
-        tests = (self.is_, self.is_not, self.one_of, self.at_least, self.at_most)
-        if all(test is None for test in tests):
-            raise ValueError("needs one of is, is_not, one_of, at_least, at_most")
-        return self
 
 
 Stage = (

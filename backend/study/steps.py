@@ -106,7 +106,16 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
         trial, payload = trial_of(s, session), trial_payload(step)
     else:
         frozen = protocol_of(s, session)
-        trial, payload = None, payload_of(frozen, step, session.language, completion_code=session.completion_code)
+        trial, payload = (
+            None,
+            payload_of(
+                frozen,
+                step,
+                session.language,
+                completion_code=session.completion_code,
+                earlier=lambda name: routing.answer_to(s, session, name),
+            ),
+        )
         if step["kind"] == "appointment":
             payload |= appointments.next_of(s, session)
     return StepView(

@@ -65,6 +65,15 @@ STEPS: dict[str, dict[str, Any]] = {
         "version": "1",
     },
     "questionnaire": {"title": "About you", "text": "A few questions.", "items": _ITEMS},
+    "skipping": {
+        "title": "Robots",
+        "text": "",
+        "blocks": [
+            {"title": None, "items": [_ITEMS[1], {**_ITEMS[0], "when": [{"item": "vision", "is": "well"}]}]},
+            {"title": None, "items": [{**_scale("old"), "when": [{"item": "age", "at_least": 60}]}]},
+            {"title": None, "items": [_scale("all")]},
+        ],
+    },
     "ranking": {
         "title": "The three views",
         "text": "",
@@ -103,7 +112,7 @@ STEPS: dict[str, dict[str, Any]] = {
     "expired": {},
 }
 """Every kind of step and one example of its payload."""
-KINDS = {"ranking": "questionnaire"}  # examples of a kind that has another one already
+KINDS = {"ranking": "questionnaire", "skipping": "questionnaire"}  # examples of a kind that has another one already
 
 
 @dataclass(frozen=True)

@@ -178,6 +178,29 @@ def test_the_questionnaire_works_by_keyboard_alone(opened: Open) -> None:
     assert page.get_by_text("Part 2 of 2").is_visible()
 
 
+def test_questions_come_after_the_answers_that_they_need(opened: Open) -> None:
+    page = opened("/step/skipping")
+    go_on = page.get_by_role("button", name="Continue")
+    expect(go_on).to_be_enabled()
+    assert page.get_by_text("Part 1 of 2").is_visible()  # nobody has said that they are 60
+    assert not page.locator("#item-age").is_visible()
+    page.get_by_role("radio", name="Well").check()
+    go_on.click()
+    assert page.get_by_text("One question is still open.").is_visible()
+    page.fill("#item-age", "70")
+    assert page.get_by_text("Part 1 of 3").is_visible()
+    go_on.click()
+    assert page.locator("[name=old]").first.is_visible()
+    page.get_by_role("button", name="Back").click()
+    page.get_by_role("radio", name="Badly").check()  # takes the question and what hung on it away
+    assert not page.locator("#item-age").is_visible()
+    go_on.click()
+    assert page.get_by_text("Part 2 of 2").is_visible()
+    assert page.locator("[name=all]").first.is_visible()
+    page.get_by_role("button", name="Back").click()
+    assert page.locator("[name=vision]").first.is_visible()
+
+
 def places(page: Page, item: str) -> list[str]:
     return page.locator(f"[data-item={item}] [data-place]").evaluate_all(
         "places => places.map((place) => place.querySelector('[data-value]')?.dataset.value ?? '')"

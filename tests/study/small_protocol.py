@@ -39,6 +39,31 @@ QUESTIONNAIRES = {
             "high": {"en": "yes"},
         },
     ],
+    "more": [
+        {
+            "items": [
+                {
+                    "key": "plays",
+                    "type": "choice",
+                    "text": {"en": "Do you play?"},
+                    "options": [{"value": v, "label": {"en": v}} for v in ("yes", "no")],
+                },
+                {"key": "hours", "type": "number", "text": {"en": "Hours?"}, "when": {"item": "plays", "is": "yes"}},
+            ]
+        },
+        {
+            "when": {"questionnaire": "about", "item": "age", "at_least": 40},
+            "items": [
+                {"key": "since", "type": "number", "text": {"en": "Since?"}, "when": {"item": "hours", "at_least": 5}}
+            ],
+        },
+    ],
+    "elders": [
+        {
+            "when": {"questionnaire": "about", "item": "age", "at_least": 40},
+            "items": [{"key": "grandchildren", "type": "number", "text": {"en": "How many?"}}],
+        }
+    ],
     "order": [
         {
             "key": "useful",
@@ -61,7 +86,7 @@ def write_files(folder: Path) -> None:
     """The texts and questionnaires that these protocols may name."""
     (folder / "questionnaires").mkdir(exist_ok=True)
     for name, items in QUESTIONNAIRES.items():
-        content = {"title": {"en": name}, "blocks": [{"items": items}]}
+        content = {"title": {"en": name}, "blocks": items if "items" in items[0] else [{"items": items}]}
         (folder / "questionnaires" / f"{name}.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     for name in TEXTS:
         (folder / f"{name}.md").write_text(f"# {name}\nWords about {name}.\n")

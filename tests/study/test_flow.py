@@ -126,6 +126,33 @@ def test_a_stage_is_shown_to_whom_its_condition_fits(walk, when, about, met):
     assert after.index == 2
 
 
+def test_items_and_screens_are_asked_after_the_answers_that_they_need(walk):
+    walker = walk(ABOUT, {"questionnaire": {"use": "more"}}, {"questionnaire": {"use": "elders"}}, BLOCK)
+    before = walker.view.total
+    walker.submit("about", {"age": 30})
+    assert walker.view.total == before - 1  # `elders` has nothing to ask of somebody of 30, and the progress knows
+    blocks = walker.view.payload["blocks"]
+    assert [[item["key"] for item in block["items"]] for block in blocks] == [["plays", "hours"]]
+    assert blocks[0]["items"][1]["when"] == [{"item": "plays", "is": "yes"}]
+    for wrong, field in (({"plays": "yes"}, "value.hours"), ({"plays": "no", "hours": 3}, "value.hours")):
+        with pytest.raises(Refused) as refused:
+            walker.submit("more", wrong)
+        assert refused.value.field == field
+    walker.submit("more", {"plays": "no"})
+    assert answer(walker, "more").value == {"plays": "no"}
+    assert walker.view.key == "block.01"
+
+
+def test_a_later_screen_may_need_several_answers(walk):
+    walker = walk(ABOUT, {"questionnaire": {"use": "more"}}, BLOCK)
+    walker.submit("about", {"age": 50})
+    assert [len(block["items"]) for block in walker.view.payload["blocks"]] == [2, 1]
+    with pytest.raises(Refused, match="is not asked"):
+        walker.submit("more", {"plays": "yes", "hours": 4, "since": 2001})
+    walker.submit("more", {"plays": "yes", "hours": 5, "since": 2001})
+    assert answer(walker, "more").value == {"plays": "yes", "hours": 5, "since": 2001}
+
+
 def test_a_check_for_some_is_passed_over_whole_by_the_others(walk):
     walker = walk(ABOUT, {**QUIZ, "when": {"questionnaire": "about", "item": "gender", "is": "woman"}}, BLOCK)
     walker.submit("about", {"age": 30, "gender": "man"})

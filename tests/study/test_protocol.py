@@ -24,6 +24,7 @@ from backend.study.protocol import (
 )
 from backend.study.refusals import Refused
 from backend.study.schema import DeviceGate, json_schema
+from backend.study.schema_questionnaires import Questionnaire
 from backend.study.schema_stages import StageEntry
 from backend.study.words import STAGE_KINDS
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
@@ -262,10 +263,13 @@ def test_only_true_and_false_are_booleans():
 
 def test_the_published_schema_is_the_schema_and_the_reference_names_every_key():
     docs = PROTOCOLS.parent / "docs"
-    told = "run `desirepath study schema > docs/protocol.schema.json`"
-    assert json.loads((docs / "protocol.schema.json").read_text()) == json_schema(), told
+    told = "run `desirepath study schema > docs/protocol.schema.json`, and with --questionnaire"
+    schemas = json_schema(), json_schema(Questionnaire)
+    assert json.loads((docs / "protocol.schema.json").read_text()) == schemas[0], told
+    assert json.loads((docs / "questionnaire.schema.json").read_text()) == schemas[1], told
     reference = (docs / "protocol-reference.md").read_text()
-    keys = {key for part in (json_schema(), *json_schema()["$defs"].values()) for key in part.get("properties", {})}
+    parts = [part for schema in schemas for part in (schema, *schema["$defs"].values())]
+    keys = {key for part in parts for key in part.get("properties", {})}
     assert sorted(key for key in keys if not re.search(rf"\b{key}\b", reference)) == []
 
 
@@ -345,6 +349,25 @@ def test_a_scale_without_a_checked_translation_is_refused_in_that_language(tmp_p
 def test_an_item_that_cannot_be_answered_as_it_says_is_told(tmp_path, item, says):
     errors = asked(tmp_path, blocks=[{"items": [{"key": "one", "text": {"en": "?"}, **item}]}])
     assert says in errors[0]["message"]
+
+
+@pytest.mark.parametrize(
+    ("when", "says"),
+    [
+        ({"item": "later", "is": "1"}, "does not stand before this in the questionnaire; before it: first"),
+        ({"item": "first", "is": "9"}, "can never be answered to first"),
+        ({"item": "first"}, "needs one of is, is_not"),
+        ({"questionnaire": "rating", "item": "first", "is": "1"}, "is this questionnaire itself"),
+        ({"questionnaire": "about", "item": "age", "at_least": 18}, "about about, which is not asked before"),
+    ],
+)
+def test_a_condition_that_can_never_be_met_is_told(tmp_path, when, says):
+    scale = {"type": "scale", "text": {"en": "?"}, "low": {"en": "a"}, "high": {"en": "b"}}
+    items = [{"key": "first", **scale}, {"key": "second", **scale, "when": when}, {"key": "later", **scale}]
+    errors = asked(tmp_path, blocks=[{"items": items}])
+    assert says in errors[0]["message"]
+    on_screen = asked(tmp_path, blocks=[{"items": items[:1]}, {"when": when, "items": [items[2]]}])
+    assert says in on_screen[0]["message"]
 
 
 # ---- devices ---------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 /** Forms of a step: one block of questions per screen, gentle pointing-out, what was ticked so far kept for a reload. */
 
 import { ranked, readyRanking, rerank } from "./ranking.js";
+import { askedOf, showAsked } from "./skipping.js";
 
 /** The last seconds of a time limit are said one by one, before that the full minutes. */
 const SAID_S = 60;
@@ -33,19 +34,38 @@ export function readyForm(step, kind, needs) {
   restFor(step, form, needs);
   if (form.dataset.limit) limitTo(step, Number(form.dataset.limit), needs, () => collect(form));
   if (needs.kept) fill(form, needs.kept);
+  showAsked(form, answerOf);
+  if (blocks.length && !askedOf(blocks[0]).length && near(1) > 0) turn(near(1));
+  tellPage();
   for (const item of rankings(form)) readyRanking(item, needs.say);
   form.addEventListener("input", (event) => {
     const item = event.target instanceof Element ? event.target.closest("[data-item]") : null;
+    showAsked(form, answerOf);
+    tellPage();
     if (item) point(item, null);
     if (item && !form.querySelector("[data-missing]")) count(0);
     hide(step.querySelector("#points-open"));
-    needs.keep({ ...collect(form), ...Object.fromEntries(rankings(form).map((one) => [one.dataset.item, ranked(one)])) });
+    const orders = rankings(form).filter((one) => !one.hidden);
+    needs.keep({ ...collect(form), ...Object.fromEntries(orders.map((one) => [one.dataset.item, ranked(one)])) });
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     if (!busy) next();
   });
-  back?.addEventListener("click", () => turn(shown - 1));
+  back?.addEventListener("click", () => turn(near(-1)));
+
+  /** The next screen in that direction on which something is asked, -1 where there is none. @param {1 | -1} way */
+  function near(way) {
+    for (let at = shown + way; at >= 0 && at < blocks.length; at += way) if (askedOf(blocks[at]).length) return at;
+    return -1;
+  }
+
+  /** Which screen of how many that will really come. */
+  function tellPage() {
+    const page = step.querySelector("#page-count");
+    const coming = blocks.filter((block) => askedOf(block).length);
+    if (page) page.textContent = coming.length > 1 ? needs.say("page", { index: coming.indexOf(blocks[shown]) + 1, total: coming.length }) : "";
+  }
 
   async function next() {
     const points = /** @type {HTMLInputElement[]} */ ([.../** @type {HTMLElement} */ (form).querySelectorAll("[data-point]")]);
@@ -63,8 +83,9 @@ export function readyForm(step, kind, needs) {
       wrong[0].scrollIntoView({ block: "nearest" });
       return;
     }
-    if (shown < blocks.length - 1) {
-      turn(shown + 1);
+    const following = near(1);
+    if (following > 0) {
+      turn(following);
       return;
     }
     busy = true;
@@ -82,9 +103,8 @@ export function readyForm(step, kind, needs) {
     blocks[shown].hidden = true;
     shown = to;
     blocks[shown].hidden = false;
-    if (back) back.hidden = shown === 0;
-    const page = step.querySelector("#page-count");
-    if (page) page.textContent = needs.say("page", { index: shown + 1, total: blocks.length });
+    if (back) back.hidden = near(-1) < 0;
+    tellPage();
     count(0);
     scrollTo(0, 0);
     /** @type {HTMLElement | null} */ (step.querySelector("h1"))?.focus({ preventScroll: true });
@@ -144,8 +164,7 @@ function limitTo(step, seconds, needs, collected) {
 
 /** The items of `scope` that still want an answer, pointed out. @param {HTMLElement} scope @param {FormNeeds["say"]} say */
 function check(scope, say) {
-  const items = /** @type {HTMLElement[]} */ ([...scope.querySelectorAll("[data-item]")]);
-  return items.filter((item) => {
+  return askedOf(scope).filter((item) => {
     const answer = answerOf(item);
     let wrong = null;
     if (answer === null) {
@@ -195,7 +214,7 @@ function answerOf(item) {
 function collect(form) {
   /** @type {Record<string, unknown>} */
   const values = {};
-  for (const item of /** @type {NodeListOf<HTMLElement>} */ (form.querySelectorAll("[data-item]"))) {
+  for (const item of askedOf(form)) {
     const answer = answerOf(item);
     if (answer !== null) values[item.dataset.item ?? ""] = answer;
   }
