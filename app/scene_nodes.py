@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from typing import Literal
 
 import numpy as np
 import viser
+from numpy.typing import ArrayLike
 
 from app import figures, furniture, surfaces
 from app.glb import Surface, to_glb
@@ -37,7 +39,7 @@ _drawing = threading.Lock()  # floors are drawn one at a time: twenty pages at o
 
 @dataclass(frozen=True)
 class Nodes:
-    """Names of what stands on the stage: everything with a mesh, and the frames that move, in the order asked for."""
+    """Names of what stands on the stage: everything with a mesh, and what moves, robots in the order asked for."""
 
     meshes: tuple[str, ...]
     robots: tuple[str, ...]
@@ -82,16 +84,23 @@ def build(
     return Nodes(tuple(meshes), tuple(frames))
 
 
-def add_path(api: viser.SceneApi, name: str, poses: np.ndarray, colour: tuple[int, int, int]) -> None:
-    """A path on the floor for analysts. poses: (N, 3) metres and radians."""
-    points = np.concatenate([poses[:, :2], np.full((len(poses), 1), 0.02)], axis=1).astype(np.float32)
-    segments = np.stack([points[:-1], points[1:]], axis=1)
+def add_paths(
+    api: viser.SceneApi, name: str, paths: Sequence[ArrayLike], colour: tuple[int, int, int], height: float = 0.02
+) -> None:
+    """Paths of one colour on the floor for analysts. paths: (n, 2 or more) each, metres; height: above the floor, m."""
+    segments = np.concatenate([_segments(np.asarray(path, np.float32), height) for path in paths])
     # viser takes line colours to linear light; the page shows them unconverted, so they are sent brighter.
     encoded = tuple(round(255 * (part / 255) ** (1 / 2.2)) for part in colour)
     api.add_line_segments(name, segments, encoded, thickness=3.0, thickness_units="screen")
 
 
 def add_goal(api: viser.SceneApi, name: str, scene: Scene) -> str:
+def _segments(path: np.ndarray, height: float) -> np.ndarray:
+    """(n - 1, 2, 3): from each point of a path to the next."""
+    points = np.concatenate([path[:, :2], np.full((len(path), 1), height, np.float32)], axis=1)
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
     """The cone at the scene's goal; returns `name`, its mesh's."""
     api.add_glb(name, _goal(), position=(scene.goal.x, scene.goal.y, 0.0), cast_shadow=False, receive_shadow=False)
     return name

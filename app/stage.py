@@ -27,6 +27,7 @@ LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
 SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
 HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
 
+DRIVEN_PATH_M = 0.03  # ours: above the floor, over the paths that lie beside it
 
 @dataclass(frozen=True)
 class _Showing:
@@ -116,9 +117,11 @@ class Stage:
         Raises ValueError when the scenes differ, there are more or fewer, or the speed is not positive.
         """
         colours = (figures.LEFT, figures.RIGHT)[: len(drives)]
+        beside: Sequence[Beside] = (),
         if not 1 <= len(drives) <= 2:
             raise ValueError(f"replay field 'drives' has {len(drives)} of them: one or two can be shown")
         if drives[0].scene != drives[-1].scene:
+        beside: further paths that lie on the floor.
             raise ValueError(
                 f"replay field 'drives[1].scene' = {drives[1].scene.digest()[:8]}: two drives need one scene, "
                 f"the first has {drives[0].scene.digest()[:8]}"
@@ -130,7 +133,11 @@ class Stage:
                 return
             self._show(drives[0].scene, require_view(view), drives, colours)
             for number, (trajectory, colour) in enumerate(zip(drives, colours, strict=True)):
-                scene_nodes.add_path(self._client.scene, f"{self._root}/path{number}", trajectory.poses, colour.top)
+                scene_nodes.add_paths(
+                    self._client.scene, f"{self._root}/path{number}", [trajectory.poses], colour.top, DRIVEN_PATH_M
+                )
+            for number, laid in enumerate(beside):
+                scene_nodes.add_paths(self._client.scene, f"{self._root}/beside{number}", laid.paths, laid.colour)
             self._run(
                 {
                     "type": "replay",
@@ -138,7 +145,11 @@ class Stage:
                     "speed": speed,
                     "loop": loop,
                     "legend": [
-                        {"name": name, "colour": list(colour.top)} for name, colour in zip(names, colours, strict=True)
+                        {"name": name, "colour": list(colour)}
+                        for name, colour in (
+                            *zip(names, (robot.top for robot in colours), strict=True),
+                            *((laid.name, laid.colour) for laid in beside),
+                        )
                     ],
                 }
             )

@@ -1,102 +1,199 @@
-"""The analysts' page of a study's drawn paths: laid over each other, what is remarkable, what to leave out, training.
+"""The analysts' page of a study's drawn paths: laid over each other from above and in 3D, what is remarkable, what to
+leave out, training.
 
-What a demonstration's flags mean is `backend/demonstrations/quality.py`'s; learning from them is a job.
+What is shown is read in `path_rows.py`; what a flag means is `backend/demonstrations/quality.py`'s; learning is a job.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Annotated, Any
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Form, Request
 from markupsafe import Markup
-from sqlalchemy import select
+from numpy.typing import ArrayLike
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
+from app.beside import Beside
 from backend.api import figures
 from backend.api.auditing import audit_details
 from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, house
+from backend.api.job_pages import csv_response
 from backend.api.lab import LabRefusal, lab_language
+from backend.api.path_rows import Drawn, Placed, Who, attempts_of, controllers_of, drawn_paths, newest_of
+from backend.api.replay_stages import Replay, replays
 from backend.api.study_tabs import study_tab, the_participant, the_study
-from backend.demonstrations.demonstration import Demonstration
-from backend.demonstrations.quality import Quality, qualities
+from backend.api.texts import Catalogue
+from backend.demonstrations import quality
 from backend.jobs.kinds import get_kind
 from backend.simulation.demonstration_scenes import demonstration_scene
-from backend.store.artefacts import ArtefactStore, load_trajectory
-from backend.store.models import Job, Participant, Session, StrokeRow, Study, utc_now
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore
+from backend.store.models import Participant, Session, StrokeRow, Study, utc_now
 from backend.store.outbox import enqueue_job
-from backend.store.strokes import KEPT, StrokeError, take_demonstrations
+from backend.store.strokes import StrokeError, take_demonstrations
+from backend.study.personalisation import PATHS_JOB
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
-JOB = "train_demonstrations"
 LONGEST_REASON = 500
-EVERYBODY = ""
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """One kept path as the page shows it."""
-
-    stroke: StrokeRow
-    person: Participant
-    demonstration: Demonstration
-    quality: Quality
-    tries: int
-
-    @property
-    def counts(self) -> bool:
-        """Whether it is learned from."""
-        return self.stroke.left_out_at is None and self.person.excluded_at is None
+EVERYBODY, EACH = "", "each"  # of the form that starts a training, beside a participant's code
+TOLD_APART = 3  # people whose paths have colours of their own; of more, colours would say nothing
+LIMITS = {
+    "jerk": (quality.JERKY_M_S2, 2),
+    "clearance": (100 * quality.TIGHT_M, 0),
+    "duplicate": (100 * quality.SAME_M, 0),
+    "outlier": (100 * quality.OUTLYING_M, 0),
+}
+"""What the page says of the flags: m/s^2, then cm, with the digits that are shown."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """One situation: the figure of its paths, and their rows."""
+    """One situation: its paths, by whom, and the drives of what was learned, by the demonstration they start from."""
 
     environment: str
     pair: int
-    figure: Markup
-    drawn: Sequence[Drawn]
+    rows: Sequence[Drawn]
+    learned: Mapping[str, Trajectory]
+
+    @property
+    def shown(self) -> dict[str, list[Drawn]]:
+        """Code -> the paths that are learned from; of many people all of them under no code."""
+        people: dict[str, list[Drawn]] = {}
+        for one in self.rows:
+            if one.counts:
+                people.setdefault(one.person.code, []).append(one)
+        return people if len(people) <= TOLD_APART else {EVERYBODY: list(chain.from_iterable(people.values()))}
+
+    def groups(self, t: Catalogue) -> tuple[dict[str, list[ArrayLike]], dict[str, list[ArrayLike]]]:
+        """Name -> paths (n, 3): what was drawn, and what was learned from it."""
+        count = len({one.person.code for one in self.rows if one.counts})
+        drawn: dict[str, list[ArrayLike]] = {
+            t("paths.drawn_by", code=code) if code else t("paths.drawn_by_many", count=count): [
+                one.demonstration.trajectory.poses for one in paths
+            ]
+            for code, paths in self.shown.items()
+        }
+        return drawn, {t("paths.learned"): [drive.poses for drive in self.learned.values()]} if self.learned else {}
+
+    def figure(self, t: Catalogue) -> str:
+        drawn, learned = self.groups(t)
+        title = t("paths.place", environment=t(f"paths.environments.{self.environment}"), number=self.pair + 1)
+        return figures.paths(demonstration_scene(self.environment, self.pair), drawn, learned=learned, title=title)
+
+    def in_3d(self, t: Catalogue, watched: Drawn) -> Replay:
+        """All of it on a stage, with a robot that drives one path, and one that drives from there as was learned."""
+        drawn, learned = self.groups(t)
+        colours = chain(zip(drawn, figures.DRAWN, strict=False), ((name, figures.LEARNED) for name in learned))
+        laid = drawn | learned
+        drives = {t("paths.robot_drawn", code=watched.person.code): watched.demonstration.trajectory}
+        own = self.learned.get(watched.stroke.demonstration or "")
+        if own is not None:
+            drives[t("paths.robot_learned")] = own
+        beside = tuple(Beside(name, _rgb(colour), laid[name]) for name, (colour, _) in colours)
+        return Replay(tuple(drives.values()), tuple(drives), beside)
+
+
+def _rgb(colour: str) -> tuple[int, int, int]:
+    red, green, blue = bytes.fromhex(colour.removeprefix("#"))
+    return red, green, blue
+
+
+def _places(
+    s: DatabaseSession, files: ArtefactStore, study: Study, who: Who, person: Participant | None
+) -> list[Place]:
+    controllers = newest_of(controllers_of(s, files, study, who), person)
+    learned = {environment: one.drives(files) for environment, one in controllers.items()}
+    found: dict[Placed, list[Drawn]] = {}
+    for one in drawn_paths(s, files, study, who, person):
+        found.setdefault(one.place, []).append(one)
+    return [Place(*place, rows, learned.get(place[0], {}).get(place[1], {})) for place, rows in sorted(found.items())]
 
 
 @router.get("/lab/studies/{study_id}/paths")
-def paths_page(request: Request, study_id: str, database: Db, files: Files, participant: str = "") -> Response:
-    """Every kept path of the study, or of one participant, place by place."""
-    t = house(request).texts.get(lab_language(request))
+def paths_page(
+    request: Request,
+    study_id: str,
+    database: Db,
+    files: Files,
+    who: Who = "people",
+    participant: str = "",
+    watch: str = "",
+) -> Response:
+    """Every kept path of people or of simulated participants, or of one participant, place by place. watch: of which
+    stroke the place is shown in 3D.
+    """
+    parts = house(request)
+    t = parts.texts.get(lab_language(request))
     with database.session() as s:
         study = the_study(s, study_id)
         chosen = the_participant(s, study, participant) if participant else None
-        drawn = _drawn(s, files, study, chosen)
-        learned = _learned(s, files, study, chosen)
-        attempts = _attempts(s, study)
-        found: dict[tuple[str, int], list[Drawn]] = {}
-        for one in drawn:
-            found.setdefault((one.stroke.environment, one.stroke.pair), []).append(one)
-        places = []
-        for (environment, pair), rows in sorted(found.items()):
-            groups: dict[str, list[Any]] = {}
-            for one in rows:
-                if one.counts:
-                    points = one.demonstration.trajectory.poses
-                    groups.setdefault(t("paths.drawn_by", code=one.person.code), []).append(points)
-            for code, poses in learned.get((environment, pair), {}).items():
-                groups[t("paths.learned_by", code=code)] = poses
-            title = t("paths.place", environment=t(f"paths.environments.{environment}"), number=pair + 1)
-            figure = Markup(figures.paths(demonstration_scene(environment, pair), groups, title=title))  # noqa: S704
-            places.append(Place(environment, pair, figure, rows))
+        who = _who(who, chosen)
+        places = _places(s, files, study, who, chosen)
+        attempts = attempts_of(s, study, who)
+        stage = None
+        for place in places:
+            for one in place.rows:
+                if one.stroke.id == watch:
+                    stage = replays(parts).grant(place.in_3d(t, one))
         return study_tab(
             request,
             study,
             "paths",
-            places=places,
+            who=who,
+            places=[(place, Markup(place.figure(t))) for place in places],  # noqa: S704 - made by us, texts escaped
             attempts=attempts,
+            others=not places and bool(attempts_of(s, study, "people" if who == "simulated" else "simulated")),
             chosen=participant,
-            people=sorted({row["code"] for row in attempts}),
+            people=[row["code"] for row in attempts],
             environments=sorted({place.environment for place in places}),
+            controllers=[
+                one for one in controllers_of(s, files, study, who) if not participant or participant in one.people
+            ],
+            limits={flag: t.number(limit, digits) for flag, (limit, digits) in LIMITS.items()},
+            watch=watch,
+            stage=stage,
         )
+
+
+@router.get("/lab/studies/{study_id}/paths/{environment}-{pair}.svg")
+def place_svg(
+    request: Request,
+    study_id: str,
+    environment: str,
+    pair: int,
+    database: Db,
+    files: Files,
+    who: Who = "people",
+    participant: str = "",
+) -> Response:
+    """The figure of one place."""
+    place = _place(study_id, environment, pair, database, files, who, participant)
+    t = house(request).texts.get(lab_language(request))
+    return Response(place.figure(t), media_type="image/svg+xml")
+
+
+@router.get("/lab/studies/{study_id}/paths/{environment}-{pair}.csv")
+def place_csv(
+    study_id: str, environment: str, pair: int, database: Db, files: Files, who: Who = "people", participant: str = ""
+) -> Response:
+    """What the figure of one place is drawn from: every pose; `path` is the stroke drawn or started from."""
+    place = _place(study_id, environment, pair, database, files, who, participant)
+    drives = [("drawn", one, one.demonstration.trajectory) for one in place.rows if one.counts]
+    learned = ((one, place.learned.get(one.stroke.demonstration or "")) for one in place.rows)
+    drives += [("learned", one, drive) for one, drive in learned if drive is not None]
+    rows = [
+        [kind, one.person.code, one.stroke.id, f"{time:.1f}", *(f"{value:.4f}" for value in pose)]
+        for kind, one, drive in drives
+        for time, pose in zip(drive.times, drive.poses, strict=True)
+    ]
+    heads = ["kind", "participant", "path", "time_s", "x_m", "y_m", "yaw_rad"]
+    return csv_response(heads, rows, f"paths_{environment}_{pair + 1}.csv")
 
 
 @router.post("/lab/studies/{study_id}/paths/{stroke_id}/leave-out")
@@ -107,6 +204,8 @@ def leave_out(
     database: Db,
     user: CheckedCsrf,
     reason: Annotated[str, Form()] = "",
+    who: Annotated[Who, Form()] = "people",
+    participant: Annotated[str, Form()] = EVERYBODY,
 ) -> Response:
     """Do not learn from a path, with a reason; it stays stored and is exported with the mark."""
     if not reason.strip():
@@ -116,17 +215,25 @@ def leave_out(
         stroke.left_out_at, stroke.left_out_by = utc_now(), user.name
         stroke.left_out_reason = reason.strip()[:LONGEST_REASON]
     audit_details(request, stroke=stroke_id)
-    return RedirectResponse(f"/lab/studies/{study_id}/paths", status_code=303)
+    return _back(study_id, who, participant)
 
 
 @router.post("/lab/studies/{study_id}/paths/{stroke_id}/take-back")
-def take_back(request: Request, study_id: str, stroke_id: str, database: Db, user: CheckedCsrf) -> Response:
+def take_back(
+    request: Request,
+    study_id: str,
+    stroke_id: str,
+    database: Db,
+    user: CheckedCsrf,
+    who: Annotated[Who, Form()] = "people",
+    participant: Annotated[str, Form()] = EVERYBODY,
+) -> Response:
     """Learn from a path again that was left out."""
     with database.transaction() as s:
         stroke = _stroke(s, study_id, stroke_id)
         stroke.left_out_at = stroke.left_out_by = stroke.left_out_reason = None
     audit_details(request, stroke=stroke_id)
-    return RedirectResponse(f"/lab/studies/{study_id}/paths", status_code=303)
+    return _back(study_id, who, participant)
 
 
 @router.post("/lab/studies/{study_id}/paths/train")
@@ -137,28 +244,63 @@ def train(
     files: Files,
     user: CheckedCsrf,
     environment: Annotated[str, Form()],
+    who: Annotated[Who, Form()] = "people",
     participant: Annotated[str, Form()] = EVERYBODY,
 ) -> Response:
-    """Freeze the paths of one environment, of one participant or of everybody, and learn a controller from them."""
+    """Freeze the paths of one environment and learn from them: of one participant, of everybody together, or `each`, a
+    controller for each participant. People's and simulated participants' are never mixed.
+    """
     with database.transaction() as s:
         study = the_study(s, study_id)
+        codes = [row["code"] for row in attempts_of(s, study, who)] if participant == EACH else [participant]
+        people = [the_participant(s, study, code) if code else None for code in codes]
+        jobs, problems = [], []
+        for person in people:
+            try:
+                snapshot = take_demonstrations(
+                    s,
+                    files,
+                    study_id=study.id,
+                    environment=environment,
+                    participant_id=person.id if person is not None else None,
+                    whose=who,
+                )
+            except StrokeError as problem:
+                problems.append(str(problem))
+                continue
+            params = get_kind(PATHS_JOB).parse({"snapshot": snapshot.id}).model_dump(mode="json", exclude_defaults=True)
+            jobs.append(enqueue_job(s, PATHS_JOB, params, study_id=study.id, created_by=user.name))
+        if not jobs:
+            raise LabRefusal(422, "no_paths", problem=problems[0] if problems else environment)
+    audit_details(request, job_id=jobs[0].id, jobs=len(jobs))
+    if participant == EACH:
+        return _back(study_id, who, EVERYBODY)
+    return RedirectResponse(f"/lab/jobs/{jobs[0].id}", status_code=303)
+
+
+def _who(who: Who, person: Participant | None) -> Who:
+    """Whose paths are shown: a chosen participant's own kind."""
+    if person is None:
+        return who
+    return "simulated" if person.simulated else "people"
+
+
+def _place(
+    study_id: str, environment: str, pair: int, database: Any, files: ArtefactStore, who: Who, participant: str
+) -> Place:
+    with database.session() as s:
+        study = the_study(s, study_id)
         person = the_participant(s, study, participant) if participant else None
-        try:
-            snapshot = take_demonstrations(
-                s,
-                files,
-                study_id=study.id,
-                environment=environment,
-                participant_id=person.id if person is not None else None,
-            )
-        except StrokeError as problem:
-            raise LabRefusal(422, "no_paths", problem=str(problem)) from None
-        params = get_kind(JOB).parse({"snapshot": snapshot.id})
-        job = enqueue_job(
-            s, JOB, params.model_dump(mode="json", exclude_defaults=True), study_id=study.id, created_by=user.name
-        )
-    audit_details(request, job_id=job.id)
-    return RedirectResponse(f"/lab/jobs/{job.id}", status_code=303)
+        for place in _places(s, files, study, _who(who, person), person):
+            if (place.environment, place.pair) == (environment, pair - 1):
+                return place
+    raise LabRefusal(404, "no_figure")
+
+
+def _back(study_id: str, who: Who, participant: str) -> Response:
+    """To the page as it was."""
+    asked = urlencode({"who": who, "participant": participant} if participant else {"who": who})
+    return RedirectResponse(f"/lab/studies/{study_id}/paths?{asked}", status_code=303)
 
 
 def _stroke(s: DatabaseSession, study_id: str, stroke_id: str) -> StrokeRow:
@@ -166,63 +308,3 @@ def _stroke(s: DatabaseSession, study_id: str, stroke_id: str) -> StrokeRow:
     if stroke is None or s.get_one(Session, stroke.session_id).study_id != study_id:
         raise LabRefusal(404, "no_path")
     return stroke
-
-
-def _drawn(s: DatabaseSession, files: ArtefactStore, study: Study, person: Participant | None) -> list[Drawn]:
-    """Kept paths of who did not withdraw, in order; flags compare within one participant and place."""
-    asked = (
-        select(StrokeRow, Participant)
-        .join(Session, Session.id == StrokeRow.session_id)
-        .join(Participant, Participant.id == Session.participant_id)
-        .where(Session.study_id == study.id, StrokeRow.state == KEPT, Participant.withdrawn_at.is_(None))
-        .order_by(StrokeRow.environment, StrokeRow.pair, Participant.code, StrokeRow.created_at)
-    )
-    if person is not None:
-        asked = asked.where(Participant.id == person.id)
-    rows = [(stroke, who) for stroke, who in s.execute(asked)]
-    made = [Demonstration.from_bytes(files.get(stroke.demonstration or "")) for stroke, _ in rows]
-    groups = [(who.id, stroke.environment, stroke.pair) for stroke, who in rows]
-    return [
-        Drawn(stroke, who, demonstration, quality, stroke.attempt)
-        for (stroke, who), demonstration, quality in zip(rows, made, qualities(made, groups), strict=True)
-    ]
-
-
-def _learned(
-    s: DatabaseSession, files: ArtefactStore, study: Study, person: Participant | None
-) -> Mapping[tuple[str, int], Mapping[str, list[Any]]]:
-    """Drives of the newest controller of each participant from the demonstrated starts: (environment, pair) -> code ->
-    poses; only of the one participant who is looked at, as drives of many would hide the paths.
-    """
-    if person is None:
-        return {}
-    asked = (
-        select(Job)
-        .join(Session, Session.id == Job.session_id)
-        .where(Session.participant_id == person.id, Job.kind == JOB, Job.state == "succeeded")
-        .order_by(Job.finished_at)
-    )
-    found: dict[tuple[str, int], dict[str, list[Any]]] = {}
-    for job in s.scalars(asked):
-        newest: dict[tuple[str, int], list[Any]] = {}
-        for one in (job.result or {}).get("rollouts", []):
-            trajectory = load_trajectory(files, one["trajectory"])
-            newest.setdefault((trajectory.scene.setup, one["pair"]), []).append(trajectory.poses)
-        found |= {place: {person.code: poses} for place, poses in newest.items()}
-    return found
-
-
-def _attempts(s: DatabaseSession, study: Study) -> list[dict[str, Any]]:
-    """Per participant how many strokes were kept, taken back, refused."""
-    asked = (
-        select(Participant.code, Participant.simulated, StrokeRow.state)
-        .join(Session, Session.participant_id == Participant.id)
-        .join(StrokeRow, StrokeRow.session_id == Session.id)
-        .where(Participant.study_id == study.id, Participant.withdrawn_at.is_(None))
-        .order_by(Participant.code)
-    )
-    people: dict[str, dict[str, Any]] = {}
-    for code, simulated, state in s.execute(asked):
-        row = people.setdefault(code, {"code": code, "simulated": simulated, KEPT: 0, "redone": 0, "refused": 0})
-        row[state] = row.get(state, 0) + 1
-    return list(people.values())

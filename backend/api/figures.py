@@ -21,6 +21,8 @@ INK, SOFT, LINE, PAPER = "#211f1a", "#575247", "#d9d1c0", "#fffdf8"
 MAIN = "#2f6a3d"  # tokens.css: --data-1
 SIDES = ("#3b5f9e", "#b5541c")  # --data-3, --data-2: the colours of the two robots on the stage
 PERSON = "#8c7a1e"  # --data-5
+DRAWN = ((MAIN, "line-0"), (SIDES[0], "line-1"), ("#8a5a9b", "line-3"))  # --data-1, --data-3, --data-4
+LEARNED = (SIDES[1], "line-2")  # --data-2
 FONT = "system-ui, sans-serif"
 
 Number = Callable[[float], str]
@@ -304,14 +306,22 @@ def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[
     return plan.drawing.svg()
 
 
-def paths(scene: Scene, drawn: Mapping[str, Sequence[ArrayLike]], *, title: str) -> str:
+def paths(
+    scene: Scene,
+    drawn: Mapping[str, Sequence[ArrayLike]],
+    *,
+    title: str,
+    learned: Mapping[str, Sequence[ArrayLike]] | None = None,
+) -> str:
     """Many paths in one scene from above, laid over each other. drawn: name of a group -> paths (n, 2 or more) in
-    metres; groups are told apart by colour, in turn, and named below.
+    metres; groups are told apart by colour, in turn, and named below. learned: groups that lie over them.
     """
-    plan = _Plan(scene, [path for group in drawn.values() for path in group], legend_lines=len(drawn), title=title)
-    for k, (name, group) in enumerate(drawn.items()):
-        colour = (MAIN, *SIDES)[k % 3]
+    over = learned or {}
+    groups = [(*one, *DRAWN[k % len(DRAWN)]) for k, one in enumerate(drawn.items())]
+    groups += [(*one, *LEARNED) for one in over.items()]
+    plan = _Plan(scene, [path for _, group, *_ in groups for path in group], legend_lines=len(groups), title=title)
+    for name, group, colour, css in groups:
         for path in group:
-            plan.path(path, stroke=colour, css=f"line-{k % 3}", width=2)
-        plan.tell(name, stroke=colour, css=f"line-{k % 3}")
+            plan.path(path, stroke=colour, css=css, width=2)
+        plan.tell(name, stroke=colour, css=css)
     return plan.drawing.svg()

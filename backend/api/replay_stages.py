@@ -11,6 +11,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from app.beside import Beside
 from backend.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -30,13 +31,14 @@ class Shown(Protocol):
 
 @dataclass(frozen=True)
 class Replay:
-    """One drive, or two in one scene, with the names of their policies."""
+    """One drive, or two in one scene, with the names of their policies, and other paths beside them."""
 
     drives: tuple[Trajectory, ...]
     names: tuple[str, ...]
+    beside: tuple[Beside, ...] = ()
 
     def show(self, stage: Stage) -> None:
-        stage.replay(self.drives, names=self.names)
+        stage.replay(self.drives, names=self.names, beside=self.beside)
 
 
 class ReplayStages:

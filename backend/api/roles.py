@@ -82,6 +82,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/studies/{study_id}/analysis/{who}/{name:path}.csv": Rule(Right.TAKE, "report_taken"),
     "/lab/studies/{study_id}/analysis/{who}/{name:path}.json": Rule(Right.TAKE, "report_taken"),
     "/lab/studies/{study_id}/people/{code}/learnt.csv": Rule(Right.TAKE),
+    "/lab/studies/{study_id}/paths/{environment}-{pair}.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/protocol.yaml": Rule(Right.TAKE),  # may hold the completion code, which is worth money
     "/lab/settings": Rule(Right.MANAGE),
     "/lab/audit": Rule(Right.MANAGE),

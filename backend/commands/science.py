@@ -109,6 +109,9 @@ def demonstrations(
     environment: Annotated[str, typer.Option(help="corridor or room.")] = "room",
     study: Annotated[str | None, typer.Option(help="Id of a study: what was kept there is learned from.")] = None,
     participant: Annotated[str | None, typer.Option(help="With --study, only this participant's (code).")] = None,
+    answers: Annotated[
+        str | None, typer.Option(help="With --study, whose paths: people (default), simulated or all.")
+    ] = None,
     style: Annotated[
         str | None, typer.Option(help="A programmed demonstrator instead (simulated), such as field_of_view.")
     ] = None,
@@ -124,8 +127,11 @@ def demonstrations(
 
     from backend.store.models import Participant
     from backend.store.programmed import take_programmed
+    from backend.store.snapshots import checked_whose
     from backend.store.strokes import take_demonstrations
 
+    if answers is not None and (study is None or participant is not None):
+        raise ValueError(f"--answers {answers}: chooses among all of a study; it needs --study and no --participant")
     if sum(given is not None for given in (study, style, snapshot)) != 1:
         raise ValueError("give one of --study, --style and --snapshot")
     database, files = open_store()
@@ -134,14 +140,19 @@ def demonstrations(
             if style is not None:
                 taken = take_programmed(s, files, style=style, environment=environment, per_pair=per_pair, seed=seed)
             else:
-                whose = None
+                one = None
                 if participant is not None:
                     asked = select(Participant.id).where(Participant.study_id == study, Participant.code == participant)
-                    whose = s.scalars(asked).one_or_none()
-                    if whose is None:
+                    one = s.scalars(asked).one_or_none()
+                    if one is None:
                         raise LookupError(f"--participant {participant}: nobody of that code takes part in {study}")
                 taken = take_demonstrations(
-                    s, files, study_id=study or "", environment=environment, participant_id=whose
+                    s,
+                    files,
+                    study_id=study or "",
+                    environment=environment,
+                    participant_id=one,
+                    whose=checked_whose(answers or "people"),
                 )
             snapshot = taken.id
     run_job("train_demonstrations", {"snapshot": snapshot, "seed": seed, **parsed_settings(more)}, out, as_json)

@@ -23,6 +23,7 @@ from backend.store.models import Session as SessionRow
 Row = dict[str, Any]
 FIELDS = (
     *("attempt", "environment", "pair", "view", "pointer", "drawn", "state", "problem", "demonstration", "trajectory"),
+from backend.store.snapshots import WHOSE_WORDS, Whose
     *("watched_at", "client_time", "created_at", "left_out_at", "left_out_by", "left_out_reason"),
 )
 JSON_FIELDS = ("drawn", "problem")
@@ -101,10 +102,18 @@ class KeptDemonstration:
 
 
 def demonstrations_of(
-    s: Session, *, study_id: str, environment: str | None = None, session_id: str | None = None
+    s: Session,
+    *,
+    study_id: str,
+    environment: str | None = None,
+    session_id: str | None = None,
+    participant_id: str | None = None,
+    whose: Whose = "people",
 ) -> list[tuple[StrokeRow, Participant, Response]]:
     """What was kept and may be learned from, in order: not left out, nobody who withdrew, is excluded or did not agree
-    to learning; a pilot's participants only in their own session, as in `snapshots.py`."""
+    to learning; a pilot's participants only in their own session, as in `snapshots.py`. whose: of a study's
+    participants only people (default), only simulated ones, or all; a session or a participant is asked for by name.
+    """
     asked = (
         select(StrokeRow, Participant, Response)
         .join(SessionRow, SessionRow.id == StrokeRow.session_id)
@@ -135,6 +144,10 @@ def demonstrations_of(
 def take_demonstrations(
     s: Session,
     files: ArtefactStore,
+    if participant_id is not None:
+        asked = asked.where(Participant.id == participant_id)
+    elif session_id is None and whose != "all":
+        asked = asked.where(Participant.simulated.is_(whose == "simulated"))
     *,
     study_id: str,
     environment: str,
@@ -142,14 +155,21 @@ def take_demonstrations(
     participant_id: str | None = None,
 ) -> Artefact:
     """Freeze the demonstrations of one environment as an artefact of kind `demonstrations`: of a session, of a
-    participant, or of everybody in the study. Raises StrokeError if there are none.
+    participant, or of everybody in the study who is of that kind. Raises StrokeError if there are none.
     """
-    found = demonstrations_of(s, study_id=study_id, environment=environment, session_id=session_id)
-    if participant_id is not None:
-        found = [one for one in found if one[1].id == participant_id]
+    found = demonstrations_of(
+        s,
+        study_id=study_id,
+        environment=environment,
+        session_id=session_id,
+        participant_id=participant_id,
+        whose=whose,
+    )
     if not found:
-        raise StrokeError(f"environment = {environment!r}: no demonstration was kept that may be learned from")
+        of = "" if session_id or participant_id else f" by {WHOSE_WORDS[whose]}"
+        raise StrokeError(f"environment = {environment!r}: no demonstration was kept{of} that may be learned from")
     kept = [
+    whose: Whose = "people",
         KeptDemonstration(
             response=response.id,
             stroke=stroke.id,

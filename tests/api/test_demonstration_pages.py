@@ -20,6 +20,13 @@ from tests.api.lab_house import csrf
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
 
 
+def place_of(page: str) -> str:
+    """Number of the first place on the page."""
+    found = re.search(r"/paths/corridor-(\d)\.csv", page)
+    assert found
+    return found.group(1)
+
+
 @pytest.fixture
 def study(lab_house: House) -> str:
     """A study in which one programmed demonstrator drew two paths in one place."""
@@ -32,13 +39,18 @@ def study(lab_house: House) -> str:
 
 def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, lab_house: House, study: str):
     here = f"/lab/studies/{study}/paths"
-    shown = lab.get(here).text
+    people = lab.get(here).text
+    assert "Simulated participants have drawn here, but no people yet." in people
+    assert "S001" not in people
+    simulated = f"{here}?who=simulated"
+    shown = lab.get(simulated).text
     assert f'<a href="{here}" aria-current="page">Paths</a>' in shown
     assert shown.count("<polyline") == 2
     assert "drawn by S001" in shown
+    assert "changes by more than 0.08 m/s²" in shown  # what the flag's rule has
     with lab_house.database.session() as s:
         first, second = s.scalars(select(StrokeRow.id).order_by(StrokeRow.step_key))
-    token = {"csrf": csrf(lab)}
+    token = {"csrf": csrf(lab), "who": "simulated"}
     assert lab.post(f"{here}/{first}/leave-out", data=token | {"reason": " "}).status_code == 422
     assert lab.post(f"{here}/{first}/leave-out", data=token | {"reason": "the hand <b>slipped</b>"}).status_code == 303
     shown = lab.get(f"{here}?participant=S001").text
@@ -52,6 +64,35 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
         _, kept = read_demonstrations(lab_house.files.get(s.get_one(Artefact, job.params["snapshot"]).id))
         assert [one.stroke for one in kept] == [second]
     assert lab.post(f"{here}/train", data=token | {"environment": "room"}).status_code == 422
-    assert lab.post(f"{here}/{first}/take-back", data=token).status_code == 303
-    assert lab.get(here).text.count("<polyline") == 2
+    of_people = {"environment": "corridor", "who": "people"}
+    assert lab.post(f"{here}/train", data=token | of_people).status_code == 422  # nobody but bots has drawn
+    back = lab.post(f"{here}/{first}/take-back", data=token | {"participant": "S001"}).headers["location"]
+    assert back == f"{simulated}&participant=S001"
+    assert lab.get(back).text.count("<polyline") == 2
+
+    each = lab.post(f"{here}/train", data=token | {"environment": "corridor", "participant": "each"})
+    assert each.headers["location"] == simulated
+    with lab_house.database.transaction() as s:
+        newest = s.scalars(select(Job).order_by(Job.created_at.desc())).first()
+        strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.step_key)).all()
+        newest.state = "succeeded"  # the training is tested as a job; here its drives are the drawn ones
+        newest.result = {
+            "judged": {"success_rate": 1.0, "frechet_m": 0.12, "t_star": 0.91, "speed_correlation": None},
+            "rollouts": [
+                {"demonstration": one.demonstration, "pair": one.pair, "trajectory": one.trajectory} for one in strokes
+            ],
+        }
+    learned = lab.get(f"{simulated}&participant=S001&watch={second}").text
+    assert learned.count("<polyline") == 4
+    assert "driven by the learned controller" in learned
+    assert re.search(r'<iframe class="replay" id="stage"[^>]+src="[^"]*/stage/([^/"]+)/"', learned)
+    assert '<td class="number">0.12</td><td class="number">0.91</td><td class="number">–</td>' in learned
+    assert "driven by the learned controller" not in lab.get(simulated).text  # of one person, among everybody's paths
+    rows = lab.get(f"{here}/corridor-{place_of(learned)}.csv?who=simulated&participant=S001").text.splitlines()
+    assert rows[0] == "kind,participant,path,time_s,x_m,y_m,yaw_rad"
+    assert {tuple(row.split(",")[:3]) for row in rows[1:]} == {
+        (kind, "S001", stroke) for kind in ("drawn", "learned") for stroke in (first, second)
+    }
+    assert lab.get(f"{here}/corridor-{place_of(learned)}.svg?who=simulated").text.startswith("<svg")
+    assert lab.get(f"{here}/room-1.svg?who=simulated").status_code == 404
     assert lab.post(f"{here}/{'0' * 32}/take-back", data=token).status_code == 404
