@@ -94,13 +94,13 @@ def add_paths(
     api.add_line_segments(name, segments, encoded, thickness=3.0, thickness_units="screen")
 
 
-def add_goal(api: viser.SceneApi, name: str, scene: Scene) -> str:
 def _segments(path: np.ndarray, height: float) -> np.ndarray:
     """(n - 1, 2, 3): from each point of a path to the next."""
     points = np.concatenate([path[:, :2], np.full((len(path), 1), height, np.float32)], axis=1)
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
+def add_goal(api: viser.SceneApi, name: str, scene: Scene) -> str:
     """The cone at the scene's goal; returns `name`, its mesh's."""
     api.add_glb(name, _goal(), position=(scene.goal.x, scene.goal.y, 0.0), cast_shadow=False, receive_shadow=False)
     return name

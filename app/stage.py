@@ -25,9 +25,9 @@ from backend.simulation.trajectory import Trajectory
 
 LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
 SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
+DRIVEN_PATH_M = 0.03  # ours: above the floor, over the paths that lie beside it
 HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
 
-DRIVEN_PATH_M = 0.03  # ours: above the floor, over the paths that lie beside it
 
 @dataclass(frozen=True)
 class _Showing:
@@ -111,17 +111,17 @@ class Stage:
         speed: float = 1.0,
         loop: bool = True,
         view: View = "top_down",
+        beside: Sequence[Beside] = (),
     ) -> None:
         """For analysts: one or two trajectories of one scene at once, coloured, with their paths; the camera is free.
 
+        beside: further paths that lie on the floor.
         Raises ValueError when the scenes differ, there are more or fewer, or the speed is not positive.
         """
         colours = (figures.LEFT, figures.RIGHT)[: len(drives)]
-        beside: Sequence[Beside] = (),
         if not 1 <= len(drives) <= 2:
             raise ValueError(f"replay field 'drives' has {len(drives)} of them: one or two can be shown")
         if drives[0].scene != drives[-1].scene:
-        beside: further paths that lie on the floor.
             raise ValueError(
                 f"replay field 'drives[1].scene' = {drives[1].scene.digest()[:8]}: two drives need one scene, "
                 f"the first has {drives[0].scene.digest()[:8]}"

@@ -19,11 +19,11 @@ from backend.store.artefacts import ArtefactStore, save_artefact
 from backend.store.dataset import DEMONSTRATION_FOLDER
 from backend.store.models import Artefact, Participant, Response, StrokeRow
 from backend.store.models import Session as SessionRow
+from backend.store.snapshots import WHOSE_WORDS, Whose
 
 Row = dict[str, Any]
 FIELDS = (
     *("attempt", "environment", "pair", "view", "pointer", "drawn", "state", "problem", "demonstration", "trajectory"),
-from backend.store.snapshots import WHOSE_WORDS, Whose
     *("watched_at", "client_time", "created_at", "left_out_at", "left_out_by", "left_out_reason"),
 )
 JSON_FIELDS = ("drawn", "problem")
@@ -134,6 +134,10 @@ def demonstrations_of(
         asked = asked.where(StrokeRow.session_id == session_id)
     else:
         asked = asked.where(Participant.pilot.is_(False))
+    if participant_id is not None:
+        asked = asked.where(Participant.id == participant_id)
+    elif session_id is None and whose != "all":
+        asked = asked.where(Participant.simulated.is_(whose == "simulated"))
     return [
         (stroke, person, response)
         for stroke, person, response in s.execute(asked)
@@ -144,15 +148,12 @@ def demonstrations_of(
 def take_demonstrations(
     s: Session,
     files: ArtefactStore,
-    if participant_id is not None:
-        asked = asked.where(Participant.id == participant_id)
-    elif session_id is None and whose != "all":
-        asked = asked.where(Participant.simulated.is_(whose == "simulated"))
     *,
     study_id: str,
     environment: str,
     session_id: str | None = None,
     participant_id: str | None = None,
+    whose: Whose = "people",
 ) -> Artefact:
     """Freeze the demonstrations of one environment as an artefact of kind `demonstrations`: of a session, of a
     participant, or of everybody in the study who is of that kind. Raises StrokeError if there are none.
@@ -169,7 +170,6 @@ def take_demonstrations(
         of = "" if session_id or participant_id else f" by {WHOSE_WORDS[whose]}"
         raise StrokeError(f"environment = {environment!r}: no demonstration was kept{of} that may be learned from")
     kept = [
-    whose: Whose = "people",
         KeptDemonstration(
             response=response.id,
             stroke=stroke.id,
