@@ -159,12 +159,12 @@ def ship_queries(
 ) -> Card:
     """Make, describe and store queries by the ensemble in the same folder; of three drives each scene: triples."""
     config = QueryConfig(count=count, seed=seed, drives=drives)
-    what = "triples" if drives == 3 else "queries"
+    what, stem = ("triples", "queries_triples") if drives == 3 else ("queries", "queries")
     files = sorted((folder / setup / "ensemble").glob("*.npz"))
     queries = generate_queries([Policy.load(path) for path in files], config, on_progress)
     return _store_queries(
         queries,
-        folder / setup / f"{what}_{count}.npz",
+        folder / setup / f"{stem}_{count}.npz",
         what=what,
         config=config,
         seed=seed,
