@@ -102,7 +102,8 @@ def simulate(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     participants: Annotated[int, typer.Option(min=1)] = 1,
     oracle: Annotated[
-        str, typer.Option(help="Whose taste: min-human-distance, shortest, fastest, random, ...")
+        str,
+        typer.Option(help="Whose taste: min-human-distance, shortest, random, ...; with commas each has the next."),
     ] = "min-human-distance",
     noise: NoiseOption = 0.0,
     indifference: IndifferenceOption = 0.0,

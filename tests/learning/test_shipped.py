@@ -35,7 +35,7 @@ EXPECTED = {
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "study_room/queries_200",
     "study_room/queries_500",
-    "study_room/triples_50",
+    "study_room/queries_triples_50",
     *(f"{setup}/queries_varied_200" for setup in ("open_field", "study_room")),
 }
 KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet}
@@ -211,7 +211,7 @@ def test_bootstrap_covers_the_mean_it_should() -> None:
 
 
 def test_shipped_triples_are_all_three_pairs_of_three_drives_that_look_different() -> None:
-    queries, config = load_queries("study_room/triples_50").queries, QueryConfig()
+    queries, config = load_queries("study_room/queries_triples_50").queries, QueryConfig()
     assert len(queries) == 150
     for three in zip(queries[0::3], queries[1::3], queries[2::3], strict=True):
         drives = [drive for query in three for drive in (query.trajectory_a, query.trajectory_b)]
