@@ -78,8 +78,9 @@ class Walk:
 @dataclass(frozen=True)
 class Character:
     """What all bots of a study are like. oracle, habits: their taste (of several with commas each bot takes the next
-    one) and how answers stray from it; seed: of their random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers; None: they
-    have no opinion on anything but drives. style: of drawing (backend/demonstrations); default each bot the next one.
+    one) and how answers stray from it; seed: of their random streams, every bot its own. cohort: what they rate, rank,
+    and how conditions change their answers; None: they have no opinion on anything but drives. style: of drawing
+    (backend/demonstrations); default each bot the next one.
     """
 
     oracle: str = "min-human-distance"
@@ -102,7 +103,8 @@ class Character:
         """What is stored of a bot's making."""
         cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
         style = {"style": self.style} if self.style else {}
-        return {"name": self.taste(number), **asdict(self.habits), "seed": self.seed, "number": number, **cohort, **style}
+        own = {"name": self.taste(number), **asdict(self.habits), "seed": self.seed, "number": number}
+        return {**own, **cohort, **style}
 
 
 def put_off_s(response: httpx.Response) -> float | None:
