@@ -5,23 +5,59 @@ Plain geometry and what was drawn before; whether a path can be driven is decide
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from app import furniture
 from app.views import View
 from backend.simulation.scene import Scene
-from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup
 
 Points = Sequence[tuple[float, float]]
+Track = list[list[float]]
+"""Rows of [t s, x m, y m, yaw rad], yaw without jumps."""
+
+
+def walk_track(scene: Scene) -> Track | None:
+    """How the scene's person walks, as the page plays it, None where they stand."""
+    if scene.walk is None:
+        return None
+    times = np.arange(0.0, scene.walk.duration_s + CONTROL_DT_S, CONTROL_DT_S)
+    poses = scene.walk.poses_at(times)
+    rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
+    return [[round(float(value), 4) for value in row] for row in rows]
+
+
+def surroundings(scene: Scene, person: str) -> dict[str, Any]:
+    """What stands around a robot or a walker, for the page. person: what the page's words call them."""
+    pose = scene.person.pose
+    return {
+        "solids": [
+            {
+                "name": furniture.name(solid, index),
+                "x": solid.pose.x,
+                "y": solid.pose.y,
+                "yaw": solid.pose.yaw,
+                "length": solid.length,
+                "width": solid.width,
+            }
+            for index, solid in enumerate(scene.solids())
+        ],
+        "person": {"name": person, "x": pose.x, "y": pose.y, "radius": scene.person.radius},
+        "robot_radius": ROBOT_RADIUS_M,
+    }
 
 
 @dataclass(frozen=True)
 class Paper:
     """One sheet. id: comes back with the stroke. kept: paths of the same situation, drawn thin, metres.
 
-    drawn, speeds: a stroke that is on it already, metres and m/s. resting: nothing can be drawn now.
+    drawn, speeds: a stroke that is on it already, metres and m/s. resting: nothing can be drawn now. problem: what is
+    wrong with that stroke, {"at": [x, y] m, "thing": what is touched or None}. walks: scenes with the walks to choose
+    from; chosen: which one the stroke is for.
     """
 
     id: str
@@ -29,37 +65,25 @@ class Paper:
     drawn: Points = ()
     speeds: Sequence[float] = ()
     resting: bool = False
+    problem: Mapping[str, Any] | None = None
+    walks: Sequence[Scene] = ()
+    chosen: int | None = None
 
     def as_message(self, scene: Scene, view: View) -> dict[str, Any]:
         """Plain data for the page."""
         limits = get_setup(scene.setup).limits
-        person = scene.person
         return {
+            **surroundings(scene, "person" if view == "top_down" else "you"),
             "id": self.id,
             "start": [scene.start.x, scene.start.y, scene.start.yaw],
             "goal": [scene.goal.x, scene.goal.y, scene.goal_radius],
-            "solids": [
-                {
-                    "name": furniture.name(solid, index),
-                    "x": solid.pose.x,
-                    "y": solid.pose.y,
-                    "yaw": solid.pose.yaw,
-                    "length": solid.length,
-                    "width": solid.width,
-                }
-                for index, solid in enumerate(scene.solids())
-            ],
-            "person": {
-                "name": "person" if view == "top_down" else "you",
-                "x": person.pose.x,
-                "y": person.pose.y,
-                "radius": person.radius,
-            },
-            "robot_radius": ROBOT_RADIUS_M,
             "speeds": [limits.v_min, limits.v_max],
             "kept": [[list(point) for point in path] for path in self.kept],
             "drawn": {"points": [list(point) for point in self.drawn], "speeds": list(self.speeds)}
             if len(self.drawn)
             else None,
             "resting": self.resting,
+            "problem": dict(self.problem) if self.problem else None,
+            "walks": [walk_track(walked) for walked in self.walks],
+            "chosen": self.chosen,
         }

@@ -8,18 +8,18 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `ready` | | the scene stands and has been drawn |
 | `label` | `playback_id, label` | the label is shown |
 | `playing` | `playback_id` | the robot starts to move |
-| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end |
+| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end; `walk`: what was walked beside |
 | `interrupted` | `playback_id, reason` | stopped before its end by `tab-hidden`, `webgl-lost`, ... |
 | `tab-hidden`, `tab-visible` | | |
 | `webgl-missing`, `webgl-lost`, `webgl-restored` | | |
 | `replaced` | | the same stage was opened elsewhere; this one stays still |
 | `key` | `key` | a key pressed while the stage had the focus (A and B, say) |
 | `drawing` | `can_undo, length_m, speed, near, tight`, ... | how the stroke stands; several times a second |
-| `stroke` | `id, points, speeds, times_s, pointer` | a drawn path, finished: metres, m/s, s |
+| `stroke` | `id, points, speeds, times_s, pointer, walk` | a drawn path, finished: metres, m/s, s; for which walk |
 | `state` | `connected, ready, webgl, playback_id` | the answer to the parent's `{type: "hello"}` |
 
-The parent may also send `{type: "draw", do, ...}` to the pen: words, undo, redo, clear, cut, finish, speed, problem,
-key (`client/draw.js`).
+The parent may also send `{type: "draw", do, ...}`: words, undo, redo, clear, cut, finish, speed, problem, choose, key
+to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the camera.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from pathlib import Path
 from app import viser_hooks
 
 _CLIENT = Path(__file__).parent / "client"
-_PEN = ("clearance.js", "ink.js", "draw.js")
+_PEN = ("clearance.js", "ink.js", "draw.js", "walk.js")
 _SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", *_PEN, "stage.js")
 
 

@@ -43,6 +43,7 @@ class Nodes:
 
     meshes: tuple[str, ...]
     robots: tuple[str, ...]
+    person: str = ""
 
 
 def build(
@@ -81,7 +82,7 @@ def build(
         api.add_glb(f"{frame}/body", _robot(colours), cast_shadow=False, receive_shadow=False)
         frames.append(frame)
         meshes.append(f"{frame}/body")
-    return Nodes(tuple(meshes), tuple(frames))
+    return Nodes(tuple(meshes), tuple(frames), f"{root}/person")
 
 
 def add_paths(

@@ -18,12 +18,14 @@ import numpy as np
 import viser
 
 from app import figures, scene_nodes, viser_hooks
-from app.drawing import Paper
+from app.beside import Beside
+from app.drawing import Paper, surroundings, walk_track
 from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
 LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
+GET_SET_S = 3.0  # ours: who walks beside a drive sees where they are before the robot moves
 SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
 DRIVEN_PATH_M = 0.03  # ours: above the floor, over the paths that lie beside it
 HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
@@ -82,11 +84,13 @@ class Stage:
         label_s: float = LABEL_S,
         trajectories: Sequence[Trajectory] = (),
         goal: bool = False,
+        walking: bool = False,
     ) -> None:
         """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
 
         Builds the scene first when another one stands there, or one whose frame is too small for this trajectory.
         label: "A", "B", or "" for none. trajectories: as for `show`. goal: whether its cone stands there.
+        The scene's person walks as its walk says; walking: the participant does, and `played` brings their `walk`.
         """
         with self._lock:
             if not self._stands(trajectory, require_view(view), goal):
@@ -97,9 +101,11 @@ class Stage:
                     "type": "play",
                     "playback_id": playback_id,
                     "label": label,
-                    "label_s": label_s if label else 0.0,
+                    "label_s": label_s if label else GET_SET_S if walking else 0.0,
                     "hold_s": HOLD_S,
                     "tracks": [_samples(trajectory)],
+                    "person": walk_track(trajectory.scene),
+                    "walk": surroundings(trajectory.scene, "you") if walking else None,
                 }
             )
 
@@ -142,6 +148,7 @@ class Stage:
                 {
                     "type": "replay",
                     "tracks": [_samples(trajectory) for trajectory in drives],
+                    "person": walk_track(drives[0].scene),
                     "speed": speed,
                     "loop": loop,
                     "legend": [
@@ -221,6 +228,8 @@ class Stage:
                         "camera": camera.as_message(),
                         "meshes": self._nodes.meshes,
                         "robots": self._nodes.robots,
+                        "person": self._nodes.person,
+                        "stands": [scene.person.pose.x, scene.person.pose.y, scene.person.pose.yaw],
                         "start": [scene.start.x, scene.start.y, scene.start.yaw],
                         "sharpness": SHARPNESS[self.detail],
                     }

@@ -15,6 +15,8 @@
   let gazing = false;
   let yaw = 0;
   let pitch = 0;
+  /** The participant walks and turns their head as they like. */
+  let walking = false;
   /** @type {number[]} */
   let watched = [0, 0];
 
@@ -62,7 +64,7 @@
   function apply() {
     if (!camera || free || !window.desirePath.viser.isUp()) return;
     if (camera.view === "top_down") lookFromAbove();
-    else if (gazing || camera.view === "immersive") lookByGaze();
+    else if (gazing || walking || camera.view === "immersive") lookByGaze();
     else {
       const target = [watched[0], watched[1], TRACKED_HEIGHT_M];
       window.desirePath.viser.look({ eye: camera.eye, target, up: [0, 0, 1], fovRad: camera.fov_rad });
@@ -74,7 +76,7 @@
   window.desirePath.camera = {
     /** @param {Camera} next as app/views.py */
     use(next) {
-      free = gazing = false;
+      free = gazing = walking = false;
       window.desirePath.viser.orbit(false);
       camera = next;
       document.documentElement.dataset.view = next.view;
@@ -97,7 +99,8 @@
       if (camera?.view === "first_person") apply();
     },
     /** Whether the gaze can be turned now. */
-    mayTurn: () => Boolean(camera) && !free && (camera?.view === "immersive" || (gazing && camera?.view !== "top_down")),
+    mayTurn: () =>
+      camera !== null && !free && (camera.view === "immersive" || ((gazing || walking) && camera.view !== "top_down")),
     /** Let the gaze be turned in the first person, too, and begin with a look at this place. @param {number[] | null} at */
     gaze(at) {
       gazing = at !== null;
@@ -109,7 +112,7 @@
       apply();
     },
     /** Whether a place on the floor lies to the left of where the eyes look. @param {number} x @param {number} y */
-    isLeft: (x, y) => Boolean(camera) && Math.sin(Math.atan2(y - camera.eye[1], x - camera.eye[0]) - yaw) > 0,
+    isLeft: (x, y) => camera !== null && Math.sin(Math.atan2(y - camera.eye[1], x - camera.eye[0]) - yaw) > 0,
     /** @param {number} left @param {number} up radians */
     turn(left, up) {
       if (!this.mayTurn()) return;
@@ -117,7 +120,28 @@
       pitch = Math.max(-MAX_PITCH, Math.min(MAX_PITCH, pitch + up));
       apply();
     },
-    /** Hand the camera to viser's own controls (analysts' replay); from above it first leans back to show height. */
+    /** Which way the eyes look, radians. */
+    heading: () => yaw,
+    /** @param {boolean} on whether the participant's own feet and head move it */
+    walk(on) {
+      walking = on;
+      apply();
+    },
+    /** The eyes go where the person is. @param {number} x @param {number} y */
+    stand(x, y) {
+      if (!camera || camera.view === "top_down") return;
+      camera.eye = [x, y, camera.eye[2]];
+      apply();
+    },
+    /** Back from `release` to the scene's own view. */
+    hold() {
+      if (!free) return;
+      free = false;
+      window.desirePath.viser.orbit(false);
+      delete document.documentElement.dataset.camera;
+      apply();
+    },
+    /** Hand the camera to viser's own controls (replays); from above it first leans back to show height. */
     release() {
       if (camera?.view === "top_down") lookFromAslant();
       free = true;

@@ -37,15 +37,18 @@
 
   window.desirePath.clearance = {
     TIGHT_M,
+    toSolid,
 
     /**
      * @param {{solids: Solid[], person: Round, robot_radius: number}} place
-     * @returns {(x: number, y: number) => Near} the nearest thing for a robot whose middle is there
+     * @param {(t: number) => number[]} [personAt] x, y of a person who walks, t seconds after the robot began
+     * @returns {(x: number, y: number, t: number) => Near} the nearest thing for a robot whose middle is there then
      */
-    of(place) {
-      return (x, y) => {
+    of(place, personAt) {
+      return (x, y, t) => {
+        const [px, py] = personAt ? personAt(t) : [place.person.x, place.person.y];
         /** @type {Near} */
-        let nearest = { name: place.person.name, ...toRound(place.person, x, y) };
+        let nearest = { name: place.person.name, ...toRound({ ...place.person, x: px, y: py }, x, y) };
         for (const solid of place.solids) {
           const found = toSolid(solid, x, y);
           if (found.metres < nearest.metres) nearest = { name: solid.name, ...found };

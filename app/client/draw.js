@@ -35,6 +35,9 @@
    * @property {number[][][]} kept
    * @property {{points: number[][], speeds: number[]} | null} drawn a stroke that is there already
    * @property {boolean} resting nothing can be drawn now
+   * @property {{at: number[] | null, thing: string | null} | null} problem with the stroke that is there
+   * @property {number[][][]} walks to choose from, rows of t, x, y, yaw; none where the person stands
+   * @property {number | null} chosen the one that the stroke is for
    */
 
   /** @type {Order | null} */
@@ -55,12 +58,15 @@
   let speed = 0.2;
   /** @type {number[] | null} */
   let cursor = null;
-  /** @type {(x: number, y: number) => any} */
+  /** @type {(x: number, y: number, t: number) => any} */
   let nearest = () => null;
+  /** Which walk of the order's. @type {number | null} */
+  let walk = null;
   /** @type {{at: number[], text: string} | null} */
   let problem = null;
   let faded = false;
   let lastFrame = 0;
+  let shownSince = 0;
   let lastTold = 0;
   let begunAt = 0;
   /** Everything below is computed anew only after a change. */
@@ -82,14 +88,14 @@
     const all = open ? [...sections, open] : sections;
     const points = all.flatMap((section) => section.points);
     const speeds = all.flatMap((section) => section.speeds);
-    // What was measured before stays, as a stroke only grows at its end or is cut there.
-    const nears = points.map((point, i) => (whole.points[i] === point ? whole.nears[i] : nearest(point[0], point[1])));
     let [length, seconds] = [0, 0];
-    for (let i = 1; i < points.length; i += 1) {
-      const step = apart(points[i], points[i - 1]);
+    // What was measured before stays, as a stroke only grows at its end or is cut there.
+    const nears = points.map((point, i) => {
+      const step = i ? apart(point, points[i - 1]) : 0;
       length += step;
       seconds += step / speeds[i];
-    }
+      return whole.points[i] === point ? whole.nears[i] : nearest(point[0], point[1], seconds);
+    });
     whole = { points, speeds, nears, tight: clearance.tight(nears), length, seconds };
     return whole;
   }
@@ -103,7 +109,7 @@
     lastTold = time;
     const { points, nears, tight, length, seconds } = measure();
     const place = cursor ?? (points.length ? points[points.length - 1] : null);
-    const near = place && (cursor ? nearest(cursor[0], cursor[1]) : nears[nears.length - 1]);
+    const near = place && (cursor ? nearAt(cursor) : nears[nears.length - 1]);
     const worst = tight.reduce((a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
     bridge.post("drawing", {
       drawing: open !== null,
@@ -118,7 +124,26 @@
       near: near && { name: near.name, metres: near.metres },
       tight: worst && { name: worst.near.name, metres: worst.near.metres },
       keys: cursor !== null,
+      problem: problem !== null,
+      walk,
+      must_choose: mustChoose(),
     });
+  }
+
+  /** Where somebody walks, it is chosen how before anything is drawn. */
+  const mustChoose = () => order !== null && order.walks.length > 0 && walk === null;
+
+  /** What is near to a place when the robot gets there straight from the end. @param {number[]} place */
+  const nearAt = (place) => nearest(place[0], place[1], measure().seconds + apart(place, end()) / speed);
+
+  /** The person walks so; what was drawn stays and is measured anew. @param {number | null} which */
+  function choose(which) {
+    if (!order) return;
+    walk = which;
+    const track = which === null ? null : order.walks[which];
+    nearest = clearance.of(order, track ? (/** @type {number} */ t) => window.desirePath.player.along(track, t) : undefined);
+    [whole.points, changed, shownSince, problem] = [[], true, performance.now(), null];
+    tell();
   }
 
   /** A change that undo can take back. */
@@ -191,6 +216,7 @@
     if (!order || open || faded || points.length < 2) return;
     bridge.post("stroke", {
       id: order.id,
+      walk,
       points: points.map((point) => point.map((value) => Math.round(value * 1e4) / 1e4)),
       speeds: sections.flatMap((section) => section.speeds).map((value) => Math.round(value * 1e4) / 1e4),
       times_s: sections.flatMap((section) => section.times).map((value) => Math.round(value * 1e3) / 1e3),
@@ -198,8 +224,13 @@
     });
   }
 
-  /** Walks through what was drawn. @param {Section[][]} from @param {Section[][]} to */
-  function walk(from, to) {
+  /** What is touched, in the page's words. @param {string | null} thing */
+  function thingWords(thing) {
+    return thing ? ink.say(`would_hit.${thing === "person" && order ? order.person.name : thing}`) : "";
+  }
+
+  /** Back or forth through what was drawn. @param {Section[][]} from @param {Section[][]} to */
+  function turnTo(from, to) {
     const next = from.pop();
     if (!next || open) return;
     to.push([...sections]);
@@ -285,12 +316,20 @@
     }
     const { points, speeds, nears, tight } = measure();
     const last = points.length - 1;
-    const pen = cursor ? { at: cursor, near: nearest(cursor[0], cursor[1]) }
+    const track = order.walks[walk ?? -1];
+    if (track && !faded) {
+      // While the pen moves the person is where they will be by then; before that they show the way they walk.
+      const rests = 1.5;
+      const show = ((now - shownSince) / 1000) % (track[track.length - 1][0] + rests);
+      window.desirePath.player.walkTo(track, open || cursor || sections.length ? measure().seconds : show);
+    }
+    const pen = cursor ? { at: cursor, near: nearAt(cursor) }
       : open && last >= 0 ? { at: points[last], near: nears[last] } : null;
     const line = cursor ? { points: [...points, cursor], speeds: [...speeds, speed] } : { points, speeds };
     if (cursor && !points.length) line.points.unshift(order.start), line.speeds.unshift(speed);
     ink.paint({
-      ...line, faded, tight, problem, begin: end(), waiting: !open && !cursor && !atGoal() && !problem,
+      ...line, faded, tight, problem, begin: end(), waiting: !open && !cursor && !atGoal() && !problem && !mustChoose(),
+      walk: faded ? null : track ?? null,
       goal: order.goal, kept: order.kept, pen: faded ? null : pen, cursor: cursor !== null,
     });
     requestAnimationFrame(frame);
@@ -322,10 +361,10 @@
     begin(given) {
       const another = order === null;
       order = given;
-      nearest = clearance.of(given);
       sections = given.drawn ? [{ ...given.drawn, times: given.drawn.points.map(() => 0) }] : [];
-      [past, future, open, cursor, problem, faded] = [[], [], null, null, null, false];
+      [past, future, open, cursor, faded] = [[], [], null, null, false];
       [begunAt, pointers, changed, whole.points] = [0, new Set(), true, []];
+      choose(given.chosen);
       document.documentElement.dataset.drawing = "on";
       ink.speeds(given.speeds[0], given.speeds[1]);
       setSpeed(another ? (given.speeds[0] + given.speeds[1]) / 2 : speed);
@@ -334,6 +373,7 @@
         0.6 * given.start[0] + 0.4 * given.goal[0], 0.6 * given.start[1] + 0.4 * given.goal[1],
       ]);
       lastFrame = performance.now();
+      if (given.problem) problem = { at: given.problem.at ?? end(), text: thingWords(given.problem.thing) };
       if (another) requestAnimationFrame(frame);
       tell();
       if (given.resting) this.rest();
@@ -359,9 +399,11 @@
     /** What the page orders. @param {any} message */
     told(message) {
       if (message.do === "words") ink.use(message.words);
+      else if (message.do === "look") window.desirePath.camera[message.from === "side" ? "release" : "hold"]();
+      else if (message.do === "step") window.desirePath.walk.key({ key: String(message.key) }, Boolean(message.down));
       if (!order || faded) return;
-      if (message.do === "undo") walk(past, future);
-      else if (message.do === "redo") walk(future, past);
+      if (message.do === "undo") turnTo(past, future);
+      else if (message.do === "redo") turnTo(future, past);
       else if (message.do === "clear") {
         if (sections.length) remember();
         [sections, cursor, changed] = [[], null, true];
@@ -369,13 +411,14 @@
       } else if (message.do === "finish") finish();
       else if (message.do === "speed") setSpeed(Number(message.value));
       else if (message.do === "problem") problem = { at: message.at ?? end(), text: String(message.text ?? "") };
+      else if (message.do === "choose" && order.walks[message.walk]) choose(message.walk);
       else if (message.do === "cut" && problem) cutBefore(problem.at);
       else if (message.do === "key") this.key({ key: String(message.key), shiftKey: Boolean(message.shift) });
     },
 
     /** A pointer went down on the sheet. @param {PointerEvent} event @returns {boolean} whether the pen takes it */
     press(event) {
-      if (!order || faded || open || event.button !== 0 || !touches(event)) return false;
+      if (!order || faded || open || event.button !== 0 || mustChoose() || !touches(event)) return false;
       begunAt ||= event.timeStamp;
       pointerId = event.pointerId;
       [px, py] = [event.clientX, event.clientY];
@@ -396,17 +439,17 @@
 
     /** @param {{key: string, shiftKey?: boolean, ctrlKey?: boolean, metaKey?: boolean}} event @returns {boolean} whether it was for the pen */
     key(event) {
-      if (!order || faded) return false;
+      if (!order || faded || mustChoose()) return false;
       const { key } = event;
       if ((event.ctrlKey || event.metaKey) && key.toLowerCase() === "z") {
-        if (event.shiftKey) walk(future, past);
-        else walk(past, future);
+        if (event.shiftKey) turnTo(future, past);
+        else turnTo(past, future);
       } else if (event.ctrlKey || event.metaKey) return false;
       else if (key in ARROWS) {
         const [right, down] = ARROWS[/** @type {keyof ARROWS} */ (key)];
         moveCursor(right, down, event.shiftKey ? FINE_KEY_STEP_M : KEY_STEP_M);
       } else if (key === "Enter" && cursor) waypoint();
-      else if (key === "Backspace") walk(past, future);
+      else if (key === "Backspace") turnTo(past, future);
       else if (key === "+" || key === "-") nudge(key === "+" ? 1 : -1);
       else return false;
       return true;

@@ -32,6 +32,7 @@
    * @property {number[][][]} kept paths of this situation
    * @property {{at: number[], near: any} | null} pen where it is now
    * @property {boolean} cursor the pen is moved by keys
+   * @property {number[][] | null} walk of the person, rows of t, x, y, yaw
    */
 
   const canvas = document.createElement("canvas");
@@ -223,6 +224,27 @@
     pen.setLineDash([]);
   }
 
+  /** The person's way as footprints, a pair every half a metre. @param {Projector} project @param {number[][]} track */
+  function footprints(project, track) {
+    pen.fillStyle = "rgb(46 86 140 / 0.8)";
+    let [since, left] = [Infinity, false];
+    track.forEach(([, x, y, yaw], i) => {
+      since += i ? Math.hypot(x - track[i - 1][1], y - track[i - 1][2]) : 0;
+      if (since < 0.3) return;
+      [since, left] = [0, !left];
+      const aside = left ? 0.09 : -0.09;
+      const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+      pen.beginPath();
+      for (let k = 0; k < 14; k += 1) {
+        const [along, across] = [0.11 * Math.cos((k * Math.PI) / 7), aside + 0.045 * Math.sin((k * Math.PI) / 7)];
+        const at = project(x + c * along - s * across, y + s * along + c * across);
+        if (at) pen.lineTo(at[0], at[1]);
+      }
+      pen.closePath();
+      pen.fill();
+    });
+  }
+
   /** How far it is to the nearest thing. @param {Projector} project @param {NonNullable<Picture["pen"]>} where */
   function room(project, { at, near }) {
     const [here, there] = [project(at[0], at[1]), project(near.at[0], near.at[1])];
@@ -276,6 +298,7 @@
         trace(spots, 0, spots.length - 1);
         pen.stroke();
       }
+      if (picture.walk) footprints(project, picture.walk);
       if (picture.points.length > 1) stroke(project, picture);
       if (picture.faded) return;
       towards(project, picture.goal);

@@ -9,12 +9,22 @@
   const { bridge } = window.desirePath;
   /**
    * @typedef {number[][]} Track rows of [t, x, y, yaw], yaw unwrapped
-   * @typedef {{playback_id: string, label: string, label_s: number, hold_s: number, tracks: Track[]}} Play
-   * @typedef {{tracks: Track[], speed: number, loop: boolean}} Replay
+   * @typedef {object} Play
+   * @property {string} playback_id
+   * @property {string} label
+   * @property {number} label_s
+   * @property {number} hold_s
+   * @property {Track[]} tracks
+   * @property {Track | null} person how they walk, null: they stand
+   * @property {any} walk what is around the participant who walks themselves, null: they do not
+   * @typedef {{tracks: Track[], person: Track | null, speed: number, loop: boolean}} Replay
    */
 
   /** @type {string[]} */
   let robots = [];
+  let person = "";
+  /** @type {number[]} */
+  let stands = [0, 0, 0];
   /** Counts playbacks; a frame of an older one sees that it is over. */
   let turn = 0;
   /** @type {string | null} */
@@ -41,8 +51,15 @@
     });
   }
 
-  /** @param {Track[]} tracks @param {number} t */
-  function pose(tracks, t) {
+  /** @param {number[]} where x, y, yaw: the person is here now, and in their view so are the eyes */
+  function put([x, y, yaw]) {
+    window.desirePath.viser.pose(person, x, y, yaw);
+    window.desirePath.camera.stand(x, y);
+  }
+
+  /** @param {Track[]} tracks @param {number} t @param {Track | null} walked */
+  function pose(tracks, t, walked) {
+    if (walked) put(at(walked, t));
     tracks.forEach((track, i) => {
       const [x, y, yaw] = at(track, t);
       window.desirePath.viser.pose(robots[i], x, y, yaw);
@@ -54,17 +71,23 @@
   const length = (tracks) => Math.max(...tracks.map((track) => track[track.length - 1][0]));
 
   window.desirePath.player = {
-    /** @param {string[]} names frames that move, one per track */
-    use(names) {
+    along: at,
+
+    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] */
+    use(names, who = "", where = [0, 0, 0]) {
       this.interrupt("another-scene");
-      robots = names;
+      [robots, person, stands] = [names, who, where];
     },
+
+    /** The person walks so, now at `t`; null: they stand where the scene has them. @param {Track | null} walked @param {number} t */
+    walkTo: (walked, t) => put(walked ? at(walked, t) : stands),
 
     /** @param {Play} order */
     play(order) {
       this.interrupt("another-drive");
       const mine = ++turn;
-      const { tracks, label_s: labelS, hold_s: holdS, playback_id: id } = order;
+      const { tracks, label_s: labelS, hold_s: holdS, playback_id: id, person: walked, walk: ground } = order;
+      const { walk } = window.desirePath;
       const motionS = length(tracks);
       const begun = performance.now();
       let lastFrame = begun;
@@ -73,8 +96,12 @@
       let moving = false;
       running = id;
       bridge.state.playback_id = id;
+      window.desirePath.camera.hold();
+      put(stands);
       window.desirePath.camera.recentre();
-      pose(tracks, 0);
+      if (ground) walk.begin(ground);
+      pose(tracks, 0, walked);
+      let met = false;
       if (order.label) {
         window.desirePath.sheet.label(order.label);
         bridge.post("label", { playback_id: id, label: order.label });
@@ -91,11 +118,16 @@
           } else {
             longestGap = Math.max(longestGap, now - lastFrame);
           }
-          pose(tracks, t);
+          pose(tracks, t, walked);
+          if (ground) {
+            const here = walk.advance(Math.min(t, motionS), (/** @type {number} */ time) => at(tracks[0], time));
+            window.desirePath.viser.pose(person, here.x, here.y, window.desirePath.camera.heading());
+            met ||= here.met;
+          }
           frames += 1;
         }
         lastFrame = now;
-        if (t < motionS + holdS) {
+        if (!met && t < motionS + holdS) {
           requestAnimationFrame(step);
           return;
         }
@@ -106,20 +138,24 @@
           frames,
           duration_ms: Math.round(now - begun),
           longest_gap_ms: Math.round(longestGap),
+          ...(ground ? { walk: walk.recording() } : {}),
         });
+        walk.stop();
       };
       requestAnimationFrame(step);
     },
 
-    /** Nothing moves, the first robot stands there. @param {number[]} start x, y, yaw */
+    /** Nothing moves, the first robot stands there, the person in their place. @param {number[]} start x, y, yaw */
     rest([x, y, yaw]) {
       this.interrupt("stopped");
+      window.desirePath.camera.hold();
+      put(stands);
       window.desirePath.viser.pose(robots[0], x, y, yaw);
       window.desirePath.camera.watch(x, y);
     },
 
     /** @param {Replay} order */
-    replay({ tracks, speed, loop }) {
+    replay({ tracks, person: walked, speed, loop }) {
       this.interrupt("another-drive");
       const mine = ++turn;
       const motionS = length(tracks);
@@ -128,7 +164,7 @@
       const step = () => {
         if (mine !== turn) return;
         const t = ((performance.now() - begun) / 1000) * speed;
-        pose(tracks, loop ? t % (motionS + restS * speed) : t);
+        pose(tracks, loop ? t % (motionS + restS * speed) : t, walked);
         if (loop || t < motionS) requestAnimationFrame(step);
       };
       requestAnimationFrame(step);
@@ -138,6 +174,7 @@
     interrupt(reason) {
       turn += 1;
       window.desirePath.sheet?.label("");
+      window.desirePath.walk?.stop();
       if (running === null) return;
       bridge.post("interrupted", { playback_id: running, reason });
       running = null;

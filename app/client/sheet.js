@@ -73,7 +73,7 @@
 
   window.addEventListener("keydown", (event) => {
     event.stopImmediatePropagation();
-    if (window.desirePath.draw.key(event)) {
+    if (window.desirePath.walk.key(event, true) || window.desirePath.draw.key(event)) {
       event.preventDefault();
       return;
     }
@@ -92,10 +92,14 @@
   }, true);
   window.addEventListener("keyup", (event) => {
     event.stopImmediatePropagation();
+    window.desirePath.walk.key(event, false);
     held.delete(event.key);
   }, true);
   window.addEventListener("keypress", (event) => event.stopImmediatePropagation(), true);
-  window.addEventListener("blur", () => held.clear());
+  window.addEventListener("blur", () => {
+    held.clear();
+    window.desirePath.walk.release();
+  });
 
   window.desirePath.sheet = {
     /** Where other scripts of ours put what they show. */

@@ -16,7 +16,7 @@
     document.documentElement.dataset.stage = "building";
     sheet.legend([]);
     draw.stop();
-    player.use(order.robots);
+    player.use(order.robots, order.person, [...order.stands]);
     const whenStanding = () => {
       if (mine !== shown) return;
       if (!viser.isUp() || !order.meshes.every((/** @type {string} */ name) => viser.hasMesh(name))) {

@@ -12,15 +12,16 @@ from typing import Any
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.dependencies import house
+from backend.api.dependencies import House, house
 from backend.api.drawing_stage import play_stroke
 from backend.api.participant_requests import Json, client_time_of, request_id_of
 from backend.api.session_view import looking, state_of
 from backend.api.stage_bridge import bridge_of
 from backend.store.models import Session, StrokeRow, utc_now
-from backend.study import drawing, machine
+from backend.study import drawing, machine, walks
 from backend.study.refusals import Refused
 from backend.study.sessions import acting
+from backend.study.walks import Walked
 from backend.study.words import DRAWN_KINDS
 
 REASONS = ("hidden", "webgl_lost", "connection")
@@ -59,12 +60,35 @@ def drive(token: str, key: str, request: Request) -> dict[str, Any]:
 @router.post("/api/session/{token}/drawing/{key}/driven")
 def driven(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """The stage told the page that the drive has been watched to its end."""
-    playback = body.get("playback_id")
+    parts, playback = house(request), body.get("playback_id")
+    walked = _walked(parts, token, key, body["walk"]) if body.get("walk") is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return drawing.driven(s, session, _step(session, key), playback, now=utc_now())
+        return drawing.driven(s, parts.files, session, _step(session, key), playback, walked, now=utc_now())
 
     return _on_drawing(request, token, key, "driven", act)
+
+
+def _walked(parts: House, token: str, key: str, given: object) -> Walked | None:
+    """What was walked beside the drive that is shown; made outside any transaction, as it computes."""
+    with looking(parts, token) as (s, session):
+        step = _step(session, key)
+        stroke = drawing.latest_stroke(s, session.id, key)
+        if stroke is None or not drawing.is_walked(step, stroke):
+            return None
+        drawn, beside, simulated = stroke.drawn, stroke.trajectory, session.simulated
+    return walks.walked_beside(step, drawing.scene_of(step), drawn, beside, given, simulated=simulated)
+
+
+@router.post("/api/session/{token}/drawing/{key}/walk")
+def walk(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Walk once more beside the drive of the path that is there."""
+    request_id = request_id_of(body)
+
+    def act(s: DatabaseSession, session: Session) -> StrokeRow:
+        return drawing.walk_again(s, session, _step(session, key), request_id=request_id, now=utc_now())
+
+    return _on_drawing(request, token, key, "walk", act)
 
 
 @router.post("/api/session/{token}/drawing/{key}/interrupted")
@@ -121,14 +145,14 @@ def _on_drawing(
         _step(session, key)
         row = act(s, session)
         s.flush()
-        shown = drawing.showing(row)
+        shown = drawing.showing(machine.step_of(session), row)
         reply = state_of(request, s, session, machine.current(s, session))
         if row is not None:
             reply["problem"] = row.problem if row.state == "refused" else None
     bridge = bridge_of(parts)
     if shown is not None:
         bridge.tell_stage(session.id, lambda stage: play_stroke(parts, stage, session.id, shown))
-    elif afresh:
+    elif afresh or (row is not None and row.state == "refused" and row.walk is not None):
         bridge.show(session.id)
     bridge.changed(session.id)
     return reply

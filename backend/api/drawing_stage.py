@@ -6,14 +6,13 @@ The routes that change a drawing live in `drawing.py`; `stage_bridge.py` asks he
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from app.drawing import Paper
-from app.views import View
 from backend.api.dependencies import House
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Session, StrokeRow
-from backend.study import drawing, machine
+from backend.study import drawing, machine, walks
 from backend.study.words import DRAWN_KINDS
 
 if TYPE_CHECKING:
@@ -27,11 +26,12 @@ def play_stroke(parts: House, stage: Stage, session_id: str, shown: drawing.Show
     with parts.database.session() as s:
         step = machine.step_of(s.get_one(Session, session_id))
         latest = drawing.latest_stroke(s, session_id, step["key"])
-    if step["kind"] not in DRAWN_KINDS or drawing.showing(latest) != shown:
+    if step["kind"] not in DRAWN_KINDS or drawing.showing(step, latest) != shown:
         return
     # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
-    drive = replace(load_trajectory(parts.files, shown.trajectory), scene=drawing.scene_of(step))
-    stage.play(drive, label="", view=cast("View", shown.view), playback_id=shown.playback_id, goal=True)
+    scene = walks.scene_with(drawing.scene_of(step), latest.walk if latest is not None else None)
+    drive = replace(load_trajectory(parts.files, shown.trajectory), scene=scene)
+    stage.play(drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking)
 
 
 def present(parts: House, stage: Stage, session_id: str) -> None:
@@ -44,8 +44,19 @@ def present(parts: House, stage: Stage, session_id: str) -> None:
         phase = drawing.state_of(s, session, step)["phase"]
     on_it = latest is not None and latest.state in ("drawn", "watched", "refused")
     drawn = latest.drawn if on_it and latest is not None else {"points": [], "speeds": []}
-    paper = Paper(step["key"], kept, drawn["points"], drawn["speeds"], resting=phase != "drawing")
-    stage.draw(drawing.scene_of(step), step["view"], paper)
+    scene = drawing.scene_of(step)
+    offered = walks.offered(step)
+    paper = Paper(
+        step["key"],
+        kept,
+        drawn["points"],
+        drawn["speeds"],
+        resting=phase != "drawing",
+        problem=latest.problem if on_it and latest is not None else None,
+        walks=[walks.scene_with(scene, walk) for walk in offered],
+        chosen=offered.index(latest.walk) if on_it and latest is not None and latest.walk in offered else None,
+    )
+    stage.draw(scene, step["view"], paper)
 
 
 def _thinned(stroke: StrokeRow) -> list[tuple[float, float]]:

@@ -1,6 +1,7 @@
 """People who walk planned ways through a demonstration's scene (the person modes of chapter 3). Simulated.
 
-Walks of participants come as recordings (`backend.simulation.walks`); both are kept and replayed alike.
+Walks of participants come as recordings (`backend.simulation.walks`); both are kept and replayed alike. Programs that
+stand in for participants record theirs with `record_walk`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ SPEED_LIMITS_M_S = (0.1, 1.5)
 SPARE_M = 0.05  # between the person and things
 BESIDE_M = (0.8, 1.8)  # ours: the opposite way begins and ends so far from the robot's goal and start
 SHORTEST_M = 2.0  # of a random way
+SHORTEST_RECORDED_M = 1.0
+RECORDED_EVERY_S = 1 / 30  # as client/walk.js
 TRIES = 200
 
 
@@ -57,6 +60,28 @@ def walking_scene(scene: Scene, mode: str, seed: int) -> Scene:
             continue  # the person would begin in the robot's way
         return walked
     raise SceneError("walk", mode, f"no way found in {TRIES} tries; use another seed")
+
+
+def record_walk(scene: Scene, duration_s: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What a programmed person records who walks from where they stand to a free place and stays there: times (n,) s
+    and poses (n, 3) m, rad, 30 a second for `duration_s`. Raises SceneError if no way was found.
+    """
+    random = np.random.default_rng([seed, *b"recorded"])
+    grid = free_grid(scene, spare_m=scene.person.radius - ROBOT_RADIUS_M + SPARE_M, around_person=False)
+    free = grid.places()[grid.free]
+    begin = np.array([scene.person.pose.x, scene.person.pose.y])
+    for _ in range(TRIES):
+        end = free[random.integers(len(free))]
+        costs = cost_to_go(grid, lambda places: np.ones(len(places)), Pose(*end))
+        if math.dist(begin, end) < SHORTEST_RECORDED_M or not math.isfinite(costs[grid.cell(*begin)]):
+            continue
+        path = np.concatenate([begin[None], cheapest_path(grid, costs, scene.person.pose)[1:]])
+        if len(path) < 3:
+            continue
+        walk = _walked(smoothed(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
+        times = np.arange(0.0, duration_s + RECORDED_EVERY_S, RECORDED_EVERY_S)
+        return times, walk.poses_at(times)
+    raise SceneError("person", scene.person.pose, f"no way found from there in {TRIES} tries; use another seed")
 
 
 def _beside(free: NDArray[np.float64], place: Pose, random: np.random.Generator) -> NDArray[np.float64] | None:

@@ -18,6 +18,8 @@ Doubles = NDArray[np.float64]
 KNOTS_EVERY_S = 0.2
 TREMBLE_M = 0.01  # standard deviation that a recording may have around the smooth walk, ours
 TREMBLE_RAD = 0.1
+FARTHEST_TREMBLES = 5.0  # that the smooth walk may be from the recording anywhere
+SMOOTHINGS = (1.0, 0.1, 0.01, 0.0)  # of the tremble: long standing would else pay for a start that is cut off
 FASTEST_M_S = 2.0  # nobody walks faster beside a robot; at 5 Hz two bodies cannot pass through each other below 2.4
 MOST_KNOTS = 2_000
 
@@ -70,9 +72,7 @@ class Walk:
         knots = np.linspace(0.0, times[-1] - times[0], max(2, math.ceil((times[-1] - times[0]) / KNOTS_EVERY_S) + 1))
         columns = []
         for axis, tremble in enumerate((TREMBLE_M, TREMBLE_M, TREMBLE_RAD)):
-            degree = min(3, len(times) - 1)
-            weights = np.full(len(times), 1 / tremble)
-            smooth = interpolate.UnivariateSpline(times - times[0], where[:, axis], w=weights, k=degree, s=len(times))
+            smooth = _smooth(times - times[0], where[:, axis], tremble)
             columns.append(tuple(float(v) for v in smooth(knots)))
         return cls(tuple(float(t) for t in knots), *columns)
 
@@ -89,3 +89,15 @@ class Walk:
         poses = np.asarray(self._curve(np.clip(times_s, 0.0, self.duration_s)))
         poses[:, 2] = -((math.pi - poses[:, 2]) % (2 * math.pi) - math.pi)
         return poses
+
+
+def _smooth(times: Doubles, values: Doubles, tremble: float) -> Any:
+    """The smoothest spline through values (n,) at times (n,) that stays as near to them as a tremble allows."""
+    weights = np.full(len(times), 1 / tremble)
+    for smoothing in SMOOTHINGS:
+        smooth = interpolate.UnivariateSpline(
+            times, values, w=weights, k=min(3, len(times) - 1), s=smoothing * len(times)
+        )
+        if np.abs(smooth(times) - values).max() <= FARTHEST_TREMBLES * tremble:
+            break
+    return smooth

@@ -263,6 +263,15 @@ STROKES = Table(
         Column(
             "drawn", TEXT, "raw: points ([x, y] m on the floor), speeds (m/s wanted there), times_s (of the hand)", True
         ),
+        Column(
+            "walk",
+            TEXT,
+            "how the person walked while the robot drove; empty: they stood. source: walked (by the participant; "
+            "simulated where a program did; raw poses [x m, y m, yaw rad] at times_s, which begin with the drive; "
+            "beside: the trajectory they walked beside) or planned (by a program, chosen by the participant; mode, "
+            "seed). spline: knots times_s, x, y, yaw of monotone cubics, as in the scene of the trajectory",
+            json=True,
+        ),
         Column("state", TEXT, "kept (learned from), redone (taken back), refused (cannot be driven), drawn or watched"),
         Column("problem", TEXT, "refused only: code, place and numbers of what was wrong", json=True),
         Column(

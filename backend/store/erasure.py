@@ -46,6 +46,7 @@ from backend.store.models import (
 )
 from backend.store.models import Session as SessionRow
 from backend.store.snapshots import SnapshotError, retake_snapshot
+from backend.store.strokes import drives_of
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
 HASHES = re.compile(r"[0-9a-f]{64}")
@@ -148,8 +149,9 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
     used = {t for row in s.execute(drives.where(Trial.session_id.not_in(sessions))) for t in row}
     driven: dict[bool, set[str]] = {True: set(), False: set()}
-    for session_id, *hashes in s.execute(select(StrokeRow.session_id, StrokeRow.trajectory, StrokeRow.demonstration)):
-        driven[session_id in sessions] |= {one for one in hashes if one}
+    strokes = select(StrokeRow.session_id, StrokeRow.walk, StrokeRow.trajectory, StrokeRow.demonstration)
+    for session_id, walk, trajectory, demonstration in s.execute(strokes):
+        driven[session_id in sessions] |= drives_of(walk, trajectory) | ({demonstration} if demonstration else set())
     doomed.demonstrations = driven[True] - driven[False]  # two may have drawn the very same, if they are programs
     own |= driven[True]
     used |= driven[False]

@@ -56,7 +56,7 @@ from backend.store.models import (
     Tombstone,
     TrajectoryRow,
 )
-from backend.store.strokes import stroke_rows, strokes_of, write_demonstrations
+from backend.store.strokes import drives_of, stroke_rows, strokes_of, write_demonstrations
 
 Row = dict[str, Any]
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -122,7 +122,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
     trials = list(content.trials())
     strokes = strokes_of(s, content.by_id)
-    driven = {stroke.trajectory for stroke in strokes if stroke.trajectory}
+    driven = {one for stroke in strokes for one in drives_of(stroke.walk, stroke.trajectory)}
     shown = sorted(driven | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
     (out / TRAJECTORY_FOLDER).mkdir()

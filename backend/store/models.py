@@ -311,7 +311,8 @@ class StrokeRow(Base):
 
     `drawn`: {"points": [[x, y]...] m, "speeds": [...] m/s, "times_s": [...]}, never updated. `state`: refused (by
     `problem`), drawn (can be driven), watched, kept or redone. `demonstration`: sha256 of its file in the
-    artefact store.
+    artefact store; where the participant walks beside the drive, there is one from their walk on.
+    `walk`: how the person walked while the robot drove (shapes: strokes.py), None: they stood. Never updated.
     """
 
     __tablename__ = "stroke"
@@ -327,6 +328,7 @@ class StrokeRow(Base):
     state: Mapped[str] = mapped_column(String(16))
     # refused only: {"code", "message", "at": [x, y] | null, "thing": ... | null, and numbers with units in their names}
     problem: Mapped[dict[str, Any] | None] = mapped_column(JSON)
+    walk: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     demonstration: Mapped[str | None] = mapped_column(String(64))
     trajectory: Mapped[str | None] = mapped_column(ForeignKey("trajectory.id"))
     shown_since: Mapped[datetime | None]  # the robot drives it since then; None: not now

@@ -1,6 +1,10 @@
 """Strokes on their way out of and back into the database: rows and files of a data set, and snapshots to learn from.
 
 What a stroke is stands in `models.py`, what its columns mean in `dataset.py`.
+
+A walk (`StrokeRow.walk`) is {"source": "walked", "times_s": [...], "poses": [[x m, y m, yaw rad], ...] as recorded,
+"spline": {...} as `Walk`, "beside": the drive that the participant walked beside (trajectory id), "simulated"} or
+{"source": "planned", "mode", "seed", "spline"}, one that was planned by a program and chosen by the participant.
 """
 
 from __future__ import annotations
@@ -23,10 +27,11 @@ from backend.store.snapshots import WHOSE_WORDS, Whose
 
 Row = dict[str, Any]
 FIELDS = (
-    *("attempt", "environment", "pair", "view", "pointer", "drawn", "state", "problem", "demonstration", "trajectory"),
-    *("watched_at", "client_time", "created_at", "left_out_at", "left_out_by", "left_out_reason"),
+    *("attempt", "environment", "pair", "view", "pointer", "drawn", "walk", "state", "problem"),
+    *("demonstration", "trajectory", "watched_at", "client_time", "created_at"),
+    *("left_out_at", "left_out_by", "left_out_reason"),
 )
-JSON_FIELDS = ("drawn", "problem")
+JSON_FIELDS = ("drawn", "walk", "problem")
 FORMAT = "desirepath-demonstrations-1"
 KEPT = "kept"
 
@@ -52,6 +57,11 @@ def stroke_rows(strokes: Iterable[StrokeRow], of_session: Callable[[str], Row]) 
         for name in JSON_FIELDS:
             row[name] = None if row[name] is None else json.dumps(row[name], sort_keys=True)
         yield {"stroke": stroke.id, **of_session(stroke.session_id), "step": stroke.step_key, **row}
+
+
+def drives_of(walk: Mapping[str, Any] | None, trajectory: str | None) -> set[str]:
+    """Ids of the trajectories that hang on a stroke: its drive, and the one that the participant walked beside."""
+    return {one for one in (trajectory, (walk or {}).get("beside")) if one}
 
 
 def write_demonstrations(files: ArtefactStore, strokes: Iterable[StrokeRow], out: Path) -> None:

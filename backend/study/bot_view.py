@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Session
-from backend.study import drawing, machine
+from backend.study import drawing, machine, walks
 from backend.study.versions import protocol_of
 from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
@@ -25,7 +25,9 @@ def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -
     step = machine.step_of(session)
     told: dict[str, Any] = {name: step[name] for name in FIELDS if name in step}
     if view.kind in DRAWN_KINDS:
-        return told | {"scene": drawing.scene_of(step).as_dict()}
+        scene = drawing.scene_of(step)
+        walked = [walks.scene_with(scene, walk).as_dict() for walk in walks.offered(step)]
+        return told | {"scenes": walked or [scene.as_dict()]}
     if view.kind in TRIAL_KINDS:
         trial = machine.trial_of(s, session)
         return told | {"query": trial.query_id if trial is not None else None}

@@ -2,7 +2,8 @@
 
 Every stroke is stored, whatever comes of it. One that can be driven is driven on the stage, watched by the server's
 clock, and then kept (the step's answer) or drawn again. How a stroke becomes a drive is `backend.demonstrations`'s;
-which step comes next is `machine.py`'s, which calls `keep` when the answer is stored.
+how the person walks meanwhile `walks.py`'s; which step comes next is `machine.py`'s, which calls `keep` when the answer
+is stored.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore, save_trajectory
 from backend.store.events import log_event
 from backend.store.models import Session, StrokeRow, TrajectoryRow
+from backend.study import walks
 from backend.study.refusals import Refused
-from backend.study.words import DRAWN_KINDS, TOLERANCE_S
+from backend.study.walks import Walked
+from backend.study.words import DRAWN_KINDS, TOLERANCE_S, View
 
 if TYPE_CHECKING:
     from backend.demonstrations.demonstration import Demonstration
@@ -34,19 +37,24 @@ POINTERS = frozenset({"mouse", "touch", "pen", "keys", "bot"})
 
 @dataclass(frozen=True)
 class Showing:
-    """A drive that has to be shown now."""
+    """A drive that has to be shown now. walking: the participant walks beside it."""
 
     trajectory: str
-    view: str
+    view: View
     playback_id: str
+    walking: bool
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A stroke as it came, and what can be made of it: either a demonstration or the problem with it."""
+    """A stroke as it came, and what can be made of it: either a demonstration or the problem with it.
+
+    walk: that it was drawn for, as it is stored.
+    """
 
     drawn: dict[str, Any]
     pointer: str
+    walk: dict[str, Any] | None
     demonstration: Demonstration | None
     problem: dict[str, Any] | None
 
@@ -55,7 +63,7 @@ class Attempt:
 
 
 def scene_of(step: Step) -> Scene:
-    """The scene that a step's path is drawn in."""
+    """The scene that a step's path is drawn in, the person standing."""
     from backend.simulation.demonstration_scenes import demonstration_scene  # numba comes with it
 
     return demonstration_scene(step["environment"], step["pair"])
@@ -83,11 +91,18 @@ def playback_id(stroke: StrokeRow) -> str:
     return hashlib.sha256(f"{stroke.id}:{stroke.shown_since}".encode()).hexdigest()[:24]
 
 
-def showing(stroke: StrokeRow | None) -> Showing | None:
-    """What the stage drives now, None if nothing."""
+def is_walked(step: Step, stroke: StrokeRow) -> bool:
+    """Whether the participant still has to walk beside the stroke's drive."""
+    return walks.mode_of(step) == "walks" and stroke.walk is None
+
+
+def showing(step: Step, stroke: StrokeRow | None) -> Showing | None:
+    """What the stage drives now, None if nothing. Who walked themselves then watches from outside."""
     if stroke is None or stroke.shown_since is None or stroke.trajectory is None:
         return None
-    return Showing(stroke.trajectory, stroke.view, playback_id(stroke))
+    walking = is_walked(step, stroke)
+    view = walks.beside_view(step) if walking else "top_down" if walks.mode_of(step) == "walks" else step["view"]
+    return Showing(stroke.trajectory, view, playback_id(stroke), walking)
 
 
 def state_of(s: DatabaseSession, session: Session, step: Step) -> dict[str, Any]:
@@ -98,9 +113,10 @@ def state_of(s: DatabaseSession, session: Session, step: Step) -> dict[str, Any]
         phase = "driving" if stroke.shown_since is not None else "ready" if stroke.state == "drawn" else "watched"
     going = stroke is not None and phase != "drawing"
     drive = s.get(TrajectoryRow, stroke.trajectory) if going and stroke is not None and stroke.trajectory else None
-    shown = showing(stroke)
+    shown = showing(step, stroke)
     return {
         "phase": phase,
+        "walking": shown is not None and shown.walking,
         "stroke": stroke.id if going and stroke is not None else None,
         "duration_s": drive.duration_s if drive is not None else None,
         "playback_id": shown.playback_id if shown else None,
@@ -120,6 +136,7 @@ def attempt_of(step: Step, given: Mapping[str, Any], *, simulated: bool) -> Atte
     from backend.demonstrations.demonstration import demonstration_from  # numba comes with it
     from backend.demonstrations.stroke import Stroke, StrokeProblem
 
+    walk = walks.chosen_walk(step, given)
     drawn = {name: given.get(name) for name in ("points", "speeds", "times_s")}
     pointer = str(given.get("pointer", "mouse"))
     if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+") and not simulated):
@@ -128,13 +145,12 @@ def attempt_of(step: Step, given: Mapping[str, Any], *, simulated: bool) -> Atte
         raise Refused(422, "bad_value", f"must be a list of at most {MOST_POINTS} points", field="points")
     try:
         stroke = Stroke.of(**drawn)
-        made = demonstration_from(stroke, scene_of(step))
+        made = demonstration_from(stroke, walks.scene_with(scene_of(step), walk))
     except StrokeProblem as problem:
         if problem.code == "unreadable":
             raise Refused(422, "bad_value", str(problem), field="points") from None
-        told = {"code": problem.code, "message": str(problem), "thing": problem.thing, **problem.numbers}
-        return Attempt(stroke.as_dict(), pointer, None, told | {"at": list(problem.at) if problem.at else None})
-    return Attempt(stroke.as_dict(), pointer, made, None)
+        return Attempt(stroke.as_dict(), pointer, walk, None, walks.problem_of(problem))
+    return Attempt(stroke.as_dict(), pointer, walk, made, None)
 
 
 def add_stroke(
@@ -149,41 +165,62 @@ def add_stroke(
     now: datetime,
 ) -> StrokeRow:
     """Store a stroke; one that can be driven begins to be. The same request again gives the same row."""
-    known = s.scalars(select(StrokeRow).where(StrokeRow.request_id == request_id)).first()
+    known = _known(s, session, step, request_id)
     if known is not None:
-        if known.session_id != session.id or known.step_key != step["key"]:
-            raise _refused(session, "request_id_used", "This request id belongs to another stroke.")
         return known
     before = latest_stroke(s, session.id, step["key"])
     if before is not None and before.state in ("drawn", "watched"):
         raise _refused(session, "drawn_already", "Keep the path that you drew, or take it back first.")
+    stroke = _new(session, step, before, attempt.drawn, attempt.pointer, request_id, now)
+    stroke.walk, stroke.problem, stroke.client_time = attempt.walk, attempt.problem, client_time
+    made = attempt.demonstration
+    if made is None:
+        stroke.state, stroke.shown_since = "refused", None
+    else:
+        stroke.trajectory = save_trajectory(s, files, made.trajectory).id
+        if not is_walked(step, stroke):
+            stroke.demonstration = files.put(made.to_bytes())
+    s.add(stroke)
+    s.flush()
+    _log(s, session, stroke, "stroke_drawn", client_time=client_time, code=(attempt.problem or {}).get("code"))
+    return stroke
+
+
+def _known(s: DatabaseSession, session: Session, step: Step, request_id: str) -> StrokeRow | None:
+    """The stroke that the same request made before."""
+    known = s.scalars(select(StrokeRow).where(StrokeRow.request_id == request_id)).first()
+    if known is not None and (known.session_id != session.id or known.step_key != step["key"]):
+        raise _refused(session, "request_id_used", "This request id belongs to another stroke.")
+    return known
+
+
+def _new(
+    session: Session,
+    step: Step,
+    before: StrokeRow | None,
+    drawn: dict[str, Any],
+    pointer: str,
+    request_id: str,
+    now: datetime,
+) -> StrokeRow:
+    """A stroke after the one `before` that is driven from now on."""
     number = before.attempt + 1 if before is not None else 1
     if number > MOST_ATTEMPTS:
         raise _refused(session, "too_many_strokes", f"At most {MOST_ATTEMPTS} paths can be tried here.")
-    made = attempt.demonstration
-    stroke = StrokeRow(
+    return StrokeRow(
         session_id=session.id,
         step_key=step["key"],
         attempt=number,
         environment=step["environment"],
         pair=step["pair"],
         view=step["view"],
-        pointer=attempt.pointer,
-        drawn=attempt.drawn,
-        state="refused" if made is None else "drawn",
-        problem=attempt.problem,
+        pointer=pointer,
+        drawn=drawn,
+        state="drawn",
+        shown_since=now,
         request_id=request_id,
-        client_time=client_time,
         created_at=now,
     )
-    if made is not None:
-        stroke.trajectory = save_trajectory(s, files, made.trajectory).id
-        stroke.demonstration = files.put(made.to_bytes())
-        stroke.shown_since = now
-    s.add(stroke)
-    s.flush()
-    _log(s, session, stroke, "stroke_drawn", client_time=client_time, code=(attempt.problem or {}).get("code"))
-    return stroke
 
 
 # ---- watched, taken back, kept ---------------------------------------------------------------------------------------
@@ -198,21 +235,80 @@ def drive(s: DatabaseSession, session: Session, step: Step, *, now: datetime) ->
     return stroke
 
 
-def driven(s: DatabaseSession, session: Session, step: Step, playback: str | None, *, now: datetime) -> StrokeRow:
-    """The drive was watched to its end, by the server's clock too; simulated sessions need not watch."""
+def driven(
+    s: DatabaseSession,
+    files: ArtefactStore,
+    session: Session,
+    step: Step,
+    playback: str | None,
+    walked: Walked | None = None,
+    *,
+    now: datetime,
+) -> StrokeRow:
+    """The drive was watched to its end, by the server's clock too; simulated sessions need not watch.
+
+    walked: what the participant walked beside it, where they do; a drive that met them is refused, and its walk kept.
+    """
+    stroke = latest_stroke(s, session.id, step["key"])
+    if stroke is not None and stroke.state == "refused" and stroke.walk is not None:
+        return stroke  # told twice that they met
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
         return stroke  # told twice
+    if not session.simulated and playback != playback_id(stroke):
+        raise _refused(session, "other_playback", "This is not the drive that is being shown.")
+    needed = s.get_one(TrajectoryRow, stroke.trajectory).duration_s
+    if is_walked(step, stroke):
+        if walked is None:
+            raise _refused(session, "not_walked", "Walk beside the robot first.")
+        met = walked.demonstration is None
+        if not met and walked.duration_s < needed - TOLERANCE_S:
+            told = f"The drive takes {needed:.1f} s, the walk ends after {walked.duration_s:.1f} s."
+            raise _refused(session, "not_walked", told, walked_s=round(walked.duration_s, 2))
+        needed = min(needed, walked.duration_s)
     if not session.simulated:
-        if playback != playback_id(stroke):
-            raise _refused(session, "other_playback", "This is not the drive that is being shown.")
         elapsed = (now - stroke.shown_since).total_seconds()
-        needed = s.get_one(TrajectoryRow, stroke.trajectory).duration_s
         if elapsed < needed - TOLERANCE_S:
             told = f"The drive takes {needed:.1f} s and began {elapsed:.1f} s ago."
             raise _refused(session, "too_early", told, elapsed_s=round(elapsed, 2), needed_s=round(needed, 2))
-    stroke.state, stroke.shown_since, stroke.watched_at = "watched", None, stroke.watched_at or now
-    _log(s, session, stroke, "stroke_watched")
+    if walked is not None and is_walked(step, stroke):
+        _add_walk(s, files, session, stroke, walked)
+    stroke.shown_since, stroke.watched_at = None, stroke.watched_at or now
+    if stroke.state != "refused":
+        stroke.state = "watched"
+        _log(s, session, stroke, "stroke_watched")
+    return stroke
+
+
+def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke: StrokeRow, walked: Walked) -> None:
+    """The walk stays with its stroke; what both make together takes the place of the drive alone."""
+    stroke.walk, stroke.problem = walked.stored, walked.problem
+    made = walked.demonstration
+    if made is None:
+        stroke.state = "refused"
+    else:
+        stroke.trajectory = save_trajectory(s, files, made.trajectory).id
+        stroke.demonstration = files.put(made.to_bytes())
+    _log(s, session, stroke, "stroke_walked", code=(walked.problem or {}).get("code"))
+
+
+def walk_again(s: DatabaseSession, session: Session, step: Step, *, request_id: str, now: datetime) -> StrokeRow:
+    """The same path once more, walked beside anew: a stroke of its own, so that the walk before stays stored."""
+    known = _known(s, session, step, request_id)
+    if known is not None:
+        return known
+    before = latest_stroke(s, session.id, step["key"])
+    met = before is not None and before.state == "refused" and before.walk is not None
+    if before is None or walks.mode_of(step) != "walks" or not (met or before.state == "watched"):
+        raise _refused(session, "nothing_walked", "There is no walk here yet.")
+    if not met:
+        before.state, before.shown_since = "redone", None
+        _log(s, session, before, "stroke_redone")
+    stroke = _new(session, step, before, before.drawn, before.pointer, request_id, now)
+    stroke.trajectory = (before.walk or {}).get("beside")
+    s.add(stroke)
+    s.flush()
+    _log(s, session, stroke, "stroke_drawn")
     return stroke
 
 
@@ -247,7 +343,7 @@ def keep(s: DatabaseSession, session: Session, step: Step, value: Mapping[str, A
     stroke = _current(s, session, step)
     if stroke.id != value["stroke"]:
         raise _refused(session, "other_stroke", "This is not the path that was drawn last.")
-    if stroke.state != "watched" and not session.simulated:
+    if stroke.state != "watched" and (not session.simulated or is_walked(step, stroke)):
         raise _refused(session, "too_early", "Please watch the robot drive it first.")
     stroke.state, stroke.shown_since = "kept", None
     _log(s, session, stroke, "stroke_kept")

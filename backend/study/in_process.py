@@ -16,7 +16,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job
-from backend.study import drawing, machine, personalisation
+from backend.study import drawing, machine, personalisation, walks
 from backend.study.bot_view import told_to_bots
 from backend.study.bots import BotError, Character, State, walk_all
 from backend.study.joining import join_study
@@ -111,6 +111,21 @@ class _InProcess:
             )
 
         return {**self._do("draw", act), "problem": problems[0]}
+
+    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+        problems: list[dict[str, Any] | None] = []
+
+        def act(s: DatabaseSession, session: Session) -> None:
+            step = machine.step_of(session)
+            stroke = drawing.latest_stroke(s, session.id, key)
+            if stroke is None:
+                raise BotError(f"{key}: nothing was drawn to walk beside")
+            scene = drawing.scene_of(step)
+            walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
+            problems.append(walked.problem)
+            drawing.driven(s, self._files, session, step, playback_id, walked, now=utc_now())
+
+        return {**self._do("walked", act), "problem": problems[0]}
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         def act(s: DatabaseSession, session: Session) -> bool:

@@ -152,6 +152,7 @@ def _drawings(name: str, stage: DemonstrationsStage, random: np.random.Generator
             "environment": stage.environment,
             "pair": pair,
             "view": stage.view,
+            **({"person": stage.person} if stage.person != "still" else {}),
             "place": place,
             "places": stage.pairs,
             "number": number,

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from backend.study.parts import Part, Slug
 from backend.study.schema_blocks import Condition
-from backend.study.words import View
+from backend.study.words import PersonMode, View
 
 
 class DemonstrationsStage(Part):
@@ -22,6 +22,11 @@ class DemonstrationsStage(Part):
     per_pair: int = Field(3, ge=1, le=10)  # spec 02: three to five
     up_to: int | None = Field(None, ge=1, le=10, description="default: per_pair, so that nothing is left open")
     view: View = "top_down"
+    person: PersonMode = Field(
+        "still",
+        description="still: stands; walks: the participant walks in first person while the robot drives the path; "
+        "recorded: the participant first chooses one of three walks that were planned by a program",
+    )
 
     @model_validator(mode="after")
     def _counts_fit(self) -> DemonstrationsStage:

@@ -6,6 +6,7 @@ from typing import Literal, get_args
 
 View = Literal["top_down", "first_person", "immersive"]
 VIEWS: tuple[str, ...] = get_args(View)
+PersonMode = Literal["still", "walks", "recorded"]  # the person while the robot drives a drawn path
 
 STAGE_KINDS = (
     "information",

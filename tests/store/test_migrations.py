@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -239,30 +240,30 @@ def test_sessions_of_before_there_were_strokes_can_draw_and_nothing_that_was_dra
         command.upgrade(migration_config(connection), "0001")
         _fill_first_tables(connection)
         command.upgrade(migration_config(connection), "0003")
+        command.upgrade(migration_config(connection), "0004")
+        session = connection.execute(text("SELECT id FROM session")).scalar_one()
+        drawn = {"points": [[0.0, 0.0], [1.0, 0.0]], "speeds": [0.2, 0.2], "times_s": [0.0, 1.0]}
+        row = {
+            **{"id": "d", "session_id": session, "step_key": "demonstrations.1.1", "attempt": 1, "pair": 0},
+            **{"environment": "corridor", "view": "top_down", "pointer": "mouse", "drawn": json.dumps(drawn)},
+            **{"state": "drawn", "request_id": "r1", "created_at": "2026-11-01 10:00:00"},
+        }
+        connection.execute(text(f"INSERT INTO stroke ({', '.join(row)}) VALUES (:{', :'.join(row)})"), row)  # noqa: S608
     either.migrate()
-    drawn = {"points": [[0.0, 0.0], [1.0, 0.0]], "speeds": [0.2, 0.2], "times_s": [0.0, 1.0]}
+    walk = {"source": "walked", "times_s": [0.0], "poses": [[0.0, 0.0, 0.0]], "beside": None}
     with either.transaction() as s:
-        session = s.scalars(select(Session)).one()
-        stroke = StrokeRow(
-            session_id=session.id,
-            step_key="demonstrations.1.1",
-            attempt=1,
-            environment="corridor",
-            pair=0,
-            view="top_down",
-            pointer="mouse",
-            drawn=drawn,
-            state="drawn",
-            request_id="r1",
-        )
-        s.add(stroke)
+        stroke = s.scalars(select(StrokeRow)).one()
+        assert (stroke.drawn, stroke.walk) == (drawn, None)  # who drew before stood still
+        stroke.walk = walk
+    with pytest.raises(DBAPIError, match="a walk is never changed"), either.transaction() as s:
+        s.execute(update(StrokeRow).values(walk={}))
     with pytest.raises(DBAPIError, match="what was drawn is never changed"), either.transaction() as s:
         s.execute(update(StrokeRow).values(drawn={}))
     with pytest.raises(DBAPIError, match="a stroke is never deleted"), either.transaction() as s:
         s.execute(delete(StrokeRow))
     with either.transaction() as s:  # what becomes of it may change
         s.execute(update(StrokeRow).values(state="kept"))
-        assert s.scalars(select(StrokeRow.drawn)).one() == drawn
+        assert s.execute(select(StrokeRow.drawn, StrokeRow.walk)).one() == (drawn, walk)
     assert erase_participant(either, files, "1" * 32, "tester", data=tmp_path)["counts"]["strokes"] == 1
 
 

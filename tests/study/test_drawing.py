@@ -22,7 +22,7 @@ from backend.store.export import export_study
 from backend.store.importing import import_dataset
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
 from backend.store.strokes import StrokeError, demonstrations_of, read_demonstrations, take_demonstrations
-from backend.study import drawing, machine
+from backend.study import drawing, machine, walks
 from backend.study.in_process import walk_in_process
 from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
@@ -93,6 +93,18 @@ def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -
         return row
 
 
+def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = None) -> StrokeRow:
+    """What the page tells when a drive has been watched, and what was walked beside it."""
+    with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
+        step = machine.step_of(session)
+        walked = None
+        if walk is not None:
+            stroke = drawing.latest_stroke(s, session.id, step["key"])
+            scene = drawing.scene_of(step)
+            walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
+        return drawing.driven(s, walker.files, session, step, playback, walked, now=walker.now)
+
+
 def strokes(walker: Walker) -> list[StrokeRow]:
     with walker.database.session() as s:
         return list(s.scalars(select(StrokeRow).order_by(StrokeRow.created_at, StrokeRow.attempt)))
@@ -118,10 +130,10 @@ def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: A
     # The server's clock: nobody has seen it yet, and another showing is not this one.
     keep = {"stroke": drawn.id}
     assert refusal(lambda: walker.submit(key, keep)) == "too_early"
-    assert refusal(lambda: act(walker, drawing.driven, state["playback_id"], now=walker.now)) == "too_early"
+    assert refusal(lambda: driven(walker, state["playback_id"])) == "too_early"
     walker.later(state["duration_s"] + 0.1)
-    assert refusal(lambda: act(walker, drawing.driven, "another", now=walker.now)) == "other_playback"
-    act(walker, drawing.driven, state["playback_id"], now=walker.now)
+    assert refusal(lambda: driven(walker, "another")) == "other_playback"
+    driven(walker, state["playback_id"])
     assert walker.view.trial["phase"] == "watched"
     walker.submit(key, keep)
     assert [row.state for row in strokes(walker)] == ["kept"]
@@ -189,26 +201,141 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     walker.later(1.0)
     act(walker, drawing.drive, now=walker.now)
     walker.later(shown["duration_s"] + 1)
-    told = refusal(lambda: act(walker, drawing.driven, shown["playback_id"], now=walker.now))
+    told = refusal(lambda: driven(walker, shown["playback_id"]))
     assert told == "other_playback"
 
 
+def who_walks(database: Database, files: ArtefactStore, person: str) -> Walker:
+    """A person before a path that is driven with a person who is not still."""
+    text = QUICK.read_text().replace("pairs: 2, per_pair: 2", f"pairs: 1, per_pair: 1, person: {person}")
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text), name="Walking", created_by=None)
+    walker = Walker(database, files, study)
+    for key, value in {"information": {}, "consent": {"given": True}, "instruction": {}}.items():
+        walker.submit(key, value)
+    return walker
+
+
+def recording(walker: Walker, to: tuple[float, float], duration_s: float, hz: int = 30) -> dict[str, Any]:
+    """Who walks at 1 m/s from where the person stands to a place, and stays."""
+    begin = drawing.scene_of(_step(walker)).person.pose
+    times = np.arange(0.0, duration_s, 1 / hz)
+    way = np.subtract(to, (begin.x, begin.y))
+    share = np.clip(times / np.linalg.norm(way), 0.0, 1.0)[:, None]
+    places = np.array([begin.x, begin.y]) + share * way
+    return {"times_s": times.tolist(), "poses": np.column_stack([places, np.full(len(times), 0.5)]).tolist()}
+
+
+def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(database: Database, files: ArtefactStore):
+    walker = who_walks(database, files, "walks")
+    drawn = draw(walker, path(0.7))
+    state = walker.view.trial
+    assert (state["phase"], state["walking"], drawn.demonstration, drawn.walk) == ("driving", True, None, None)
+    side = -1.0 if drawing.scene_of(_step(walker)).person.pose.y < 0 else -1.1
+    place = (drawing.scene_of(_step(walker)).person.pose.x + 0.6, side)
+    walk = recording(walker, place, state["duration_s"] + 0.1)
+    walker.later(state["duration_s"] + 3.0)
+    # What nobody can have walked, walked sparsely, walked too short, or elsewhere is not taken.
+    for wrong in (
+        {"times_s": [0.0, 1.0], "poses": [[0.0, 0.0, 0.0]]},
+        recording(walker, place, state["duration_s"], hz=10),
+        walk | {"poses": [[x + 1.0, y, yaw] for x, y, yaw in walk["poses"]]},
+        walk | {"poses": [walk["poses"][0]] + [[x + 3.0, y, yaw] for x, y, yaw in walk["poses"][1:]]},
+    ):
+        assert refusal(lambda wrong=wrong: driven(walker, state["playback_id"], wrong)) == "bad_value"
+    assert refusal(lambda: driven(walker, state["playback_id"])) == "not_walked"
+    assert refusal(lambda: driven(walker, state["playback_id"], recording(walker, place, 5.0))) == "not_walked"
+    driven(walker, state["playback_id"], walk)
+    (row,) = strokes(walker)
+    assert (row.state, row.walk["source"], row.walk["beside"]) == ("watched", "walked", drawn.trajectory)
+    assert (row.walk["times_s"], row.walk["poses"]) == (walk["times_s"], walk["poses"])
+    made = Demonstration.from_bytes(files.get(row.demonstration))
+    where = made.scene.walk.poses_at(walk["times_s"])
+    assert np.abs(where[:, :2] - np.array(walk["poses"])[:, :2]).max() < 0.05
+    assert load_trajectory(files, row.trajectory).scene.walk == made.drawn_in.walk == made.scene.walk
+    # Watched from outside, then walked once more: the walk before stays stored.
+    act(walker, drawing.drive, now=walker.now)
+    assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", False)
+    with database.session() as s:
+        assert drawing.showing(_step(walker), drawing.latest_stroke(s, row.session_id, row.step_key)).view == "top_down"
+    walker.later(state["duration_s"] + 0.1)
+    driven(walker, walker.view.trial["playback_id"])
+    act(walker, drawing.walk_again, request_id="again", now=walker.now)
+    assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", True)
+    # Into the robot's way: told kindly, with the place and the second, and both stay stored.
+    robot = load_trajectory(files, drawn.trajectory)
+    at = robot.poses[len(robot.poses) // 2]
+    walker.later(state["duration_s"] + 3.0)
+    driven(walker, walker.view.trial["playback_id"], recording(walker, (at[0], at[1]), state["duration_s"]))
+    told = strokes(walker)[-1]
+    assert (told.state, told.problem["code"], told.problem["thing"]) == ("refused", "collides", "person")
+    assert 0 < told.problem["after_s"] < state["duration_s"]
+    assert np.hypot(told.problem["at"][0] - at[0], told.problem["at"][1] - at[1]) < 1.0
+    assert (walker.view.trial["phase"], told.walk["beside"]) == ("drawing", drawn.trajectory)
+    act(walker, drawing.walk_again, request_id="and-again", now=walker.now)
+    assert refusal(lambda: walker.submit(walker.view.key, {"stroke": strokes(walker)[-1].id})) == "too_early"
+    walker.later(state["duration_s"] + 3.0)
+    driven(walker, walker.view.trial["playback_id"], walk)
+    last = strokes(walker)[-1]
+    assert [one.state for one in strokes(walker)] == ["redone", "refused", "watched"]
+    walker.submit(walker.view.key, {"stroke": last.id})
+    with database.session() as s:
+        (job,) = s.scalars(select(Job)).all()
+        _, (kept,) = read_demonstrations(files.get(job.params["snapshot"]))
+        assert Demonstration.from_bytes(files.get(kept.demonstration)).scene.walk is not None
+
+
+def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: ArtefactStore):
+    walker = who_walks(database, files, "recorded")
+    offered = walks.offered(_step(walker))
+    assert [walk["source"] for walk in offered] == ["planned"] * 3
+    assert refusal(lambda: draw(walker, path(0.7))) == "bad_value"
+    assert refusal(lambda: draw(walker, path(0.7, walk=3))) == "bad_value"
+    outcomes = {}
+    for bend, choice in ((0.7, 0), (-0.7, 0), (0.7, 1), (-0.7, 1), (0.7, 2), (-0.7, 2)):
+        row = draw(walker, path(bend, walk=choice))
+        assert row.walk == offered[choice]
+        outcomes[bend, choice] = row.state
+        if row.state == "drawn":
+            demonstration = Demonstration.from_bytes(files.get(row.demonstration))
+            assert demonstration.scene.walk == walks.scene_with(drawing.scene_of(_step(walker)), row.walk).walk
+            act(walker, drawing.redraw)
+        else:
+            assert (row.problem["thing"], row.problem["after_s"] > 0) == ("person", True)
+    assert "drawn" in outcomes.values()
+
+
+@pytest.mark.parametrize("person", ["still", "walks", "recorded"])
 def test_bots_draw_are_exported_come_back_and_can_be_erased(
-    database: Database, files: ArtefactStore, study: Study, tmp_path: Path
+    database: Database, files: ArtefactStore, study: Study, tmp_path: Path, person: str
 ):
+    if person != "still":
+        with database.transaction() as s:
+            text = QUICK.read_text().replace("pairs: 2, per_pair: 2", f"pairs: 1, per_pair: 1, person: {person}")
+            study = create_study(s, files, freeze_text(text), name="Walking", created_by=None)
     done = walk_in_process(database, files, study, 2, without_jobs=True)
     assert (done["completed"], done["participants"]) == (2, 2)
     told = export_study(database, files, study.id, tmp_path / "out")
     rows = list(csv.DictReader((tmp_path / "out" / "strokes.csv").open()))
     kept = [row for row in rows if row["state"] == "kept"]
-    assert len(kept) == 6
+    assert len(kept) == 2 * (1 if person != "still" else 3)
     assert {row["pointer"] for row in rows} == {"bot"}
     assert {row["simulated"] for row in rows} == {"true"}
     paths = {file["path"] for file in told["files"]}
     assert {f"demonstrations/{row['demonstration']}.npz" for row in kept} <= paths
     assert {f"trajectories/{row['trajectory']}.npz" for row in kept} <= paths
+    walked = {row["stroke"]: json.loads(row["walk"]) for row in rows if row["walk"]}
+    assert {walk["source"] for walk in walked.values()} == {
+        "still": set(),
+        "walks": {"walked"},
+        "recorded": {"planned"},
+    }[person]
+    beside = {walk["beside"] for walk in walked.values() if "beside" in walk}
+    assert all(walk.get("simulated", walk["source"] == "planned") for walk in walked.values())
+    assert {f"trajectories/{name}.npz" for name in beside} <= paths
     steps = next(file["rows"] for file in told["files"] if file["path"] == "trajectory_steps.parquet")
-    assert steps == sum(len(load_trajectory(files, row["trajectory"]).actions) for row in kept)
+    driven = beside | {row["trajectory"] for row in rows if row["trajectory"]}
+    assert steps == sum(len(load_trajectory(files, name).actions) for name in driven)
 
     other = Database(f"sqlite:///{tmp_path / 'other.sqlite'}")
     other.migrate()
@@ -218,6 +345,7 @@ def test_bots_draw_are_exported_come_back_and_can_be_erased(
         again = {row.id: row for row in s.scalars(select(StrokeRow))}
     for row in rows:
         assert again[row["stroke"]].drawn == json.loads(row["drawn"])
+        assert again[row["stroke"]].walk == walked.get(row["stroke"])
     Demonstration.from_bytes(elsewhere.get(kept[0]["demonstration"]))
 
     mine = [row for row in kept if row["participant"] == kept[0]["participant"]]
@@ -227,12 +355,13 @@ def test_bots_draw_are_exported_come_back_and_can_be_erased(
         record(s, "path_left_out", by="tester", study_id=study.id, stroke_id="another")
         learned = next(a.id for a in s.scalars(select(Artefact)) if a.card.get("session") == mine[0]["session"])
         record(s, "artefact_taken", by="tester", artefact_id=learned)
-    assert erase_participant(database, files, person, "tester", data=tmp_path)["counts"]["strokes"] >= 3
+    assert erase_participant(database, files, person, "tester", data=tmp_path)["counts"]["strokes"] >= len(mine)
     with database.session() as s:
         assert [entry.data["stroke_id"] for entry in s.scalars(select(Audit))] == ["another"]
         left = s.scalar(select(func.count(StrokeRow.id)))
     assert left == sum(row["participant"] != mine[0]["participant"] for row in rows)
     assert not any(files.exists(row["demonstration"]) or files.exists(row["trajectory"]) for row in mine)
+    assert not any(files.exists(walked[row["stroke"]]["beside"]) for row in mine if person == "walks")
     others = [row for row in kept if row not in mine]
     assert all(files.exists(row["demonstration"]) and files.exists(row["trajectory"]) for row in others)
 

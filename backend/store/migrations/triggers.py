@@ -120,3 +120,6 @@ FOURTH_REFUSALS = (
     Refusal("stroke_drawn_never_updated", "stroke", "UPDATE OF drawn", "what was drawn is never changed"),
     Refusal("stroke_never_deleted", "stroke", "DELETE", "a stroke is never deleted", ERASING_SESSION),
 )
+FIFTH_REFUSALS = (
+    Refusal("stroke_walk_never_updated", "stroke", "UPDATE OF walk", "a walk is never changed", "OLD.walk IS NULL"),
+)

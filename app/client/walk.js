@@ -1,0 +1,178 @@
+// @ts-check
+/**
+ * The participant on their own feet while the robot drives: by keys, a stick for the thumb, or a drag that turns.
+ *
+ * Moves in steps of fixed length, whatever the pictures do, and records every one: raw poses, STEP_S apart. Walls and
+ * furniture are slid along, the robot is stopped for; it may still drive into who stands in its way.
+ */
+(() => {
+  "use strict";
+  const STEP_S = 1 / 30;
+  const FORWARD_M_S = 1.2; // a calm walk; people reach 1.4
+  const ASIDE_M_S = 0.8; // sideways and backwards
+  const TURN_RAD_S = 1.5;
+  const EASE_S = 0.12; // to come to speed and to stand again
+  const BEFORE_ROBOT_M = 0.05; // nobody steps nearer to its edge than this
+  const STICK_PX = 46; // of full speed
+  const KEYS = {
+    w: "forward", ArrowUp: "forward", s: "back", ArrowDown: "back", a: "left", d: "right",
+    q: "turnLeft", ArrowLeft: "turnLeft", e: "turnRight", ArrowRight: "turnRight",
+  };
+
+  /**
+   * @typedef {{solids: any[], person: {x: number, y: number, radius: number}, robot_radius: number}} Ground
+   */
+
+  /** @type {Ground | null} */
+  let ground = null;
+  /** @type {Set<string>} */
+  const held = new Set();
+  /** The thumb's push, -1 to 1 to the right and ahead. */
+  let push = [0, 0];
+  let [x, y] = [0, 0];
+  /** Speed ahead and to the left. */
+  let going = [0, 0];
+  let steps = 0;
+  /** @type {number[]} */
+  let times = [];
+  /** @type {number[][]} */
+  let poses = [];
+
+  const stick = document.createElement("div");
+  stick.id = "desire-path-stick";
+  stick.setAttribute("aria-hidden", "true"); // the keys do the same
+  const knob = document.createElement("i");
+  stick.append(knob);
+  let thumb = -1;
+
+  /** @param {PointerEvent} event */
+  function lean(event) {
+    const box = stick.getBoundingClientRect();
+    const [right, down] = [event.clientX - box.x - box.width / 2, event.clientY - box.y - box.height / 2];
+    const size = Math.max(STICK_PX, Math.hypot(right, down));
+    push = [right / size, -down / size];
+    knob.style.transform = `translate(${push[0] * STICK_PX}px, ${-push[1] * STICK_PX}px)`;
+  }
+  function letGo() {
+    thumb = -1;
+    push = [0, 0];
+    knob.style.transform = "";
+  }
+  stick.addEventListener("pointerdown", (event) => {
+    event.stopPropagation(); // what is beside the stick turns the head
+    if (thumb !== -1) return;
+    thumb = event.pointerId;
+    stick.setPointerCapture(thumb);
+    lean(event);
+  });
+  stick.addEventListener("pointermove", (event) => {
+    if (event.pointerId === thumb) lean(event);
+  });
+  for (const type of ["pointerup", "pointercancel"]) {
+    stick.addEventListener(type, (event) => {
+      if (/** @type {PointerEvent} */ (event).pointerId === thumb) letGo();
+    });
+  }
+
+  const is = (/** @type {string} */ what) => (held.has(what) ? 1 : 0);
+
+  /** Out of whatever solid that place is in, along its surface. @param {number} px @param {number} py */
+  function slid(px, py) {
+    if (!ground) return [px, py];
+    const { radius } = ground.person;
+    for (const solid of ground.solids) {
+      const { metres, at } = window.desirePath.clearance.toSolid(solid, px, py);
+      if (metres >= radius) continue;
+      if (metres <= 0) return [x, y];
+      const [dx, dy] = [px - at[0], py - at[1]];
+      const away = Math.hypot(dx, dy);
+      [px, py] = [at[0] + (dx / away) * radius, at[1] + (dy / away) * radius];
+    }
+    const clear = ground.solids.every((solid) => window.desirePath.clearance.toSolid(solid, px, py).metres > radius - 0.01);
+    return clear ? [px, py] : [x, y];
+  }
+
+  /** @param {number[]} robot x, y @returns {number} metres between its edge and the person's */
+  const gap = (robot) =>
+    ground ? Math.hypot(x - robot[0], y - robot[1]) - ground.robot_radius - ground.person.radius : Infinity;
+
+  /** One step of STEP_S. @param {number} yaw @param {number[]} robot where it is meanwhile */
+  function step(yaw, robot) {
+    const ahead = Math.max(-1, Math.min(1, is("forward") - is("back") + push[1]));
+    const left = Math.max(-1, Math.min(1, is("left") - is("right") - push[0]));
+    const size = Math.max(1, Math.hypot(ahead, left));
+    const wanted = [(ahead / size) * (ahead > 0 ? FORWARD_M_S : ASIDE_M_S), (left / size) * ASIDE_M_S];
+    going = going.map((speed, i) => speed + (wanted[i] - speed) * Math.min(1, STEP_S / EASE_S));
+    const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    const from = [x, y];
+    const before = gap(robot);
+    [x, y] = slid(x + (c * going[0] - s * going[1]) * STEP_S, y + (s * going[0] + c * going[1]) * STEP_S);
+    if (gap(robot) < BEFORE_ROBOT_M && gap(robot) < before) [x, y] = from;
+  }
+
+  window.desirePath.walk = {
+    /** @param {Ground} given where the person stands, and what around them */
+    begin(given) {
+      ground = given;
+      [x, y] = [given.person.x, given.person.y];
+      [going, steps, times, poses] = [[0, 0], 0, [], []];
+      held.clear();
+      letGo();
+      document.documentElement.dataset.walking = "on";
+      window.desirePath.sheet.element.append(stick);
+      window.desirePath.camera.walk(true);
+    },
+
+    /** The participant stands where they are. */
+    stop() {
+      if (!ground) return;
+      ground = null;
+      letGo();
+      delete document.documentElement.dataset.walking;
+      stick.remove();
+      window.desirePath.camera.walk(false);
+    },
+
+    /**
+     * On to `t` seconds since the robot began to move, which is at `robotAt`.
+     * @param {number} t @param {(t: number) => number[]} robotAt
+     * @returns {{x: number, y: number, met: boolean}} where the person is, and whether the robot touches them
+     */
+    advance(t, robotAt) {
+      const { camera } = window.desirePath;
+      const turning = is("turnLeft") - is("turnRight");
+      let yaw = camera.heading();
+      const begun = yaw;
+      let met = false;
+      for (; ground && !met && steps * STEP_S <= t; steps += 1) {
+        const time = steps * STEP_S;
+        if (steps > 0) {
+          yaw += turning * TURN_RAD_S * STEP_S;
+          step(yaw, robotAt(time));
+        }
+        times.push(Math.round(time * 1e4) / 1e4);
+        poses.push([x, y, yaw].map((value) => Math.round(value * 1e4) / 1e4));
+        met = gap(robotAt(time)) < 0;
+      }
+      if (yaw !== begun) camera.turn(yaw - begun, 0);
+      camera.stand(x, y);
+      return { x, y, met };
+    },
+
+    /** What was walked so far. */
+    recording: () => ({ times_s: times, poses }),
+
+    /** @param {{key: string, ctrlKey?: boolean, metaKey?: boolean, altKey?: boolean}} event @param {boolean} down @returns {boolean} whether it was for the feet */
+    key(event, down) {
+      const name = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+      const what = KEYS[/** @type {keyof KEYS} */ (name)];
+      if (!ground || !what || event.ctrlKey || event.metaKey || event.altKey) return false;
+      if (down) held.add(what);
+      else held.delete(what);
+      return true;
+    },
+
+    /** No key is held any more: the window was left. */
+    release: () => held.clear(),
+  };
+})();
