@@ -31,9 +31,11 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     """A controller learned from a snapshot of demonstrations, its drives from their starts, and blind comparisons.
 
     The result holds `policy` (artefact id), `passed` (success from the demonstrated starts), `judged` (those drives
-    against the demonstrations), `rollouts`: [{demonstration (sha256), pair, trajectory}], and `comparisons`, one per
+    against the demonstrations), `rollouts`: [{demonstration (sha256), pair, trajectory}], and `situations`, one per
     demonstrated pair in turn: [{scene, scene_seed, base, own, social_cost, look_alike}]. `base`, the word for what an
     own policy is compared with, is the drive of the dynamic window approach; drives are ids of stored trajectories.
+    `comparisons` are those of them in which both that are compared arrive, at most as many as asked for; who rates the
+    controllers one by one is shown every situation, arrived or not.
     """
     began = time.monotonic()
     artefact, kept, demonstrations = _demonstrations(context, params.snapshot)
@@ -62,12 +64,14 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     ]
     context.progress(0.95)
     pairs = sorted({one.pair for one in kept})
+    situations, both_arrive = _situations(context, pairs, policy, policy_id) if passed else ([], [])
     return {
         "policy": policy_id,
         "passed": passed,
         "judged": judged.as_dict(),
         "rollouts": rollouts,
-        "comparisons": _comparisons(context, pairs, policy, policy_id)[: params.comparisons] if passed else [],
+        "situations": situations,
+        "comparisons": [one for one, both in zip(situations, both_arrive, strict=True) if both][: params.comparisons],
         "seconds": round(time.monotonic() - began, 2),
     }
 
@@ -86,8 +90,10 @@ def _keep_drives(context: JobContext, drives: Sequence[Trajectory], made_by: str
         return [row.id for row in save_trajectories(s, context.files, drives, made_by)]
 
 
-def _comparisons(context: JobContext, pairs: Sequence[int], policy: Policy, policy_id: str) -> list[dict[str, Any]]:
-    """Drives of all three controllers in the demonstrated pairs, where both that are compared first arrive."""
+def _situations(
+    context: JobContext, pairs: Sequence[int], policy: Policy, policy_id: str
+) -> tuple[list[dict[str, Any]], list[bool]]:
+    """Drives of all three controllers in the demonstrated pairs, and where own and dynamic window both arrive."""
     scenes = [demonstration_scene(policy.setup, pair) for pair in pairs]
     own, dwa, social = (drive(controller, scenes) for controller in (policy, DWA, SOCIAL_COST))
     found = zip(
@@ -99,7 +105,7 @@ def _comparisons(context: JobContext, pairs: Sequence[int], policy: Policy, poli
         _keep_drives(context, social, None),
         strict=True,
     )
-    return [
+    situations = [
         {
             "scene": scene.digest(),
             "scene_seed": scene.seed,
@@ -109,5 +115,5 @@ def _comparisons(context: JobContext, pairs: Sequence[int], policy: Policy, poli
             "look_alike": look_alike(of_dwa, of_own, QueryConfig()),
         }
         for scene, of_own, of_dwa, own_id, dwa_id, social_id in found
-        if of_own.outcome == of_dwa.outcome == Outcome.SUCCESS
     ]
+    return situations, [a.outcome == b.outcome == Outcome.SUCCESS for a, b in zip(own, dwa, strict=True)]

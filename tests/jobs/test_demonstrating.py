@@ -66,6 +66,8 @@ def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_th
 def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_compared_ones_arrive(house) -> None:
     files = house[2]
     made = run(house, gate_least_success=0.0)
+    assert [one["scene_seed"] for one in made["situations"]] == [0, 1, 2, 3]  # arrived or not: all of them are rated
+    assert all(one in made["situations"] for one in made["comparisons"])
     for compared in made["comparisons"]:
         scene = demonstration_scene("room", compared["scene_seed"])
         assert compared["scene"] == scene.digest()

@@ -77,7 +77,7 @@ def keep_a_path(walker: Walker) -> None:
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        drawing.driven(s, session, machine.step_of(session), state["playback_id"], now=walker.now)
+        drawing.driven(s, walker.files, session, machine.step_of(session), state["playback_id"], now=walker.now)
     walker.submit(key, {"stroke": state["stroke"]})
 
 
@@ -86,11 +86,13 @@ def trained(walker: Walker, *, passed: bool = True) -> None:
     with walker.database.transaction() as s:
         (job,) = s.scalars(select(Job)).all()
         strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.pair)).all()
+        shown = [{**dict.fromkeys(DRIVES, one.trajectory), "scene_seed": one.pair} for one in strokes]
         job.state = "succeeded"
         job.result = {
             "policy": job.params["snapshot"],
             "passed": passed,
-            "comparisons": [{**dict.fromkeys(DRIVES, one.trajectory), "scene_seed": one.pair} for one in strokes],
+            "situations": shown if passed else [],
+            "comparisons": shown[:1] if passed else [],  # where both arrive; all of them are rated all the same
         }
 
 
