@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from backend.store.snapshots import Whose
 
 
+FOLDS = 3  # of scenes whose answers are held out, to tell which reward model predicts better
+
+
 def register(app: typer.Typer) -> None:
     """Add the command to `desirepath`."""
     app.command()(report)
@@ -33,9 +36,9 @@ def report(
     policies: Annotated[
         bool, typer.Option("--policies", help="Also learn a policy from each view's answers, as jobs, and drive them.")
     ] = False,
-    model: Annotated[str, typer.Option(help="Reward model of the policies: interface, linear, weights or mlp.")] = (
-        "interface"
-    ),
+    model: Annotated[
+        str, typer.Option(help="Reward models of the policies, with commas: interface, linear, weights, mlp.")
+    ] = "interface,weights",
     recipe: Annotated[str, typer.Option(help="Recipe of the policies: refine, instant or thesis.")] = "refine",
     scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy drives.")] = 1_000,
     as_json: JsonFlag = False,
@@ -64,7 +67,7 @@ def report(
             data, load = read_study(s, files, row)
         if policies:
             views = sorted({one.view for one in data.choices})
-            learned = _learned(database, files, study, views, chosen, {"model": model, "recipe": recipe}, scenes)
+            learned = _learned(database, files, study, views, chosen, model.split(","), recipe, scenes)
             command += f" --policies --model {model} --recipe {recipe} --scenes {scenes}"
     say(write_study_report(data, load, out, who=chosen, plan=used, command=command, policies=learned), as_json)
 
@@ -75,10 +78,12 @@ def _learned(
     study: str,
     views: Sequence[str],
     whose: Whose,
-    settings: dict[str, Any],
+    models: Sequence[str],
+    recipe: str,
     scenes: int,
 ) -> list[PolicyRow]:
-    """A policy per view and the base policy, each driven through the same scenes; what is there already is used."""
+    """A policy per view and reward model, and the base policy, each driven through the same scenes; what is there
+    already is used."""
     from backend.report.policies import BASE, PolicyRow
     from backend.store.snapshots import take_snapshot
 
@@ -88,11 +93,21 @@ def _learned(
         with database.transaction() as s:
             snapshot = take_snapshot(s, files, study_id=study, whose=whose, view=view)
             identity, setup, answers = snapshot.id, snapshot.setup, snapshot.card["answers"] - snapshot.card["probes"]
-        aligned = _job(database, "align", {"snapshot": identity, "comparisons": 0, **settings})
-        measured = _job(database, "evaluate", {"policy": aligned["policy"], "scenes": scenes})["measured"]
-        rows.append(
-            PolicyRow(view, aligned["policy"], measured, answers, aligned.get("training_accuracy"), aligned["passed"])
-        )
+        for model in models:
+            asked = {"snapshot": identity, "comparisons": 0, "model": model, "recipe": recipe, "hold_out": FOLDS}
+            aligned = _job(database, "align", asked)
+            rows.append(
+                PolicyRow(
+                    name=view,
+                    policy=aligned["policy"],
+                    measured=_job(database, "evaluate", {"policy": aligned["policy"], "scenes": scenes})["measured"],
+                    model=model,
+                    answers=answers,
+                    accuracy=aligned["training_accuracy"],
+                    held_out=aligned["held_out"],
+                    passed=aligned["passed"],
+                )
+            )
     base = f"{setup}/base"
     measured = _job(database, "evaluate", {"policy": base, "scenes": scenes})["measured"]
     return [*rows, PolicyRow(BASE, base, measured)]

@@ -7,7 +7,7 @@ drives for the participant's comparison are prepared, so that no page has to wai
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from backend.learning.artefacts import DEPARTURES
 from backend.learning.conditioned import ConditionedPolicy
 from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.free_form import choose_reward_model
+from backend.learning.holding_out import Fit, predicted_in_new_scenes
 from backend.learning.policy import Policy
 from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference
@@ -52,8 +53,6 @@ from backend.store.snapshots import Answer, Snapshot, load_snapshot
 
 COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
 COMPARISON_SECONDS = 20.0  # ours: people watch both drives of every comparison
-
-Fit = Callable[[Sequence[Preference]], RewardModel]
 
 
 def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[str, Any]:
@@ -100,8 +99,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     require_same(base=base.setup, snapshot=setup)
     preferences = [p for of_one in _preferences(context, snapshot).values() for p in of_one]
     model_name = params.model or _usual_model(params)
-    model = _fit(model_name, "sum", params.seed, params.symmetry)(preferences)
+    fit = _fit(model_name, "sum", params.seed, params.symmetry)
+    model = fit(preferences)
     fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **_weights(model)}
+    if params.hold_out:
+        held_out = predicted_in_new_scenes(preferences, fit, folds=max(2, params.hold_out), seed=params.seed)
+        fitted["held_out"] = asdict(held_out)
     reward_model = _keep_reward_model(context, params, snapshot_artefact, snapshot, model, model_name, "sum", fitted)
     context.progress(0.03)
     if params.recipe == "instant":
@@ -145,6 +148,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "policy": policy,
         "reward_model": reward_model,
         "training_accuracy": fitted["training_accuracy"],
+        "held_out": fitted.get("held_out"),
         "passed": made.may_be_shown,
         "gate": gate,
         "comparisons": comparisons,

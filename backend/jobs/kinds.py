@@ -94,6 +94,7 @@ class AlignParams(Params):
     gate_least_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
     gate_most_loss: float = _from("issue_gate", 0.05, ge=0, le=1, advanced=True)
     comparisons: int = _from("spec_07_comparisons", 3, ge=0, le=10, advanced=True)
+    hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
     other: str | None = Field(
         None, min_length=1, json_schema_extra={"source": "yours", "artefact": "policy", "advanced": True}
     )

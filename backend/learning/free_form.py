@@ -7,24 +7,24 @@ vocabulary holds; a study's hundreds may say something it has no word for. Ours 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.holding_out import Fit, held_out_odds
 from backend.learning.mirroring import ACTION_SIGNS, mirror_of
 from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference, usable
 from backend.learning.reward_mlp import MlpConfig, MlpRewardModel, fit_mlp
-from backend.learning.reward_model import Reduction, RewardModel, bradley_terry_loss, log_odds
+from backend.learning.reward_model import Reduction, RewardModel, bradley_terry_loss
 from backend.learning.reward_weights import fit_weights
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
-Fit = Callable[[Sequence[Preference]], RewardModel]
 
 
 @dataclass(frozen=True)
@@ -164,11 +164,6 @@ def choose_reward_model(
 
 def held_out_log_likelihood(preferences: Sequence[Preference], fit: Fit, *, folds: int = 3, seed: int = 0) -> float:
     """Mean natural log-likelihood of answers under models that never saw them, over `folds` folds in a seeded order."""
-    order = np.random.default_rng([seed, 65]).permutation(len(preferences))
-    loss = 0.0
-    for fold in range(folds):
-        test = set(order[fold::folds].tolist())
-        model = fit([p for k, p in enumerate(preferences) if k not in test])
-        odds = [log_odds(model, preferences[k].chosen, preferences[k].rejected) for k in sorted(test)]
-        loss += bradley_terry_loss(np.array(odds))
-    return -loss / len(preferences)
+    fold_of = np.empty(len(preferences), dtype=np.int64)
+    fold_of[np.random.default_rng([seed, 65]).permutation(len(preferences))] = np.arange(len(preferences)) % folds
+    return -bradley_terry_loss(held_out_odds(preferences, fit, fold_of)) / len(preferences)

@@ -86,10 +86,13 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):
 
 def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(house):
     _, database, files = house
-    params = AlignParams(snapshot=snapshot_of(house, answers=15), recipe="instant", gate_scenes=50, comparisons=2)
+    params = AlignParams(
+        snapshot=snapshot_of(house, answers=15), recipe="instant", gate_scenes=50, comparisons=2, hold_out=2
+    )
     result = align(begin(house, "align", params.model_dump()), params)
     assert result["passed"]
     assert len(result["comparisons"]) == 2
+    assert (result["held_out"]["answers"], result["held_out"]["folds"]) == (15, 2)
     with database.session() as s:
         tree = lineage(s, result["policy"])
         assert {parent.role for parent in tree.parents} == {"base", "reward_model", "answers", "conditioned"}

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
+from backend.learning.errors import TooFewAnswers
 from backend.learning.free_form import EnsembleConfig, choose_reward_model, fit_mlp_ensemble
+from backend.learning.holding_out import predicted_in_new_scenes
 from backend.learning.mirroring import ACTION_SIGNS, mirror_of
 from backend.learning.oracles import make_oracle
+from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference
 from backend.learning.reward_mlp import MlpConfig
-from backend.learning.reward_model import reward_model_from_bytes, reward_model_to_bytes, trajectory_reward
+from backend.learning.reward_model import (
+    RewardModel,
+    reward_model_from_bytes,
+    reward_model_to_bytes,
+    trajectory_reward,
+)
+from backend.learning.reward_weights import fit_weights
 from backend.learning.shipped import load_queries
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
@@ -68,3 +80,22 @@ def test_mirrored_answers_teach_the_mirrored_world() -> None:
         ]
         gaps[symmetric] = float(np.abs(np.concatenate(worth)).mean())
     assert gaps[True] < 0.7 * gaps[False]
+
+
+def test_answers_about_one_scene_are_held_out_together() -> None:
+    """Everybody answers the same 20 queries; a model that only remembers drives knows none that it did not see."""
+    seen: list[set[str]] = []
+
+    def fit(given: Sequence[Preference]) -> RewardModel:
+        seen.append({one.chosen.scene.digest() for one in given})
+        return fit_weights(given, PosteriorConfig())
+
+    everybody = [one for _ in range(3) for one in answers("min-human-distance", 20)]
+    found = predicted_in_new_scenes(everybody, fit, folds=4)
+    assert (found.answers, found.scenes, found.folds) == (60, 20, 4)
+    assert [len(scenes) for scenes in seen] == [15] * 4
+    assert not set.intersection(*seen)
+    assert found.accuracy > 0.8
+    assert found.log_likelihood > math.log(0.5)
+    with pytest.raises(TooFewAnswers, match="20 scenes"):
+        predicted_in_new_scenes(everybody, fit, folds=21)
