@@ -20,13 +20,14 @@ from backend.learning.policy import Policy
 from backend.learning.scene_sets import SCENES_PER_SEED, Purpose, first_seed
 from backend.simulation.scene import Scene, SceneError
 from backend.simulation.scenes import check_scene, draw_scenes
-from backend.simulation.trajectory import Trajectory
+from backend.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
 PROFILE_POINTS = 50
 SPARSE_M = 0.1  # spacing at which paths are compared: finer changes distances by less than 1 cm
 EXACT_M = 1e-3
 CHANGING_M_S = 0.01  # a demonstration whose speed has a smaller standard deviation has no profile to follow
+FOLLOWED_M, FOLLOWED_T = 0.25, 0.8  # issue 4: so close, and so far along, is a demonstration followed
 DRAWN_AT_ONCE = 50  # divides a set's 10,000 scenes
 NEAREST_GOAL_M = 1.0  # between a drawn start and its goal
 KINDS = ("starts", "goals", "people", "anywhere")
@@ -48,7 +49,9 @@ class Likeness:
 class Judgement:
     """A controller's drives from the demonstrated starts, against the demonstrations. Medians over drives; SI units.
 
-    speed_correlation: NaN where no demonstration changes its speed.
+    followed_rate: share of drives that arrive and, each by itself, are within FOLLOWED_M of a demonstration at a t* of
+    FOLLOWED_T or later. The two medians say less: they may come from different drives, and who circles at the start
+    stays near every path's beginning, f small at t* = 1. speed_correlation: NaN where no demonstration changes speed.
     """
 
     drives: int
@@ -57,6 +60,7 @@ class Judgement:
     timeout_rate: float
     frechet_m: float
     t_star: float
+    followed_rate: float
     speed_correlation: float
     min_human_distance_m: float
     relative_path_length: float
@@ -109,6 +113,12 @@ def judge_drives(drives: Sequence[Trajectory], demonstrations: Sequence[Demonstr
         for trajectory, mine in zip(drives, demonstrations, strict=True)
     ]
     measured = measure(drives)
+    followed = [
+        drive.outcome == Outcome.SUCCESS
+        and one.deviation.distance_m <= FOLLOWED_M
+        and one.deviation.t_star >= FOLLOWED_T
+        for drive, one in zip(drives, alike, strict=True)
+    ]
     correlations = [a.speed_correlation for a in alike if not math.isnan(a.speed_correlation)]
     return Judgement(
         drives=len(drives),
@@ -117,6 +127,7 @@ def judge_drives(drives: Sequence[Trajectory], demonstrations: Sequence[Demonstr
         timeout_rate=timeout_rate(measured.outcome),
         frechet_m=float(np.median([a.deviation.distance_m for a in alike])),
         t_star=float(np.median([a.deviation.t_star for a in alike])),
+        followed_rate=float(np.mean(followed)),
         speed_correlation=float(np.median(correlations)) if correlations else math.nan,
         min_human_distance_m=float(np.median(measured.min_human_distance)),
         relative_path_length=float(np.median(measured.relative_path_length)),

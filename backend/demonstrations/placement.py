@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -21,28 +22,33 @@ class Placements:
     """A start pool (`FastEngine`'s `pool`) of both kinds.
 
     near: share of episodes that begin around a pose of a demonstrated drive, with person and goal about where they
-    were at that moment; the others are drawn scenes of the environment. People stand in both.
+    were at that moment. mixed: share in which each of robot, person and goal is, by chance, either there or where it is
+    in a drawn scene. The others are drawn scenes of the environment. People stand in all of them.
     """
 
-    def __init__(self, drives: Sequence[Trajectory], *, near: float, seed: int) -> None:
+    def __init__(self, drives: Sequence[Trajectory], *, near: float, mixed: float = 0.0, seed: int) -> None:
         self._anywhere = ScenePool(drives[0].scene.setup, seed)
         self._rows = scenes_to_rows([drive.scene for drive in drives])
         self._poses = [drive.poses.astype(float) for drive in drives]
         self._people = [drive.scene.person_poses(drive.times) for drive in drives]
-        self._near = near
+        self._near, self._mixed = near, mixed
         self._random = np.random.default_rng([seed, 0xDE])
 
     def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
         """The next scenes: rows (count, columns) and their seeds (count,), those of the drawn scenes."""
         rows, seeds = self._anywhere.take(count)
-        for i in np.flatnonzero(self._random.random(count) < self._near):
-            beside = self._beside_a_drive()
+        kinds = self._random.random(count)
+        for i in np.flatnonzero(kinds < self._near + self._mixed):
+            beside = self._beside_a_drive(rows[i] if kinds[i] >= self._near else None)
             if beside is not None:
                 rows[i] = beside
         return rows, seeds
 
-    def _beside_a_drive(self) -> k.Row | None:
-        """A demonstrated scene with everything moved a little, None where that did not fit after some tries."""
+    def _beside_a_drive(self, drawn: k.Row | None) -> k.Row | None:
+        """A demonstrated scene with everything moved a little, None where that did not fit after some tries.
+
+        drawn: where each of robot, person and goal is taken from instead, half of the time.
+        """
         random = self._random
         for _ in range(TRIES):
             which = random.integers(len(self._poses))
@@ -53,6 +59,8 @@ class Placements:
             for column in (k.START_X, k.GOAL_X, k.PERSON_X):
                 row[column : column + 2] += random.normal(0.0, NEAR_M, 2)
                 row[column + 2] = k.wrap(row[column + 2] + random.normal(0.0, NEAR_RAD))
+                if drawn is not None and random.random() < 0.5:
+                    row[column : column + 3] = drawn[column : column + 3]
             if self._fits(row):
                 return row
         return None
@@ -64,4 +72,6 @@ class Placements:
             x, y = row[column], row[column + 1]
             if k.surface_distance(row, x, y) < robot or k.person_distance(row, x, y) < robot + row[k.PERSON_RADIUS]:
                 return False
+        if math.dist(row[[k.START_X, k.START_Y]], row[[k.GOAL_X, k.GOAL_Y]]) <= row[k.GOAL_RADIUS]:
+            return False
         return bool(k.surface_distance(row, row[k.PERSON_X], row[k.PERSON_Y]) >= row[k.PERSON_RADIUS])

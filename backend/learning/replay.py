@@ -42,20 +42,20 @@ class ReplayBuffer:
         dones: NDArray[np.bool_],
     ) -> None:
         """Append n transitions (shapes as in `Batch`, dones instead of continues)."""
-        n = len(rewards)
-        rows = (self._next + np.arange(n)) % self.capacity
-        continues = (~dones).astype(np.float32)
-        for store, new in zip(
-            self._arrays, (observations, actions, rewards, next_observations, continues), strict=True
-        ):
-            store[rows] = new
-        self._next = (self._next + n) % self.capacity
-        self.size = min(self.capacity, self.size + n)
+        self._append(observations, actions, rewards, next_observations, (~dones).astype(np.float32))
 
     def add_batch(self, batch: Batch) -> None:
         """Append transitions that already are a batch."""
-        observations, actions, rewards, next_observations, continues = (part.numpy() for part in batch)
-        self.add(observations, actions, rewards, next_observations, continues == 0)
+        self._append(*(part.numpy() for part in batch))
+
+    def _append(self, *parts: Floats) -> None:
+        """Append rows, the parts in the order of `Batch`."""
+        n = len(parts[0])
+        rows = (self._next + np.arange(n)) % self.capacity
+        for store, new in zip(self._arrays, parts, strict=True):
+            store[rows] = new
+        self._next = (self._next + n) % self.capacity
+        self.size = min(self.capacity, self.size + n)
 
     def filled(self) -> Batch:
         """Everything stored so far, as views: writing to `rewards` relabels the buffer in place."""

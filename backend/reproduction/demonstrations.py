@@ -27,29 +27,38 @@ from backend.simulation.demonstration_scenes import demonstration_scenes
 from backend.simulation.trajectory import Trajectory
 
 OURS = "ours"
+WITHOUT = "no_demonstrations"
 CONTROLLERS = (OURS, *BASELINES)
 VARIANTS: dict[str, dict[str, Any]] = {  # what training is without one of its parts
     OURS: {},
     "no_cloning": {"bc_weight": [0.0, 0.0]},
-    "no_boost": {"goal_boost": 0.0},
-    # As base policies are trained: the goal's reward where it is reached, and progress, without which none arrives.
-    "no_demonstrations": {"demonstrations": False, "near": 0.0, "explored_goal": 5.0, "progress_weight": 1.0},
+    "no_boost": {"goal_boost": DemonstrationConfig().explored_goal},
+    "neither": {"bc_weight": [0.0, 0.0], "goal_boost": DemonstrationConfig().explored_goal},
+    # As base policies are trained: the goal's whole reward where it is reached, progress, and a long random beginning.
+    WITHOUT: {
+        "demonstrations": False,
+        "near": 0.0,
+        "mixed": 0.0,
+        "explored_goal": 5.0,
+        "progress_weight": 1.0,
+        "random_transitions": 50_000,
+    },
 }
 PER_PAIR = 4  # demonstrations; the thesis's participants gave three to five
 SECONDS_PER_UPDATE = 0.0025
 SECONDS_PER_BASELINE_SCENE = 0.05
-JUDGED_S = 5.0
+JUDGED_S = 1.0
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is computed. ablated: styles for which every variant is trained, in the first environment."""
+    """How much is computed. ablated: the style for which every variant is trained, in the first environment."""
 
     name: str
     environments: tuple[str, ...]
     seeds: tuple[int, ...]
     updates: int
-    ablated: tuple[str, ...]
+    ablated: str
     unseen: int
     styles: tuple[str, ...] = tuple(STYLES)
     per_pair: int = PER_PAIR
@@ -58,15 +67,9 @@ class Budget:
 BUDGETS = {
     budget.name: budget
     for budget in (
-        Budget("small", ("room",), (0,), 8_000, ("slow_near_person",), 100),
-        Budget(
-            "full",
-            ("room", "corridor"),
-            (0, 1, 2),
-            DemonstrationConfig().updates,
-            ("field_of_view", "slow_near_person"),
-            300,
-        ),
+        Budget("small", ("room",), (0,), 8_000, "field_of_view", 100),
+        # As many updates as a study gives while the participant waits; the command's default is longer.
+        Budget("full", ("room", "corridor"), (0, 1, 2), 16_000, "field_of_view", 100),
     )
 }
 
@@ -104,16 +107,19 @@ def make_plan(budget: Budget) -> Plan:
     unseen: dict[Cell, Piece] = {}
     for environment in budget.environments:
         for style in budget.styles:
-            whole = environment == budget.environments[0] and style in budget.ablated
+            whole = environment == budget.environments[0] and style == budget.ablated
             for seed in budget.seeds:
                 shown = {"environment": environment, "style": style, "per_pair": budget.per_pair, "seed": seed}
                 elsewhere = {"environment": environment, "seed": seed, "scenes": budget.unseen}
-                for variant in VARIANTS if whole else (OURS,):
+                for variant in VARIANTS if whole else (OURS, WITHOUT):
                     cell = Cell(environment, style, variant, seed)
                     config = {"seed": seed, "updates": budget.updates, **VARIANTS[variant]}
+                    # Who learns without demonstrations is one controller for all styles; the style only tells beside
+                    # which demonstrations its curve is measured.
+                    beside = budget.ablated if variant == WITHOUT else style
                     training = Piece(
                         "controller",
-                        {**shown, "config": config},
+                        {**shown, "style": beside, "config": config},
                         seconds=budget.updates * SECONDS_PER_UPDATE,
                     )
                     trained[cell] = training

@@ -49,6 +49,7 @@ def reproduce_demonstrations(
         made = {piece.key: work.load(piece.key).meta["made"] for piece in in_order(plan.pieces())}
         run = Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
         write_report(out / "report.html", plan, rows, work.load, drawn, run)
+        told_briefly = brief(plan, rows, work.load)
         results = out / "results.json"
         summary = {
             "command": command,
@@ -61,7 +62,7 @@ def reproduce_demonstrations(
             "simulated": True,
             "bars": {name: asdict(bar) for name, bar in BARS.items()},
             "rows": [asdict(row) for row in rows],
-            "brief": brief(rows),
+            "brief": told_briefly,
             "pieces": made,
         }
         results.write_text(json.dumps(plain(summary), indent=1) + "\n", encoding="utf-8")
@@ -76,7 +77,7 @@ def reproduce_demonstrations(
             commit=run.commit,
             config={**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
             scenes={"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
-            results={"brief": brief(rows), "core_seconds": run.core_seconds},
+            results={"brief": told_briefly, "core_seconds": run.core_seconds},
             departures=DEPARTURES,
             notes=["Simulated throughout: those who demonstrate are programmed demonstrators."],
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -22,8 +23,9 @@ from backend.demonstrations.td3_bc import (
 )
 from backend.learning.scene_sets import Purpose
 from backend.simulation import kernels as k
+from backend.simulation.fast import rollout
 from backend.simulation.scenes import check_scene, row_to_scene
-from backend.simulation.setups import SetupError
+from backend.simulation.setups import SetupError, get_setup
 
 QUICK = DemonstrationConfig(updates=96, n_envs=16, random_transitions=256, augmentation=2, selection_scenes=20)
 
@@ -32,8 +34,10 @@ def test_the_demonstration_buffer_rewards_each_goal_and_only_goals(slow_ones) ->
     batch = demonstration_batch(slow_ones[:2], QUICK)
     drives = [drive for d in slow_ones[:2] for drive in augmented(d, 2)]
     assert len(batch.rewards) == sum(len(drive.actions) for drive in drives)
-    assert (batch.rewards != 0).sum() == len(drives)
-    assert (batch.rewards[batch.continues == 0] == 5.0).all()
+    one_by_one = demonstration_batch(slow_ones[:2], replace(QUICK, steps_at_once=1))
+    assert (one_by_one.rewards != 0).sum() == (one_by_one.continues == 0).sum() == len(drives)
+    assert (one_by_one.rewards[one_by_one.continues == 0] == 5.0).all()
+    assert (batch.rewards != 0).sum() == (batch.continues == 0).sum() == QUICK.steps_at_once * len(drives)
     assert (demonstration_batch(slow_ones[:2], replace(QUICK, goal_boost=0.0)).rewards == 0).all()
 
 
@@ -49,16 +53,15 @@ def test_the_cloning_term_is_the_summed_square_over_the_demonstrated_part_alone(
     assert varied.grad[1].tolist() == pytest.approx([2 * 2 * -0.5, 0.0])
 
 
-def test_exploring_never_changes_the_demonstrations_and_pays_no_goal(slow_ones) -> None:
-    training = DemonstrationTraining(slow_ones, QUICK)
+def test_exploring_never_changes_the_demonstrations_and_pays_what_it_is_told_for_goals(slow_ones) -> None:
+    training = DemonstrationTraining(slow_ones, replace(QUICK, explored_goal=0.0))
     before = training._demonstrated.rewards.clone(), training._demonstrated.observations.clone()
     while training.agent.updates < 48:
         training.vector_step()
     assert (training._demonstrated.rewards == before[0]).all()
     assert (training._demonstrated.observations == before[1]).all()
     assert float(training._buffer.filled().rewards.max()) <= 0.0
-    paid = DemonstrationTraining(slow_ones, replace(QUICK, explored_goal=5.0))
-    assert paid.setup.reward.goal == 5.0
+    assert DemonstrationTraining(slow_ones, QUICK).setup.reward.goal == QUICK.goal_boost / 2
 
 
 def test_episodes_begin_near_demonstrations_as_often_as_asked(slow_ones) -> None:
@@ -79,6 +82,18 @@ def test_episodes_begin_near_demonstrations_as_often_as_asked(slow_ones) -> None
     assert near(1.0) > 0.97
     assert near(0.0) < 0.4
     assert near(0.0) < near(0.5) < near(1.0)
+
+
+def test_mixed_episodes_take_each_place_from_a_demonstration_or_from_anywhere(slow_ones) -> None:
+    drives = [d.trajectory for d in slow_ones]
+    rows, _ = Placements(drives, near=0.0, mixed=1.0, seed=0).take(200)
+    drawn, _ = Placements(drives, near=0.0, seed=0).take(200)
+    same = np.stack([(rows[:, c] == drawn[:, c]) for c in (k.START_X, k.GOAL_X, k.PERSON_X)], axis=1)
+    assert (np.abs(same.mean(axis=0) - 0.5) < 0.15).all()
+    assert {tuple(row) for row in same.tolist()} == set(itertools.product([False, True], repeat=3))
+    for row in rows:
+        assert k.person_distance(row, row[k.GOAL_X], row[k.GOAL_Y]) >= 0.18 + row[k.PERSON_RADIUS]
+        assert math.dist(row[[k.START_X, k.START_Y]], row[[k.GOAL_X, k.GOAL_Y]]) > row[k.GOAL_RADIUS]
 
 
 def test_training_begins_to_follow_and_is_repeatable(slow_ones) -> None:
@@ -112,7 +127,7 @@ def test_demonstrations_of_two_environments_do_not_mix(slow_ones) -> None:
 
 def test_demonstrations_judged_against_themselves_are_perfect(slow_ones) -> None:
     judged = judge_drives([d.trajectory for d in slow_ones], slow_ones)
-    assert (judged.success_rate, judged.t_star) == (1.0, 1.0)
+    assert (judged.success_rate, judged.t_star, judged.followed_rate) == (1.0, 1.0, 1.0)
     assert judged.frechet_m < 0.005
     assert judged.speed_correlation > 0.999
     assert judged.as_dict()["drives"] == len(slow_ones)
@@ -122,7 +137,19 @@ def test_who_drives_straight_past_the_person_misses_the_bars(slow_ones) -> None:
     judged = judge(DWA, slow_ones)
     assert judged.success_rate == 1.0
     assert judged.frechet_m > 0.25 or judged.t_star < 0.8
+    assert judged.followed_rate < 0.5
     assert judged.speed_correlation < 0.8
+
+
+def test_who_circles_at_the_start_has_a_small_distance_at_a_late_t_and_yet_follows_nothing(slow_ones) -> None:
+    circling = [
+        rollout(get_setup("room"), lambda seen: np.tile(np.float32([-1.0, 1.0]), (len(seen), 1)), [d.scene])[0]
+        for d in slow_ones[:2]
+    ]
+    judged = judge_drives(circling, slow_ones[:2])
+    assert judged.frechet_m <= 0.25
+    assert judged.t_star >= 0.8
+    assert (judged.success_rate, judged.followed_rate) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("kind", ["starts", "goals", "people", "anywhere"])

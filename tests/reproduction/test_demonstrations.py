@@ -16,6 +16,7 @@ TINY = replace(
     BUDGETS["small"],
     name="tiny",
     styles=("slow_near_person",),
+    ablated="slow_near_person",
     updates=40,
     unseen=3,
     per_pair=1,
@@ -39,7 +40,7 @@ def test_every_controller_and_variant_is_measured_against_every_bar(made) -> Non
     dwa = next(row for row in told["rows"] if row["controller"] == "dwa")["values"]
     assert dwa["success_rate"] == 1.0
     assert dwa["min_human_distance_m"] < 0.8  # it knows of no person
-    assert len(told["brief"]) == len(BARS) + 1
+    assert len(told["brief"]) == len(BARS) + 3
 
 
 def test_figures_have_their_data_and_the_report_holds_them(made) -> None:
@@ -60,7 +61,7 @@ def test_figures_have_their_data_and_the_report_holds_them(made) -> None:
 def test_a_second_run_computes_nothing_and_says_the_same(made) -> None:
     out, first = made
     again = reproduce_demonstrations(out, TINY, processes=1, command="desirepath reproduce demonstrations")
-    assert (again["computed"], first["computed"]) == (0, 4 + 6 + 6)
+    assert (again["computed"], first["computed"]) == (0, 5 + 7 + 7)
     assert again["brief"] == first["brief"]
 
 
@@ -75,6 +76,7 @@ def test_variants_differ_from_ours_in_what_they_say() -> None:
     plan = make_plan(TINY)
     configs = {cell.controller: config_of(piece.params) for cell, piece in plan.trained.items()}
     assert configs["no_cloning"].bc_weight == (0.0, 0.0)
-    assert configs["no_boost"].goal_boost == 0.0
+    assert configs["no_boost"].goal_boost == configs[OURS].explored_goal
+    assert configs["neither"] == replace(configs["no_boost"], bc_weight=(0.0, 0.0))
     assert configs["no_demonstrations"].demonstrations is False
     assert replace(configs["no_cloning"], bc_weight=configs[OURS].bc_weight) == configs[OURS]
