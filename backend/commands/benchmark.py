@@ -234,6 +234,23 @@ def finish(
     say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)
 
 
+@commands.command("study")
+@plain_errors
+def study_command(
+    participants: Annotated[int, typer.Option(min=3, help="Simulated participants of the interface study.")] = 31,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: chapter 7's study over HTTP, its report, its data set there and back; what was put in is found."""
+    from backend.commands.benchmark_study import benchmark_study
+
+    result = benchmark_study(participants=participants, seed=seed, tell=lambda words: typer.echo(words, err=True))
+    if out is not None:
+        _write(out, result)
+    say(result, as_json)
+
+
 def _write(out: Path, result: dict[str, Any]) -> None:
     """A result as a file that datasets/ can hold: its command and commit, numbers to five digits."""
     from backend.learning.artefacts import source_commit
