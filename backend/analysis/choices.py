@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -123,5 +124,7 @@ def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tup
 
 
 def share_over_people(wins: Sequence[int], losses: Sequence[int]) -> Mean:
-    """Mean over people of the share of a person's choices that went to the first of two; interval over people."""
-    return mean_of([won / (won + lost) for won, lost in zip(wins, losses, strict=True) if won + lost])
+    """Mean over people of the share of a person's choices that went to the first of two; interval over people, ended
+    at 0 and 1."""
+    mean = mean_of([won / (won + lost) for won, lost in zip(wins, losses, strict=True) if won + lost])
+    return replace(mean, low=max(0.0, mean.low), high=min(1.0, mean.high)) if mean.n > 1 else mean
