@@ -16,7 +16,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api import drawing, participant_stream, participant_trials, recruiting
+from backend.api import device_check, drawing, participant_stream, participant_trials, recruiting
 from backend.api.dependencies import TheHouse, contact, house, page
 from backend.api.participant_requests import (
     Json,
@@ -54,6 +54,8 @@ def session_page(token: str, request: Request) -> Response:
     parts = house(request)
     now = utc_now()
     with acting(parts.database, token, request="page", now=now) as (s, session):
+        if device_check.is_wanted(s, request, session):
+            return device_check.check_page(request, s, session, token)
         reloaded = machine.interrupted(s, session, reason="page_loaded", now=now)
         machine.settle(s, parts.files, session, now=now)
         name, value = stage_cookie(session)
@@ -220,6 +222,6 @@ def _change(
     return reply
 
 
-for part in (recruiting, participant_trials, drawing, participant_stream):
+for part in (recruiting, device_check, participant_trials, drawing, participant_stream):
     router.include_router(part.router)
 exception_handlers = {Refused: refusal_page}

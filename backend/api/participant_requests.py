@@ -6,6 +6,7 @@ Routes live in `recruiting.py`, `participant.py`, `participant_trials.py` and `p
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 from datetime import datetime
 from typing import Annotated, Any, Literal
@@ -61,6 +62,18 @@ def storable(value: Any) -> Any:
     return value
 
 
+DEVICE_FIELDS = (
+    "width",
+    "height",
+    "pixel_ratio",
+    "pointer",
+    "touch",
+    "webgl",
+    "scheme",
+    "reduced_motion",
+    "frame_rate",
+)
+LONGEST_DEVICE_VALUE = 40
 Json = Annotated[dict[str, Any], Body(), AfterValidator(storable)]
 
 
@@ -80,6 +93,19 @@ def client_time_of(given: Any) -> datetime | None:
     except ValueError:
         return None
     return told if told is not None and told.tzinfo is not None else None
+
+
+def told_device(given: Any) -> dict[str, Any]:
+    """What the device check told, only the fields we know."""
+    if isinstance(given, str):
+        try:
+            given = storable(json.loads(given))
+        except ValueError:
+            given = None
+    if not isinstance(given, dict):
+        return {}
+    known = {field: given[field] for field in DEVICE_FIELDS if isinstance(given.get(field), str | int | float | bool)}
+    return {field: value[:LONGEST_DEVICE_VALUE] if isinstance(value, str) else value for field, value in known.items()}
 
 
 def drive_of(given: Any) -> Literal["a", "b"]:

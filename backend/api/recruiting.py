@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-import json
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -15,7 +14,8 @@ from fastapi import APIRouter, Form, Query, Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.dependencies import contact, house, page
-from backend.api.participant_requests import storable, too_many
+from backend.api.device_check import remember
+from backend.api.participant_requests import storable, told_device, too_many
 from backend.api.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.store.models import Participant
 from backend.study.joining import check_open, join_study
@@ -28,18 +28,6 @@ from backend.study.versions import newest_protocol
 router = APIRouter()  # included in participant.router, which keeps guessers out
 
 PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
-DEVICE_FIELDS = (
-    "width",
-    "height",
-    "pixel_ratio",
-    "pointer",
-    "touch",
-    "webgl",
-    "scheme",
-    "reduced_motion",
-    "frame_rate",
-)
-LONGEST_DEVICE_VALUE = 40
 
 
 @router.get("/join/{recruiting_token}")
@@ -105,14 +93,16 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
             files=parts.files,
             language=str(given.get("language", "")),
             recruiting={"platform": "prolific", **recruiting} if recruiting else None,
-            device=_device(given.get("device")),
+            device=told_device(given.get("device")),
             simulated=simulated,
             oracle=oracle if isinstance(oracle, dict) else None,
         )
         code = s.get_one(Participant, session.participant_id).code
-    if is_json:
-        return JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
-    return RedirectResponse(f"/p/{token}", status_code=303)
+        response: Response = RedirectResponse(f"/p/{token}", status_code=303)
+        if is_json:
+            response = JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
+        remember(request, response, session)
+    return response
 
 
 @router.get("/back")
@@ -135,16 +125,3 @@ def _from_here(request: Request) -> bool:
         return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
     except ValueError:
         return False
-
-
-def _device(given: Any) -> dict[str, Any]:
-    """What the device check told, only the fields we know."""
-    if isinstance(given, str):
-        try:
-            given = storable(json.loads(given))
-        except ValueError:
-            given = None
-    if not isinstance(given, dict):
-        return {}
-    known = {field: given[field] for field in DEVICE_FIELDS if isinstance(given.get(field), str | int | float | bool)}
-    return {field: value[:LONGEST_DEVICE_VALUE] if isinstance(value, str) else value for field, value in known.items()}

@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, TypeGuard
 
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.events import log_event
+from backend.store.models import Session
 from backend.study.refusals import Refused
 from backend.study.schema import DeviceGate
 
@@ -41,6 +46,22 @@ def fitted(
     rate = device.get("frame_rate")
     slow = gate is not None and gate.light_below is not None and _is_number(rate) and rate < gate.light_below
     return {**device, "scene_detail": "light" if slow else "full"} if gate is not None else dict(device)
+
+
+def was_measured(s: DatabaseSession, session: Session) -> bool:
+    """Whether a page has told of a device of this participant, in whichever appointment."""
+    told = s.scalars(select(Session.device).where(Session.participant_id == session.participant_id))
+    return any("webgl" in device for device in told)
+
+
+def change_device(
+    s: DatabaseSession, session: Session, gate: DeviceGate | None, device: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Go on with that device; the one before stays in the log. Raises Refused 403 `device` with `reasons`."""
+    fit = fitted(gate, device, study_id=session.study_id, simulated=session.simulated)
+    log_event(s, "device_checked", session_id=session.id, before=session.device, after=fit)
+    session.device = fit
+    return fit
 
 
 def _is_number(told: Any) -> TypeGuard[float]:

@@ -126,6 +126,32 @@ def test_joining_keeps_the_device_and_leads_to_the_session(client, house, token)
     assert "How should the robot pass you?" in answered.text
 
 
+def test_who_goes_on_in_another_browser_has_the_device_looked_at_first(client, house, link):
+    with house.database.transaction() as s:
+        short = s.scalars(select(Study).where(Study.recruiting_token == link)).one()
+        frozen = freeze_text(short.protocol_yaml + "\ndevice: {min_width: 1000, light_below: 20}\n")
+        gated = create_study(s, house.files, frozen, name="Gated", created_by=None).recruiting_token
+    desk = '{"width": 1024, "webgl": true}'
+    token = client.post(f"/join/{gated}", data={"language": "en", "device": desk}).headers["location"][3:]
+    to_first_trial(client, token)
+    elsewhere = TestClient(client.app, follow_redirects=False)
+    page = elsewhere.get(f"/p/{token}").text
+    assert "in a browser in which you have not been before" in page
+    assert f'action="/p/{token}/device"' in page
+    refused = elsewhere.post(f"/p/{token}/device", data={"device": '{"width": 390, "webgl": false}'})
+    assert (refused.status_code, "What you have answered is kept" in refused.text) == (403, True)
+    assert [event.data["reasons"] for event in logged(house, "other_device")] == [["webgl", "width"]]
+    assert "not been before" in elsewhere.get(f"/p/{token}").text
+    slow = '{"width": 1200, "webgl": true, "frame_rate": 12.5}'
+    assert elsewhere.post(f"/p/{token}/device", data={"device": slow}).headers["location"] == f"/p/{token}"
+    assert elsewhere.get(f"/p/{token}").headers["x-step-key"] == "block.01"
+    with house.database.session() as s:
+        assert s.scalars(select(Session)).one().device["scene_detail"] == "light"
+        (event,) = s.scalars(select(Event).where(Event.kind == "device_checked"))
+    assert (event.data["before"]["width"], event.data["after"]["width"]) == (1024, 1200)
+    assert client.get(f"/p/{token}").headers["x-step-key"] == "block.01"  # the first one goes on as well
+
+
 def test_a_platforms_id_is_kept_apart_and_lets_nobody_in_twice(client, house, link):
     ids = {"PROLIFIC_PID": "5f3c0ffee0ddba11", "STUDY_ID": "s1", "SESSION_ID": "x1"}
     welcome = client.get(f"/join/{link}", params=ids)

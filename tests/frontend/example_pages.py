@@ -158,6 +158,10 @@ def example_application() -> FastAPI:
         context["device"] = GATE | {name: float(rate) for name, rate in request.query_params.items() if name in GATE}
         return page(request, "participant/join.html", language, study_title=TITLE, join_url="/join", **context)
 
+    @application.get("/device")
+    def device(request: Request, language: str = "en") -> Response:
+        return page(request, "participant/device.html", language, study_title=TITLE, action="/device", device=GATE)
+
     @application.get("/refusal/{code}")
     def refusal(request: Request, code: str, language: str = "en") -> Response:
         return page(request, "participant/refusal.html", language, code=code)
@@ -183,6 +187,7 @@ def example_application() -> FastAPI:
         context |= {"address": "https://study.example.org"}
         context |= {"payment": "You are paid for the time that you gave."}
         context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"], "next_kind": "questionnaire"}
+        context["leads_to"] = "trial"
         return page(request, "participant/session.html", language, study_title=TITLE, **context)
 
     @application.get("/api/session/{kind}")

@@ -14,8 +14,11 @@ from tests.frontend.example_pages import STEPS
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
-REFUSALS = ("unknown", "expired", "closed", "full", "already_joined", "no_webgl", "withdrawn", "not_found", "internal")
-ADDRESSES = ["/join", "/back", "/copy", "/help", "/refusal/unknown", *(f"/step/{kind}" for kind in STEPS)]
+REFUSALS = (
+    *("unknown", "expired", "closed", "full", "already_joined", "no_webgl", "other_device"),
+    *("withdrawn", "not_found", "internal"),
+)
+ADDRESSES = ["/join", "/device", "/back", "/copy", "/help", "/refusal/unknown", *(f"/step/{kind}" for kind in STEPS)]
 WCAG = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}}
 COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
 
@@ -325,6 +328,14 @@ def test_a_slow_device_gets_a_simpler_picture_before_it_gets_a_refusal(opened: O
     told = refused.get_by_role("alert").get_by_text("The room moves too slowly on this device")
     expect(told).to_be_visible(timeout=MEASURED_MS)
     expect(refused.locator("#begin")).to_be_disabled()
+
+
+def test_a_phone_that_goes_on_with_a_session_is_refused_kindly(opened: Open) -> None:
+    page = opened("/device", width=390, height=844, touch=True)
+    alert = page.get_by_role("alert")
+    assert alert.get_by_text("This study needs a larger screen").is_visible()
+    assert alert.get_by_text("What you have answered is kept.").is_visible()
+    assert page.get_by_text("Nothing about you").count() == 0
 
 
 def test_a_browser_without_webgl_is_told_before_anything_else(chromium: Browser, pages: str) -> None:
