@@ -3,7 +3,8 @@
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -38,14 +39,37 @@ def chromium() -> Iterator["Browser"]:  # noqa: F821
         browser.close()
 
 
+@pytest.fixture(scope="session")
+def postgres_server() -> Iterator[str]:
+    """URL of a PostgreSQL server; skipped where there is none."""
+    from tests import postgres
+
+    with postgres.server() as url:
+        yield url
+
+
 @pytest.fixture
-def database(tmp_path: Path) -> "Database":  # noqa: F821
-    """An empty, migrated SQLite database."""
+def database_of(request: pytest.FixtureRequest) -> Iterator[Callable[[Path], str]]:
+    """URL of the database of a data folder: its SQLite file, or a copy of it where tests run on PostgreSQL."""
+    from tests import postgres
+
+    if not postgres.ASKED:
+        yield lambda folder: f"sqlite:///{folder / 'desirepath.sqlite'}"
+        return
+    server = request.getfixturevalue("postgres_server")
+    with ExitStack() as held:
+        yield lambda folder: held.enter_context(postgres.holding(server, folder / "desirepath.sqlite"))
+
+
+@pytest.fixture
+def database(tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator["Database"]:  # noqa: F821
+    """An empty, migrated database."""
     from backend.store.database import Database
 
-    empty = Database(f"sqlite:///{tmp_path / 'desirepath.sqlite'}")
+    empty = Database(database_of(tmp_path))
     empty.migrate()
-    return empty
+    yield empty
+    empty.close()
 
 
 @pytest.fixture

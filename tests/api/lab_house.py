@@ -55,13 +55,16 @@ def new_house(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def lab_house(request: pytest.FixtureRequest, tmp_path: Path) -> House:
+def lab_house(request: pytest.FixtureRequest, tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator[House]:
     """A house without a stage; with the walked study where a test asks for `walked`, else without studies."""
     if "walked" in request.fixturenames:
         data = request.getfixturevalue("walked_house")[0]
     else:
         data = request.getfixturevalue("new_house")
-    return build_house(Settings(data=shutil.copytree(data, tmp_path / "data"), _env_file=None))
+    own = shutil.copytree(data, tmp_path / "data")
+    found = build_house(Settings(data=own, database_url=database_of(own), _env_file=None))
+    yield found
+    found.database.close()
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,9 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def house(furnished: Path, tmp_path: Path) -> House:
+def house(furnished: Path, tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator[House]:
     """A house of its own over the furnished folder, without a stage."""
-    return build_house(Settings(data=shutil.copytree(furnished, tmp_path / "data"), _env_file=None))
+    data = shutil.copytree(furnished, tmp_path / "data")
+    found = build_house(Settings(data=data, database_url=database_of(data), _env_file=None))
+    yield found
+    found.database.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,9 +29,11 @@ def furnished(tmp_path_factory: pytest.TempPathFactory, twenty_queries: Path) ->
 
 
 @pytest.fixture
-def database(tmp_path: Path, furnished: Path) -> Database:
+def database(tmp_path: Path, furnished: Path, database_of: Callable[[Path], str]) -> Iterator[Database]:
     shutil.copytree(furnished, tmp_path, dirs_exist_ok=True)
-    return Database(f"sqlite:///{tmp_path / 'desirepath.sqlite'}")
+    found = Database(database_of(tmp_path))
+    yield found
+    found.close()
 
 
 @pytest.fixture
