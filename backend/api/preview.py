@@ -15,7 +15,7 @@ from backend.api.dependencies import Db, House, TheHouse, contact, house, page
 from backend.api.drafts import find_draft
 from backend.api.lab import LabRefusal, lab_language
 from backend.api.replay_stages import replays
-from backend.api.session_view import next_kind
+from backend.api.session_view import leads_to, next_kind
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
@@ -156,6 +156,7 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
             payload=payload_of(frozen, step, language, completion_code=EXAMPLE_CODE),
         ),
         next_kind=next_kind(steps, number - 1),
+        leads_to=leads_to(steps, number - 1),
         stage_name=step["stage"],
         number=number,
         steps=steps,

@@ -35,6 +35,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
         "step": view,
         "next_kind": next_kind(session.plan, session.position),
+        "leads_to": leads_to(session.plan, session.position),
         "state": state_of(request, s, session, view),
         "expires_at": session.expires_at,
         "address": public_url(request) if view.kind == "appointment" else None,
@@ -43,8 +44,13 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
 
 def next_kind(plan: list[Step], position: int) -> str:
     """What kind of page follows, "other" where that depends on answers or there is none."""
-    following = plan[position + 1] if position + 1 < len(plan) else {}
-    return "other" if not following or following.get("when") else str(following["kind"])
+    following = next((step for step in plan[position + 1 :] if step["kind"] != "wait"), None)
+    return "other" if following is None or following.get("when") else str(following["kind"])
+
+
+def leads_to(plan: list[Step], position: int) -> str | None:
+    """The kind of what is done on the stage next, None where nothing more is."""
+    return next((step["kind"] for step in plan[position:] if step["kind"] in (*TRIAL_KINDS, *DRAWN_KINDS)), None)
 
 
 def state_of(request: Request, s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:

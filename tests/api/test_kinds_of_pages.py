@@ -12,9 +12,12 @@ from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
 from backend.api.dependencies import House
+from backend.api.session_view import leads_to, next_kind
 from backend.settings import Settings
 from backend.store.models import Session
+from backend.study.planning import make_plan
 from backend.study.protocol import PROTOCOLS, freeze_text
+from backend.study.query_plan import placeholders
 from backend.study.studies import create_study
 from tests.study import walking
 
@@ -170,3 +173,21 @@ def test_a_wrong_code_leads_nowhere(visit: Callable[[], Visitor]) -> None:
     typed = client.post("/back", data={"code": "../lab"})
     assert typed.headers["location"] == "/p/..%2Flab"
     assert "This link does not lead anywhere" in client.get("/p/NOPE").text
+
+
+def test_a_page_tells_what_comes_next_and_shows_pairs_only_before_pairs() -> None:
+    """Before drawing and before the evaluation there is nothing to choose between; a wait is no page to announce."""
+    told = {}
+    for name in ("demonstration_study", "quick_preference_study"):
+        frozen = freeze_text((PROTOCOLS / f"{name}.yaml").read_text())
+        plan = make_plan(frozen.protocol, 0, placeholders(frozen.protocol))
+        told |= {
+            (name, step["key"]): (next_kind(plan, k), leads_to(plan, k))
+            for k, step in enumerate(plan)
+            if step["kind"] == "instruction"
+        }
+    assert told == {
+        ("demonstration_study", "instruction"): ("demonstration", "demonstration"),
+        ("demonstration_study", "instruction_2"): ("evaluation", "evaluation"),
+        ("quick_preference_study", "instruction"): ("trial", "trial"),
+    }
