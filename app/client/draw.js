@@ -136,14 +136,12 @@
   /** What is near to a place when the robot gets there straight from the end. @param {number[]} place */
   const nearAt = (place) => nearest(place[0], place[1], measure().seconds + apart(place, end()) / speed);
 
-  /** The person walks so; what was drawn stays and is measured anew. @param {number | null} which */
-  function choose(which) {
-    if (!order) return;
+  /** The person walks so; what was drawn stays and is measured anew. @param {Order} given @param {number | null} which */
+  function use(given, which) {
     walk = which;
-    const track = which === null ? null : order.walks[which];
-    nearest = clearance.of(order, track ? (/** @type {number} */ t) => window.desirePath.player.along(track, t) : undefined);
-    [whole.points, changed, shownSince, problem] = [[], true, performance.now(), null];
-    tell();
+    const track = which === null ? null : given.walks[which];
+    nearest = clearance.of(given, track ? (/** @type {number} */ t) => window.desirePath.player.along(track, t) : undefined);
+    [whole.points, changed, shownSince] = [[], true, performance.now()];
   }
 
   /** A change that undo can take back. */
@@ -364,7 +362,8 @@
       sections = given.drawn ? [{ ...given.drawn, times: given.drawn.points.map(() => 0) }] : [];
       [past, future, open, cursor, faded] = [[], [], null, null, false];
       [begunAt, pointers, changed, whole.points] = [0, new Set(), true, []];
-      choose(given.chosen);
+      use(given, given.chosen);
+      problem = given.problem && { at: given.problem.at ?? end(), text: thingWords(given.problem.thing) };
       document.documentElement.dataset.drawing = "on";
       ink.speeds(given.speeds[0], given.speeds[1]);
       setSpeed(another ? (given.speeds[0] + given.speeds[1]) / 2 : speed);
@@ -373,7 +372,6 @@
         0.6 * given.start[0] + 0.4 * given.goal[0], 0.6 * given.start[1] + 0.4 * given.goal[1],
       ]);
       lastFrame = performance.now();
-      if (given.problem) problem = { at: given.problem.at ?? end(), text: thingWords(given.problem.thing) };
       if (another) requestAnimationFrame(frame);
       tell();
       if (given.resting) this.rest();
@@ -411,7 +409,11 @@
       } else if (message.do === "finish") finish();
       else if (message.do === "speed") setSpeed(Number(message.value));
       else if (message.do === "problem") problem = { at: message.at ?? end(), text: String(message.text ?? "") };
-      else if (message.do === "choose" && order.walks[message.walk]) choose(message.walk);
+      else if (message.do === "choose" && order.walks[message.walk]) {
+        use(order, message.walk);
+        problem = null;
+        tell();
+      }
       else if (message.do === "cut" && problem) cutBefore(problem.at);
       else if (message.do === "key") this.key({ key: String(message.key), shiftKey: Boolean(message.shift) });
     },

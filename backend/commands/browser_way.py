@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 
+from backend.commands.browser_hand import BrowserHand
 from backend.study.bots import BotError, Character, HttpWay, State, walk_all
 from backend.study.words import PLAYING
 
@@ -134,7 +135,32 @@ class BrowserWay:
         return self._http.drives()
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
-        raise BotError(f"{key}: paths are drawn over HTTP alone; simulate this study without --browser")
+        """Draw it with the mouse in the step's own view, at the mean of its speeds."""
+        self._step(key)
+        self._page.locator("#drawing[data-shown=drawing]").wait_for()
+        tried = self._http.state()["step"]["trial"]["attempts"]
+        hand = BrowserHand(self._page)
+        hand.ready()
+        self._picture(f"drawing_{self._view()}")
+        again = self._page.locator("[data-do=clear][aria-disabled=false]")
+        if tried and again.count():
+            again.click()
+        if self._page.locator("[data-walk]").count():
+            self._page.locator(f"[data-walk='{stroke['walk']}']").click()
+        hand.speed(sum(stroke["speeds"]) / len(stroke["speeds"]))
+        hand.draw(stroke["points"])
+        self._picture(f"drawn_{self._view()}")
+        state = self._until(lambda trial: trial["attempts"] > tried, f"{key}: the path to arrive")
+        refused = state["step"]["trial"]["phase"] == "drawing"
+        return {**state, "problem": self._page.locator("#draw-hint").inner_text() if refused else None}
+
+    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+        """Follow the walk with the keys, as well as they let, until the drive is over."""
+        self._page.locator("#drawing[data-shown=walking]").wait_for()
+        BrowserHand(self._page).walk(walk, lambda: self._picture("walking"))
+        state = self._until(lambda trial: not trial["walking"], f"{key}: the drive to end")
+        refused = state["step"]["trial"]["phase"] == "drawing"
+        return {**state, "problem": self._page.locator("#draw-hint").inner_text() if refused else None}
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         body = self._step(key)
@@ -142,6 +168,8 @@ class BrowserWay:
         self._picture(f"choosing_{self._view()}" if kind in ("trial", "comparison") else kind + self._part(key))
         if kind in ("trial", "comparison"):
             self._page.locator(f"[data-choice={value['choice']}][aria-disabled=false]").click()
+        elif kind == "demonstration":
+            self._page.locator("[data-skip]" if value.get("skipped") else "[data-keep]").click()
         else:
             self._fill(kind, value)
             self._press_on(key, value)

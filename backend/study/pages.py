@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from backend.study import walks
 from backend.study.planning import Step
 from backend.study.protocol import POINT, FrozenProtocol
 from backend.study.schema_blocks import Viewing
@@ -61,7 +62,9 @@ def payload_of(
 
 def drawing_payload(step: Step) -> dict[str, Any]:
     """The payload of a drawing, whose words are the catalogues'."""
-    return {name: step[name] for name in ("view", "place", "places", "number", "of", "optional")}
+    shown = {name: step[name] for name in ("view", "place", "places", "number", "of", "optional")}
+    person = walks.mode_of(step)
+    return shown | {"person": person, "walks": len(walks.PLANNED) if person == "recorded" else 0}
 
 
 def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str | None) -> dict[str, Any]:

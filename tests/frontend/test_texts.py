@@ -50,7 +50,7 @@ def test_templates_only_use_texts_that_exist(texts: Texts) -> None:
     ("group", "scripts"),
     [
         ("participant.join.script", ["join.js"]),
-        ("participant.script", ["session.js", "trial.js", "questions.js", "ranking.js", "wait.js"]),
+        ("participant.script", ["session.js", "stage-bar.js", "trial.js", "questions.js", "ranking.js", "wait.js"]),
     ],
 )
 def test_scripts_only_say_texts_that_their_page_carries(texts: Texts, group: str, scripts: list[str]) -> None:

@@ -1,144 +1,74 @@
 // @ts-check
 /**
- * The bar under a drawing: undo, speed, let it drive, keep, draw again. The pen itself is the stage's (app/client/draw.js);
- * what becomes of a stroke is the server's. Nothing that was drawn is lost: a stroke goes to the server before anything.
+ * The bar under a drawing: undo, speed, let it drive, walk, keep, draw again. The pen itself is the stage's
+ * (app/client/draw.js), the feet too (walk.js); what becomes of a stroke is the server's. Nothing that was drawn is lost:
+ * a stroke goes to the server before anything.
  */
 
-import { Refused, newRequestId, pause } from "./send.js";
+import { newRequestId } from "./send.js";
 import { speaker } from "./say.js";
+import { StageBar } from "./stage-bar.js";
 
 /** @typedef {import("./types.js").TrialState} TrialState */
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
 
 /**
- * @typedef {object} DrawingNeeds what the drawing gets from the page
- * @property {string} key of the step
- * @property {(path: string, body: object) => Promise<any>} post to `/api/session/TOKEN/drawing/KEY/PATH`
- * @property {(value: object) => Promise<void>} answer keeps the path and moves on
- * @property {() => Promise<void>} refresh asks the server where the session stands
- * @property {(order: object) => void} tell the stage's pen
- * @property {(key: string, values?: Record<string, string | number>) => string} say
- * @property {(text: string) => void} announce to screen readers
- * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
- * @property {() => void} reloadStage
- * @property {ReturnType<typeof import("./notice.js").noticer>} notice to the server's log
- * @property {() => void} moveOut another window has taken over
+ * @typedef {object} DrawingNeeds what a drawing gets from the page beside what every bar gets
+ * @property {(order: object) => void} tell the stage's pen and feet
+ * @property {() => void} toStage gives the stage the keyboard
  * @property {string} language
  */
 
-const EARLY_WAIT_MS = 400;
-const EARLY_TRIES = 25;
 const ANNOUNCE_EVERY_MS = 1500;
 const PEN_KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Enter", "Backspace", "+", "-"];
-/** Why the stage stopped a drive, in the words of the server. @type {Record<string, "hidden" | "connection" | "webgl_lost">} */
-const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
+const FEET_KEYS = ["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"];
 
-export class Drawing {
+export class Drawing extends StageBar {
   /**
    * @param {HTMLElement} root the bar
    * @param {TrialState} state
-   * @param {DrawingNeeds} needs
+   * @param {import("./stage-bar.js").StageNeeds & DrawingNeeds} needs
    */
   constructor(root, state, needs) {
-    this.root = root;
-    this.needs = needs;
-    this.state = state;
-    this.stageReady = false;
-    this.busy = false;
-    this.over = false;
-    /** @type {string | null} */
-    this.shown = null;
+    super(root, state, needs);
+    const { tell, toStage, language } = needs;
+    this.tell = tell;
+    this.toStage = toStage;
+    this.language = language;
     /** How the pen stands. @type {any} */
     this.pen = {};
-    /** The end of the requests under way. @type {Promise<unknown>} */
-    this.line = Promise.resolve();
     this.problem = "";
+    this.bar = "#driving-progress";
     this.told = 0;
     const words = JSON.parse(document.getElementById("drawing-words")?.textContent ?? "{}");
     this.words = words;
-    this.own = speaker(words.script, needs.language);
+    this.own = speaker(words.script, language);
     this.hintLine = /** @type {HTMLElement} */ (root.querySelector("#draw-hint"));
+    this.walkButtons = /** @type {NodeListOf<HTMLButtonElement>} */ (root.querySelectorAll("[data-walk]"));
     this.slider = /** @type {HTMLInputElement} */ (root.querySelector("#draw-speed"));
     root.addEventListener("click", (event) => this.clicked(event));
-    this.slider.addEventListener("input", () => this.needs.tell({ do: "speed", value: this.chosenSpeed() }));
-    this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
-    this.onHidden = () => document.hidden && this.interrupted("hidden");
-    this.onDialog = () => this.interrupted("hidden");
-    document.addEventListener("keydown", this.onKey);
-    document.addEventListener("visibilitychange", this.onHidden);
-    document.addEventListener("opened", this.onDialog);
-    /** Advances the bar of the drive. @type {ReturnType<typeof setInterval> | undefined} */
-    this.clock = undefined;
-    this.show();
-    this.interrupted("connection"); // a drive that was shown before the page was loaded is seen by nobody any more
+    this.slider.addEventListener("input", () => this.tell({ do: "speed", value: this.chosenSpeed() }));
+    this.onKeyUp = (/** @type {KeyboardEvent} */ event) => this.step(event, false);
+    document.addEventListener("keyup", this.onKeyUp);
+    this.begin();
   }
 
   /** Takes the drawing off the page. */
   leave() {
-    this.over = true;
-    clearInterval(this.clock);
-    document.removeEventListener("keydown", this.onKey);
-    document.removeEventListener("visibilitychange", this.onHidden);
-    document.removeEventListener("opened", this.onDialog);
-    this.needs.cover(null);
-  }
-
-  /** @param {TrialState} state as the server sees it now */
-  update(state) {
-    this.state = { ...this.state, ...state };
-    if (!this.busy) this.show();
+    document.removeEventListener("keyup", this.onKeyUp);
+    super.leave();
   }
 
   /** @param {StageMessage & Record<string, any>} message */
   hear(message) {
-    const { cover, say } = this.needs;
-    switch (message.type) {
-      case "state":
-        if (message.ready) this.setReady();
-        break;
-      case "ready":
-        this.setReady();
-        break;
-      case "drawing":
-        this.penMoved(message);
-        break;
-      case "stroke":
-        this.send(message);
-        break;
-      case "playing":
-        this.run();
-        break;
-      case "played":
-        this.driven(message.playback_id);
-        break;
-      case "interrupted":
-        if (message.playback_id === this.state.playback_id) this.interrupted(REASONS[message.reason ?? ""] ?? "connection");
-        break;
-      case "connection-lost":
-        this.stageReady = false;
-        cover(say("reconnecting"));
-        this.interrupted("connection");
-        break;
-      case "webgl-lost":
-        this.stageReady = false;
-        cover(say("picture_lost"));
-        this.interrupted("webgl_lost").then(() => this.needs.reloadStage());
-        break;
-      case "webgl-missing":
-        cover(say("picture_missing"));
-        break;
-      case "replaced":
-        this.needs.moveOut();
-        break;
-    }
+    super.hear(message);
+    if (message.type === "drawing") this.penMoved(message);
+    else if (message.type === "stroke") this.send(message);
   }
 
   setReady() {
-    if (!this.stageReady) this.needs.notice("stage_ready");
-    this.stageReady = true;
-    this.needs.cover(null);
-    this.needs.tell({ do: "words", words: { ...this.words.stage, language: this.needs.language } });
-    if (!this.busy) this.show();
+    this.tell({ do: "words", words: { ...this.words.stage, language: this.language } });
+    super.setReady();
   }
 
   // ---- the pen -----------------------------------------------------------------------------------------------------
@@ -147,7 +77,7 @@ export class Drawing {
   penMoved(pen) {
     const sections = pen.can_undo !== this.pen.can_undo || pen.length_m !== this.pen.length_m;
     this.pen = pen;
-    if (pen.drawing || sections) this.problem = "";
+    if (pen.drawing || (sections && !pen.problem)) this.problem = "";
     const [low, high] = pen.speeds ?? [0.1, 0.25];
     this.slider.value = String(Math.round((100 * (pen.speed - low)) / (high - low)));
     this.slider.setAttribute("aria-valuetext", `${this.number(pen.speed, 2)} m/s`);
@@ -166,10 +96,14 @@ export class Drawing {
     this.rest("redo", !redo);
     this.rest("clear", !length);
     this.rest("finish", !finish);
+    for (const button of this.walkButtons) {
+      button.setAttribute("aria-pressed", String(Number(button.dataset.walk) === this.pen.walk));
+    }
     const tight = this.pen.tight;
     if (!this.stageReady) return;
     let text = this.own("ask");
     if (this.problem) text = this.problem;
+    else if (this.pen.must_choose) text = this.own("choose_walk");
     else if (length) {
       text = this.own("drawn", { metres: this.number(length, 1), seconds: Math.round(this.pen.seconds) });
       if (tight) text += ` · ${this.nearWords(tight)}`;
@@ -188,7 +122,7 @@ export class Drawing {
 
   /** @param {number} value @param {number} digits */
   number(value, digits) {
-    return value.toLocaleString(this.needs.language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
+    return value.toLocaleString(this.language, { minimumFractionDigits: digits, maximumFractionDigits: digits });
   }
 
   chosenSpeed() {
@@ -197,56 +131,55 @@ export class Drawing {
   }
 
   /** A finished stroke goes to the server, which keeps it whatever comes of it. @param {Record<string, any>} stroke */
-  async send({ id, points, speeds, times_s, pointer }) {
+  async send({ id, points, speeds, times_s, pointer, walk }) {
     if (id !== this.needs.key || this.state.phase !== "drawing" || this.busy) return;
-    const body = { request_id: newRequestId(), points, speeds, times_s, pointer, client_time: new Date().toISOString() };
-    await this.work(async () => {
-      const answered = await this.needs.post("stroke", body);
-      if (answered.problem) this.tellProblem(answered.problem);
-      return answered;
-    });
+    const client_time = new Date().toISOString();
+    const body = { request_id: newRequestId(), points, speeds, times_s, pointer, walk, client_time };
+    await this.work(() => this.needs.post("stroke", body));
+  }
+
+  /** @param {any} answered */
+  taken(answered) {
+    if (answered?.problem) this.tellProblem(answered.problem);
   }
 
   /** @param {Record<string, any>} problem */
   tellProblem(problem) {
     const known = Object.keys(this.words.script.problems);
-    const thing = problem.thing === "person" && this.root.dataset.view !== "top_down" ? "you" : problem.thing;
-    this.problem = this.own(`problems.${known.includes(problem.code) ? problem.code : "other"}`, {
+    const walks = this.root.dataset.person === "walks";
+    const you = walks || this.root.dataset.view !== "top_down";
+    const thing = problem.thing === "person" && you ? "you" : problem.thing;
+    const met = problem.thing === "person" && problem.after_s !== undefined;
+    const code = met ? (walks ? "met_you" : "met_person") : problem.code;
+    this.problem = this.own(`problems.${known.includes(code) ? code : "other"}`, {
       thing: this.words.stage.would_hit[thing] ?? this.words.stage.would_hit.wall,
       distance: this.number(problem.distance_m ?? 0, 1),
-      seconds: Math.round(problem.duration_s ?? 0),
+      seconds: Math.round(problem.duration_s ?? problem.after_s ?? 0),
     });
-    this.needs.tell({ do: "problem", at: problem.at, text: problem.thing ? this.words.stage.would_hit[thing] : "" });
+    this.tell({ do: "problem", at: problem.at, text: problem.thing ? this.words.stage.would_hit[thing] : "" });
     this.needs.announce(this.problem);
   }
 
   // ---- the drive ---------------------------------------------------------------------------------------------------
 
-  get driving() {
+  get playing() {
     return this.state.phase === "driving";
   }
 
-  /** The stage has driven the path to its end. @param {string} [playbackId] */
-  async driven(playbackId) {
-    await this.work(async () => {
-      if (this.state.playback_id !== playbackId) await this.needs.refresh();
-      if (!this.driving || this.state.playback_id !== playbackId) return undefined;
-      for (let tries = 0; ; tries += 1) {
-        try {
-          return await this.needs.post("driven", { playback_id: playbackId });
-        } catch (error) {
-          const early = error instanceof Refused && error.code === "too_early";
-          if (!early || tries >= EARLY_TRIES || this.over) throw error;
-          await pause(EARLY_WAIT_MS);
-        }
-      }
-    });
+  /** Whether the participant walks beside this drive. */
+  get walking() {
+    return this.playing && Boolean(this.state.walking);
+  }
+
+  /** @param {StageMessage & Record<string, any>} message */
+  played({ playback_id: id, walk }) {
+    this.reportPlayed(id, () => ({ path: "driven", body: walk ? { walk } : {} }));
   }
 
   /** @param {"hidden" | "connection" | "webgl_lost"} reason */
   async interrupted(reason) {
-    if (!this.driving) return;
-    await this.work(async () => (this.driving ? this.needs.post("interrupted", { reason }) : undefined));
+    if (!this.playing) return;
+    await super.interrupted(reason);
     this.needs.announce(this.own("stopped"));
   }
 
@@ -261,64 +194,49 @@ export class Drawing {
       return;
     }
     const { do: what } = button.dataset;
-    if (what) this.needs.tell({ do: what === "undo" && this.problem ? "cut" : what });
-    else if ("redraw" in button.dataset) this.work(() => this.needs.post("redraw", {}), "redrawn");
+    if (what) this.tell({ do: what === "undo" && this.problem ? "cut" : what });
+    else if (button.dataset.walk) this.tell({ do: "choose", walk: Number(button.dataset.walk) });
+    else if (button.dataset.look) this.look(button.dataset.look);
+    else if ("redraw" in button.dataset) this.redraw();
+    else if ("walkAgain" in button.dataset) this.work(() => this.needs.post("walk", { request_id: newRequestId() }));
     else if ("watch" in button.dataset) this.work(() => this.needs.post("drive", {}));
     else if ("keep" in button.dataset) this.decide({ stroke: this.state.stroke });
     else if ("skip" in button.dataset) this.decide({ skipped: true });
   }
 
-  /** @param {object} value */
-  async decide(value) {
-    this.busy = true;
-    this.part("sending");
-    try {
-      await this.needs.answer(value);
-    } finally {
-      this.busy = false;
-      if (!this.over) this.show();
+  async redraw() {
+    if (await this.work(() => this.needs.post("redraw", {}))) this.needs.announce(this.own("redrawn"));
+  }
+
+  /** Where both are watched from. @param {string} from above or side */
+  look(from) {
+    this.tell({ do: "look", from });
+    for (const button of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-look]"))) {
+      button.setAttribute("aria-pressed", String(button.dataset.look === from));
     }
   }
 
-  /**
-   * One request after the other; whatever it answers, the page then shows the server's state.
-   * @param {() => Promise<any>} request @param {string} [said] announced afterwards
-   */
-  async work(request, said) {
-    const before = this.line;
-    /** @type {() => void} */
-    let done = () => {};
-    this.line = new Promise((resolve) => (done = () => resolve(undefined)));
-    await before;
-    this.busy = true;
-    try {
-      if (!this.over) {
-        const answered = await request();
-        if (answered?.step?.key === this.needs.key) this.state = { ...this.state, ...answered.step.trial };
-        else await this.needs.refresh();
-        if (said) this.needs.announce(this.own(said));
-      }
-    } catch (error) {
-      if (!(error instanceof Refused)) throw error;
-      await this.needs.refresh();
-    } finally {
-      this.busy = false;
-      done();
-      if (!this.over) this.show();
-    }
+  /** A key for the feet, pressed or let go while the page had the focus. @param {KeyboardEvent} event @param {boolean} down @returns {boolean} */
+  step(event, down) {
+    if (!this.walking || event.ctrlKey || event.metaKey || event.altKey) return false;
+    if (!FEET_KEYS.includes(event.key.toLowerCase())) return false;
+    this.tell({ do: "step", key: event.key, down });
+    return true;
   }
 
   /** @param {KeyboardEvent} event */
   key(event) {
-    if (this.state.phase !== "drawing" || document.querySelector("dialog[open]")) return;
+    if (document.querySelector("dialog[open]")) return;
+    if (this.step(event, true)) event.preventDefault();
+    if (this.state.phase !== "drawing") return;
     const { target } = event;
     if (target instanceof HTMLTextAreaElement || target instanceof HTMLInputElement) return;
     const undo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
     if (!undo && (event.ctrlKey || event.metaKey || event.altKey || !PEN_KEYS.includes(event.key))) return;
     if (event.key === "Enter" && target instanceof HTMLButtonElement) return;
     event.preventDefault();
-    if (undo) this.needs.tell({ do: event.shiftKey ? "redo" : "undo" });
-    else this.needs.tell({ do: "key", key: event.key, shift: event.shiftKey });
+    if (undo) this.tell({ do: event.shiftKey ? "redo" : "undo" });
+    else this.tell({ do: "key", key: event.key, shift: event.shiftKey });
   }
 
   /** Draws the phase. */
@@ -326,13 +244,19 @@ export class Drawing {
     const { phase } = this.state;
     const changed = phase !== this.shown;
     this.shown = phase;
-    this.part(phase);
+    this.bar = this.walking ? "#walking-progress" : "#driving-progress";
+    this.part(this.walking ? "walking" : phase);
     this.slider.disabled = phase !== "drawing";
     for (const name of ["undo", "redo", "clear"]) this.rest(name, true);
     if (phase === "drawing") this.showPen();
     if (!changed) return;
     clearInterval(this.clock);
-    if (phase === "driving") this.needs.announce(this.own("driving"));
+    if (phase === "driving") {
+      this.needs.announce(this.own(this.walking ? "walk" : "driving"));
+      this.rewind(this.bar);
+      this.look("above");
+      if (this.walking) this.toStage();
+    }
     if (phase === "watched") {
       window.focus(); // takes the keyboard back from the stage
       /** @type {HTMLElement | null} */ (this.root.querySelector("#keep-question"))?.focus({ preventScroll: true });
@@ -340,28 +264,13 @@ export class Drawing {
     if (phase === "drawing") this.hintLine.focus({ preventScroll: true });
   }
 
-  /** @param {string} name of the phase */
-  part(name) {
-    this.root.dataset.shown = name;
-    for (const part of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-phase]"))) {
-      part.hidden = part.dataset.phase !== name;
-    }
-  }
-
   /** @param {string} name @param {boolean} resting */
   rest(name, resting) {
     this.root.querySelector(`[data-do="${name}"]`)?.setAttribute("aria-disabled", String(resting));
   }
 
-  /** The robot has begun to move: the bar follows the drive's own length. */
+  /** The robot has begun to move. */
   run() {
-    const length = this.state.duration_s;
-    if (!length) return;
-    const bar = /** @type {HTMLProgressElement} */ (this.root.querySelector("#driving-progress"));
-    const began = performance.now();
-    clearInterval(this.clock);
-    this.clock = setInterval(() => {
-      bar.value = Math.min(1, (performance.now() - began) / 1000 / length);
-    }, 100);
+    this.follow(this.bar, this.state.duration_s);
   }
 }

@@ -150,7 +150,8 @@ function mount() {
     const poster = (kind) => (path, body) => send(`${api}/${kind}/${encodeURIComponent(key)}/${path}`, body);
     trial = step.querySelector("#drawing")
       ? new Drawing($("drawing"), state, {
-          ...needs, post: poster("drawing"), tell: (order) => stage.draw(order), language: data.language,
+          ...needs, post: poster("drawing"), tell: (order) => stage.draw(order), toStage: () => stage.focus(),
+          language: data.language,
         })
       : new (step.querySelector("[data-single]") ? SingleDrive : Trial)($("trial"), state, { ...needs, post: poster("trials") });
     stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");

@@ -7,7 +7,7 @@ export class SingleDrive extends Trial {
   /**
    * @param {HTMLElement} root the bar
    * @param {import("./types.js").TrialState} state
-   * @param {import("./trial.js").TrialNeeds} needs
+   * @param {import("./stage-bar.js").StageNeeds} needs
    */
   constructor(root, state, needs) {
     super(root, state, needs);
@@ -17,14 +17,7 @@ export class SingleDrive extends Trial {
 
   async next() {
     if (this.busy || this.state.phase !== "choosing") return;
-    this.busy = true;
-    this.part("sending");
-    try {
-      await this.needs.answer({});
-    } finally {
-      this.busy = false;
-      if (!this.over) this.show();
-    }
+    await this.decide({});
   }
 
   /** Draws the phase; the words stand in the template. */
@@ -39,7 +32,7 @@ export class SingleDrive extends Trial {
     } else if (phase === "playing_a") {
       this.part("playing");
       if (changed) {
-        this.rewind();
+        this.rewind("#playing-progress");
         this.needs.announce(this.root.querySelector("#playing-text")?.textContent ?? "");
       }
     } else if (phase === "choosing") {

@@ -51,7 +51,12 @@ export class StageFrame {
     this.frame?.contentWindow?.postMessage({ type: "hello" }, this.origin);
   }
 
-  /** Orders for the stage's pen (app/client/draw.js). @param {object} order */
+  /** Gives the stage the keyboard. */
+  focus() {
+    this.frame?.focus();
+  }
+
+  /** Orders for the stage's pen and feet (app/client/draw.js). @param {object} order */
   draw(order) {
     this.frame?.contentWindow?.postMessage({ type: "draw", ...order }, this.origin);
   }

@@ -1,0 +1,260 @@
+// @ts-check
+/**
+ * What every bar under the stage shares: it hears the stage, tells the server one thing after the other, shows what the
+ * server says, and reports drives that were cut short. What stands in the bar is trial.js's, single.js's and drawing.js's.
+ */
+
+import { Refused, pause } from "./send.js";
+
+/** @typedef {import("./types.js").TrialState} TrialState */
+/** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
+
+/**
+ * @typedef {object} StageNeeds what a bar gets from the page
+ * @property {string} key of the step
+ * @property {(path: string, body: object) => Promise<any>} post to the step's own address
+ * @property {(value: object) => Promise<void>} answer sends the step's answer and moves on
+ * @property {() => Promise<void>} refresh asks the server where the session stands
+ * @property {(key: string, values?: Record<string, string | number>) => string} say
+ * @property {(text: string) => void} announce to screen readers
+ * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
+ * @property {() => void} reloadStage
+ * @property {ReturnType<typeof import("./notice.js").noticer>} notice to the server's log
+ * @property {() => void} moveOut another window has taken over
+ */
+
+/** The server's clock and ours differ a little: what came too early is sent again after this. */
+const EARLY_WAIT_MS = 400;
+const EARLY_TRIES = 25;
+
+/** Why the stage stopped a drive, in the words of the server. @type {Record<string, "hidden" | "connection" | "webgl_lost">} */
+const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
+
+export class StageBar {
+  /**
+   * @param {HTMLElement} root the bar
+   * @param {TrialState} state
+   * @param {StageNeeds} needs
+   */
+  constructor(root, state, needs) {
+    this.root = root;
+    this.needs = needs;
+    this.state = state;
+    this.stageReady = false;
+    this.busy = false;
+    this.over = false;
+    /** The end of the requests under way. @type {Promise<unknown>} */
+    this.line = Promise.resolve();
+    this.cutting = false;
+    /** @type {import("./types.js").Phase | null} */
+    this.shown = null;
+    /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
+    this.clock = undefined;
+    this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
+    this.onHidden = () => document.hidden && this.interrupted("hidden");
+    // behind a dialog nobody sees the drive
+    this.onDialog = () => this.interrupted("hidden");
+    document.addEventListener("keydown", this.onKey);
+    document.addEventListener("visibilitychange", this.onHidden);
+    document.addEventListener("opened", this.onDialog);
+  }
+
+  /** To be called when the bar stands. A drive that played when the page was loaded is seen by nobody any more. */
+  begin() {
+    this.show();
+    this.interrupted("connection");
+  }
+
+  /** Takes the bar off the page. */
+  leave() {
+    this.over = true;
+    clearInterval(this.clock);
+    document.removeEventListener("keydown", this.onKey);
+    document.removeEventListener("visibilitychange", this.onHidden);
+    document.removeEventListener("opened", this.onDialog);
+    this.needs.cover(null);
+  }
+
+  /** @param {TrialState} state as the server sees it now */
+  update(state) {
+    this.state = { ...this.state, ...state };
+    if (!this.busy) this.show();
+  }
+
+  /** Whether a drive is shown now. */
+  get playing() {
+    return false;
+  }
+
+  /** Draws the phase. */
+  show() {}
+
+  /** @param {KeyboardEvent} _event */
+  key(_event) {}
+
+  /** The robot has begun to move. */
+  run() {}
+
+  /** The server has taken a request. @param {any} _answered */
+  taken(_answered) {}
+
+  /** The stage has played a drive to its end. @param {StageMessage} _message */
+  played(_message) {}
+
+  /** @param {StageMessage} message */
+  hear(message) {
+    const { cover, say } = this.needs;
+    switch (message.type) {
+      case "state":
+        if (message.ready) this.setReady();
+        break;
+      case "ready":
+        this.setReady();
+        break;
+      case "playing":
+        this.run();
+        break;
+      case "played":
+        this.played(message);
+        break;
+      case "interrupted":
+        if (message.playback_id === this.state.playback_id) this.interrupted(REASONS[message.reason ?? ""] ?? "connection");
+        break;
+      case "connection-lost":
+        this.stageReady = false;
+        cover(say("reconnecting"));
+        this.interrupted("connection");
+        break;
+      case "webgl-lost":
+        this.stageReady = false;
+        cover(say("picture_lost"));
+        this.interrupted("webgl_lost").then(() => this.needs.reloadStage());
+        break;
+      case "webgl-missing":
+        this.stageReady = false;
+        cover(say("picture_missing"));
+        this.interrupted("webgl_lost");
+        break;
+      case "replaced":
+        this.needs.moveOut();
+        break;
+    }
+  }
+
+  setReady() {
+    if (!this.stageReady) this.needs.notice("stage_ready");
+    this.stageReady = true;
+    this.needs.cover(null);
+    if (!this.busy) this.show();
+  }
+
+  /**
+   * Tells the server that a drive was played, again where its clock says that it cannot have been yet.
+   * @param {string | undefined} playbackId
+   * @param {() => {path: string, body: object}} told what to tell; asked once the page knows what is playing
+   */
+  async reportPlayed(playbackId, told) {
+    await this.work(async () => {
+      // The news can be faster than the answer that says what is playing.
+      if (this.state.playback_id !== playbackId) await this.needs.refresh();
+      if (!this.playing || this.state.playback_id !== playbackId) return undefined;
+      const { path, body } = told();
+      for (let tries = 0; ; tries += 1) {
+        try {
+          return await this.needs.post(path, { playback_id: playbackId, ...body });
+        } catch (error) {
+          const early = error instanceof Refused && error.code === "too_early";
+          if (!early || tries >= EARLY_TRIES || this.over) throw error;
+          await pause(EARLY_WAIT_MS);
+        }
+      }
+    });
+  }
+
+  /** @param {"hidden" | "connection" | "webgl_lost"} reason */
+  async interrupted(reason) {
+    if (!this.playing || this.cutting) return;
+    this.cutting = true;
+    try {
+      await this.work(async () => (this.playing ? this.needs.post("interrupted", { reason }) : undefined));
+    } finally {
+      this.cutting = false;
+    }
+  }
+
+  /**
+   * One request after the other; whatever it answers, the page then shows the server's state.
+   * @param {() => Promise<any>} request
+   * @returns {Promise<boolean>} whether it was taken
+   */
+  async work(request) {
+    const before = this.line;
+    /** @type {() => void} */
+    let done = () => {};
+    this.line = new Promise((resolve) => (done = () => resolve(undefined)));
+    await before;
+    this.busy = true;
+    try {
+      if (this.over) return false;
+      const answered = await request();
+      const trial = answered?.step?.trial ?? answered?.trial;
+      if (trial && answered.step?.key === this.needs.key) this.state = { ...this.state, ...trial };
+      else await this.needs.refresh();
+      this.taken(answered);
+      return true;
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      await this.needs.refresh();
+      return false;
+    } finally {
+      this.busy = false;
+      done();
+      if (!this.over) this.show();
+      // hidden while the request was under way: the drive that began meanwhile was not seen
+      if (!this.over && document.hidden) this.interrupted("hidden");
+    }
+  }
+
+  /** Sends the step's answer; the page moves on. @param {object} value */
+  async decide(value) {
+    this.busy = true;
+    this.part("sending");
+    try {
+      await this.needs.answer(value);
+    } finally {
+      this.busy = false;
+      if (!this.over) this.show();
+    }
+  }
+
+  /** @param {string} name of the phase whose part is to be seen */
+  part(name) {
+    this.root.dataset.shown = name;
+    for (const part of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-phase]"))) {
+      part.hidden = part.dataset.phase !== name;
+    }
+  }
+
+  /** @param {string} selector @param {string} text */
+  text(selector, text) {
+    const element = this.root.querySelector(selector);
+    if (element && element.textContent !== text) element.textContent = text;
+  }
+
+  /** A progress bar follows a drive's own length from now on. @param {string} selector @param {number | null} [seconds] */
+  follow(selector, seconds) {
+    if (!seconds) return;
+    const bar = /** @type {HTMLProgressElement} */ (this.root.querySelector(selector));
+    const began = performance.now();
+    clearInterval(this.clock);
+    this.clock = setInterval(() => {
+      bar.value = Math.min(1, (performance.now() - began) / 1000 / seconds);
+    }, 100);
+  }
+
+  /** The progress bar at its beginning. @param {string} selector */
+  rewind(selector) {
+    clearInterval(this.clock);
+    /** @type {HTMLProgressElement} */ (this.root.querySelector(selector)).value = 0;
+  }
+}
