@@ -68,7 +68,9 @@ def _who(found: Findings) -> str:
     n = found.flow.analysed
     kind = "simulated participants" if found.simulated == n else "people"
     mixed = f", {found.simulated} of them simulated" if 0 < found.simulated < n else ""
-    return f"{n} {kind}{mixed}, {sum(of.answers for of in found.of_condition.values()):,} answers to queries."
+    answers = sum(of.answers for of in found.of_condition.values())
+    told = f", {answers:,} answers to queries" if found.of_condition else ""  # an evaluation asks none
+    return f"{n} {kind}{mixed}{told}."
 
 
 def _correction(found: Findings) -> str:

@@ -133,7 +133,8 @@ def _progress(s: DatabaseSession, session: Session) -> tuple[int, int]:
     answered = s.scalar(select(func.count(Response.id)).where(Response.session_id == session.id)) or 0
     end = appointments.end_of(session)
     left = [step for step in session.plan[session.position + 1 : end] if routing.may_come(s, session, step)]
-    return answered, answered + 1 + len(left)
+    waits = session.state == "active" and step_of(session)["kind"] == "wait"  # no step of its own to be counted
+    return answered, answered + (not waits) + len(left)
 
 
 def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
