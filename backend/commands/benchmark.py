@@ -273,6 +273,9 @@ def _short(value: Any) -> Any:
 def null_cohorts_command(
     cohorts: Annotated[int, typer.Option(min=1, help="Studies in which nothing differs.")] = 1_000,
     participants: Annotated[int, typer.Option(min=2)] = 31,
+    ratings_alone: Annotated[
+        int, typer.Option(min=0, help="Further cohorts that only rate, for the family of ten items.")
+    ] = 100_000,
     seed: Annotated[int, typer.Option(min=0)] = 0,
     out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
@@ -280,11 +283,14 @@ def null_cohorts_command(
     """Simulated: how often the analysis of the interface study finds something where there is nothing."""
     from dataclasses import asdict
 
+    from backend.report.null_ratings import null_family
     from backend.report.plan import AnalysisPlan
     from backend.report.power import null_cohorts
 
     plan = AnalysisPlan()
     rates = null_cohorts(cohorts, participants, seed=seed, plan=plan)
+    if ratings_alone:
+        rates.append(null_family(ratings_alone, participants, seed=seed, alpha=plan.alpha))
     result = {
         "simulated": True,
         "cohorts": cohorts,

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import ArrayLike, NDArray
 
 from backend.report.data import Choice, Comparison, Person, Rating, StudyData
 
@@ -82,6 +83,13 @@ class Cohort:
         return (1 - math.sqrt(2 * self.consistency.get(condition, self.steady) - 1)) / 2
 
 
+def as_rated(opinions: ArrayLike, points: int) -> NDArray[np.int64]:
+    """1 to points, of opinions in standard deviations, of which one is a quarter of the scale: answers use all of it,
+    few at the ends."""
+    steps = (points + 1) / 2 + (points - 1) / 4 * np.asarray(opinions)
+    return np.clip(np.floor(steps + 0.5), 1, points).astype(np.int64)
+
+
 @dataclass(frozen=True)
 class MadeUpPerson:
     """One of a cohort; knows only what is asked."""
@@ -98,9 +106,7 @@ class MadeUpPerson:
         own = self._random("level", item).normal(0, math.sqrt(PERSONAL_SHARE))
         moment = self._random("rating", item, condition or "").normal(0, math.sqrt(1 - PERSONAL_SHARE))
         shift = self.cohort.ratings.get(item, {}).get(condition or "", 0.0)
-        # One standard deviation is a quarter of the scale: answers use all of it, few at the ends.
-        step = (points + 1) / 2 + (points - 1) / 4 * (own + moment + shift)
-        return int(min(points, max(1, math.floor(step + 0.5))))
+        return int(as_rated(own + moment + shift, points))
 
     def rank(self, ranking: str, options: Sequence[str]) -> list[str]:
         """All options, best first, by Luce's rule: each place goes to one that is left, by shares of first choices."""

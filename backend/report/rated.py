@@ -74,10 +74,12 @@ class ScaleResult:
 
 
 def demographics(data: StudyData) -> list[Described]:
-    """Items outside blocks that are no rankings."""
+    """Items outside blocks that are neither rankings nor of a validated scale, whose score counts."""
+    scored = {(questionnaire, item.key) for questionnaire, scale in data.scales for item in scale.items}
     answers: dict[tuple[str, str], list[Any]] = defaultdict(list)
     for one in data.ratings:
-        if one.condition is None and not isinstance(one.value, list):
+        told = one.condition is None and not isinstance(one.value, list)
+        if told and (one.questionnaire, one.item) not in scored:
             answers[one.questionnaire, one.item].append(one.value)
     found = []
     for (questionnaire, key), values in sorted(answers.items(), key=lambda one: data.place(*one[0])):

@@ -4,10 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from backend.report.cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, CohortError, made_up_study, read_cohort
+from backend.analysis.repeated import friedman
+from backend.report.cohorts import (
+    CONDITIONS,
+    ITEMS,
+    RANKINGS,
+    Cohort,
+    CohortError,
+    as_rated,
+    made_up_study,
+    read_cohort,
+)
 from backend.report.findings import Findings
+from backend.report.null_ratings import friedman_p, null_family
 from backend.report.plan import AnalysisPlan
 from backend.report.power import COMPARISONS, Assumed, Design, analysed, null_cohorts, power
 
@@ -80,6 +92,18 @@ def test_null_cohorts_are_rejected_no_more_often_than_alpha() -> None:
     assert all(one.low <= 0.05 for one in rates.values())
     assert rates["Wilcoxon, immersive/top_down"].n == 400
     assert 0.02 < rates["Wilcoxon, immersive/top_down"].rate < 0.08
+
+
+def test_ratings_alone_are_tested_as_the_analysis_tests_them() -> None:
+    """Many cohorts at once: p as one by one, ties included; the ten items stay within alpha together."""
+    ratings = as_rated(np.random.default_rng(2).normal(size=(3, 4, 12, 3)), 7)
+    together = friedman_p(ratings)
+    for place in np.ndindex(3, 4):
+        assert together[place] == pytest.approx(friedman(ratings[place], about="x").p)
+    found = null_family(6_000, 31, seed=1)
+    assert found.n == 6_000
+    assert found.low <= 0.05
+    assert found.rate > 0.03
 
 
 def test_more_people_more_power() -> None:

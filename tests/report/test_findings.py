@@ -192,6 +192,7 @@ def test_a_validated_scale_is_scored_per_participant_by_its_own_scoring() -> Non
     found = analyse(study(answers, people, ratings=given, scales=[("usability", sus)]), nothing, plan=PLAN)
     (score,) = found.scales
     assert {(one.person, one.score) for one in score.scores} == {("P-1", 50.0), ("P-2", 100.0)}
+    assert not found.demographics
     assert (score.means[""].mean, score.means[""].n, score.incomplete) == (75.0, 2, 1)
     assert score.means[""].sd == pytest.approx(math.sqrt(2 * 25**2))
     assert [row["score"] for row in scale_rows(found)] == [50.0, 100.0]
