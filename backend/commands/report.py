@@ -84,45 +84,50 @@ def _learned(
 ) -> list[PolicyRow]:
     """A policy per view and reward model, and the base policy, each driven through the same scenes; what is there
     already is used."""
+    from backend.commands.science import jobs_at_hand
     from backend.report.policies import BASE, PolicyRow
     from backend.store.snapshots import take_snapshot
 
     rows = []
     setup = ""
-    for view in views:
-        with database.transaction() as s:
-            snapshot = take_snapshot(s, files, study_id=study, whose=whose, view=view)
-            identity, setup, answers = snapshot.id, snapshot.setup, snapshot.card["answers"] - snapshot.card["probes"]
-        for model in models:
-            asked = {"snapshot": identity, "comparisons": 0, "model": model, "recipe": recipe, "hold_out": FOLDS}
-            aligned = _job(database, "align", asked)
-            rows.append(
-                PolicyRow(
-                    name=view,
-                    policy=aligned["policy"],
-                    measured=_job(database, "evaluate", {"policy": aligned["policy"], "scenes": scenes})["measured"],
-                    model=model,
-                    answers=answers,
-                    accuracy=aligned["training_accuracy"],
-                    held_out=aligned["held_out"],
-                    passed=aligned["passed"],
+    with jobs_at_hand() as finished:
+
+        def done(kind: str, params: dict[str, Any]) -> dict[str, Any]:
+            return known_job(database, kind, params) or finished(kind, params)[1]
+
+        for view in views:
+            with database.transaction() as s:
+                snapshot = take_snapshot(s, files, study_id=study, whose=whose, view=view)
+                identity, setup = snapshot.id, snapshot.setup
+                answers = snapshot.card["answers"] - snapshot.card["probes"]
+            for model in models:
+                asked = {"snapshot": identity, "comparisons": 0, "model": model, "recipe": recipe, "hold_out": FOLDS}
+                aligned = done("align", asked)
+                rows.append(
+                    PolicyRow(
+                        name=view,
+                        policy=aligned["policy"],
+                        measured=done("evaluate", {"policy": aligned["policy"], "scenes": scenes})["measured"],
+                        model=model,
+                        answers=answers,
+                        accuracy=aligned["training_accuracy"],
+                        held_out=aligned["held_out"],
+                        passed=aligned["passed"],
+                    )
                 )
-            )
-    base = f"{setup}/base"
-    measured = _job(database, "evaluate", {"policy": base, "scenes": scenes})["measured"]
+        base = f"{setup}/base"
+        measured = done("evaluate", {"policy": base, "scenes": scenes})["measured"]
     return [*rows, PolicyRow(BASE, base, measured)]
 
 
-def _job(database: Database, kind: str, params: dict[str, Any]) -> dict[str, Any]:
-    """The result of such a job: of one that succeeded with these very parameters, else of a new one."""
+def known_job(database: Database, kind: str, params: dict[str, Any]) -> dict[str, Any] | None:
+    """The result of a job that succeeded with these very parameters, None where there was none."""
     from sqlalchemy import select
 
-    from backend.commands.science import finished_job
     from backend.jobs.kinds import get_kind
     from backend.store.models import Job
 
     wanted = get_kind(kind).parse(params).model_dump(mode="json")
     with database.session() as s:
         done = s.scalars(select(Job).where(Job.kind == kind, Job.state == "succeeded").order_by(Job.created_at.desc()))
-        known = next((job.result for job in done if job.params == wanted and job.result), None)
-    return known or finished_job(kind, params)[1]
+        return next((job.result for job in done if job.params == wanted and job.result), None)

@@ -5,10 +5,12 @@ Training runs as a job like any other, so that its artefact has a card, a lineag
 
 from __future__ import annotations
 
+import contextlib
 import json
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -262,48 +264,63 @@ def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) 
     say({"job": job, **result}, as_json)
 
 
-def finished_job(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Id and result of a job once it has succeeded. Raises RuntimeError if it does not."""
+@contextlib.contextmanager
+def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[str, Any]]]]:
+    """Runs jobs, one after another: yields a function from kind and parameters to the job's id and result, which raises
+    RuntimeError if it does not succeed. Brings a worker along, one for all of them, if nobody else takes them up."""
     from backend.jobs.kinds import get_kind
     from backend.store.outbox import enqueue_job
     from backend.store.shipped import register_shipped
 
     database, files = open_store()
-    parsed = get_kind(kind).parse(params)
     with database.transaction() as s:
         register_shipped(s, files)
-        job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by=COMMAND_LINE).id
-    state, result, error = _wait(database, job)
-    if state != "succeeded":
-        raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
-    return job, result
+    own_worker: list[subprocess.Popen[bytes]] = []
+
+    def finished(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+        parsed = get_kind(kind).parse(params)
+        with database.transaction() as s:
+            job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by=COMMAND_LINE).id
+        state, result, error = _wait(database, job, own_worker)
+        if state != "succeeded":
+            raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
+        return job, result
+
+    try:
+        yield finished
+    finally:
+        for worker in own_worker:
+            worker.terminate()
+            worker.wait(30)
 
 
-def _wait(database: Database, job: str) -> tuple[str, dict[str, Any], str | None]:
-    """Follow a job to its end; brings a worker along if nobody else takes the job up."""
+def finished_job(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Id and result of a job once it has succeeded. Raises RuntimeError if it does not."""
+    with jobs_at_hand() as finished:
+        return finished(kind, params)
+
+
+def _wait(
+    database: Database, job: str, own_worker: list[subprocess.Popen[bytes]]
+) -> tuple[str, dict[str, Any], str | None]:
+    """Follow a job to its end; one more worker is started, and put into `own_worker`, if nobody takes the job up."""
     from backend.jobs.process import FINAL_STATES, start_worker
     from backend.store.models import Job
 
     console = Console(stderr=True)
     began = time.monotonic()
-    own_worker: subprocess.Popen[bytes] | None = None
-    try:
-        with console.status("waiting for a worker") as status:
-            while True:
-                with database.session() as s:
-                    row = s.get_one(Job, job)
-                    state, progress, message = row.state, row.progress, row.message
-                    result, error = row.result or {}, row.error
-                if state in FINAL_STATES:
-                    return state, result, error
-                if state == "queued" and own_worker is None and time.monotonic() - began > WORKER_PATIENCE_S:
-                    own_worker = start_worker(get_settings(), sys.stderr)
-                status.update(f"{state} {progress:.0%} {message}")
-                time.sleep(0.3)
-    finally:
-        if own_worker is not None:
-            own_worker.terminate()
-            own_worker.wait(30)
+    with console.status("waiting for a worker") as status:
+        while True:
+            with database.session() as s:
+                row = s.get_one(Job, job)
+                state, progress, message = row.state, row.progress, row.message
+                result, error = row.result or {}, row.error
+            if state in FINAL_STATES:
+                return state, result, error
+            if state == "queued" and not own_worker and time.monotonic() - began > WORKER_PATIENCE_S:
+                own_worker.append(start_worker(get_settings(), sys.stderr))
+            status.update(f"{state} {progress:.0%} {message}")
+            time.sleep(0.3)
 
 
 def _write(files: ArtefactStore, result: dict[str, Any], out: Path) -> None:
