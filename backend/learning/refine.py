@@ -19,7 +19,7 @@ from backend.analysis.metrics import success_rate
 from backend.learning.align import AlignConfig, Gate, learn
 from backend.learning.base import OnProgress, no_progress
 from backend.learning.conditioned import ConditionedPolicy
-from backend.learning.conditioned_training import STAKES, ConditionedConfig, training_engine
+from backend.learning.conditioned_training import CONFIGS, STAKES, training_engine
 from backend.learning.evaluate import Estimate, mean_estimate
 from backend.learning.movement import Drives, drives_of
 from backend.learning.policy import Policy
@@ -48,7 +48,7 @@ def refine_config(setup: str, *, seed: int = 0) -> AlignConfig:
     """The refinement's settings on top of recipe B's; 11 to 14 s on one quiet core was the aim (spec 06)."""
     return AlignConfig(
         seed=seed,
-        gamma=ConditionedConfig(setup).gamma,  # that of the critic which it starts with
+        gamma=CONFIGS[setup].gamma,  # that of the critic which it starts with
         preference_weight=1.0,  # of the conditioned policy's own scales
         time_cost=2 * STAKES[setup].time,  # twice that of its training: detours must be worth it
         updates=4_000,

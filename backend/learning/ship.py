@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.conditioned import ConditionedPolicy, settings
-from backend.learning.conditioned_training import ConditionedConfig, ConditionedResult, train_conditioned
+from backend.learning.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.ensemble import EnsembleConfig, train_ensemble
 from backend.learning.evaluate import evaluate_policy
 from backend.learning.movement import movement_of
@@ -114,7 +115,7 @@ def ship_conditioned(setup: str, seed: int = 0, folder: Path = DATASETS, on_prog
     """Train, measure and store the conditioned policy that starts from the base policy in the same folder."""
     base_path = folder / setup / "base.npz"
     base = Policy.load(base_path)
-    config = ConditionedConfig(setup=setup, seed=seed)
+    config = replace(CONFIGS[setup], seed=seed)
     result = train_conditioned(base, config, on_progress)
     return store_conditioned(result, config, base_path, folder)
 
@@ -137,7 +138,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
         commit=source_commit(),
         config=config.as_dict(),
         scenes={
-            "select": describe(Purpose.SELECT, config.scenes_to_select, config.seed),
+            "select": describe(Purpose.SELECT, config.selection_scenes, config.seed),
             "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
         },
         results=movement_of(told, Policy.load(base_path), scenes).report() | {"selection": result.selection.summary()},

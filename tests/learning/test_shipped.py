@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from backend.learning.artefacts import Card, card_path, file_sha256
 from backend.learning.conditioned import ConditionedPolicy
+from backend.learning.conditioned_training import CONFIGS
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
 from backend.learning.movement import movement_of
@@ -121,9 +123,10 @@ def test_conditioned_policies_drive_as_they_are_told(setup: str) -> None:
         moved = movement.moved(name)
         assert moved["better_than_base"]["low"] > 0, moved
         assert movement.told[name].success.mean() > 0.9
-    card = load_card(f"{setup}/conditioned").results
+    card = load_card(f"{setup}/conditioned")
+    assert card.config == json.loads(json.dumps(replace(CONFIGS[setup], seed=card.seed).as_dict()))
     for name in NAMES:
-        assert {"better_than_base", "better_than_neutral", "share_of_the_way"} <= set(card["moved"][name])
+        assert {"better_than_base", "better_than_neutral", "share_of_the_way"} <= set(card.results["moved"][name])
 
 
 @pytest.mark.parametrize("count", [200, 500])
