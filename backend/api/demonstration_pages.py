@@ -12,6 +12,7 @@ from itertools import chain
 from typing import Annotated, Any
 from urllib.parse import urlencode
 
+import numpy as np
 from fastapi import APIRouter, Depends, Form, Request
 from markupsafe import Markup
 from numpy.typing import ArrayLike
@@ -84,13 +85,25 @@ class Place:
     def figure(self, t: Catalogue) -> str:
         drawn, learned = self.groups(t)
         title = t("paths.place", environment=t(f"paths.environments.{self.environment}"), number=self.pair + 1)
-        return figures.paths(demonstration_scene(self.environment, self.pair), drawn, learned=learned, title=title)
+        scene = demonstration_scene(self.environment, self.pair)
+        return figures.paths(scene, drawn, learned=learned, walked=self.walked(t), title=title)
+
+    def walked(self, t: Catalogue) -> dict[str, list[ArrayLike]]:
+        """Name -> the ways (n, 3) of people who walked while the robot drove a path that is learned from."""
+        walks = [one.demonstration.scene.walk for one in self.rows if one.counts]
+        ways: list[ArrayLike] = [np.column_stack([walk.x, walk.y, walk.yaw]) for walk in walks if walk is not None]
+        return {t("paths.walked"): ways} if ways else {}
 
     def in_3d(self, t: Catalogue, watched: Drawn) -> Replay:
         """All of it on a stage, with a robot that drives one path, and one that drives from there as was learned."""
         drawn, learned = self.groups(t)
-        colours = chain(zip(drawn, figures.DRAWN, strict=False), ((name, figures.LEARNED) for name in learned))
-        laid = drawn | learned
+        walked = self.walked(t)
+        colours = chain(
+            zip(drawn, figures.DRAWN, strict=False),
+            ((name, figures.LEARNED) for name in learned),
+            ((name, figures.WALKED) for name in walked),
+        )
+        laid = drawn | learned | walked
         drives = {t("paths.robot_drawn", code=watched.person.code): watched.demonstration.trajectory}
         own = self.learned.get(watched.stroke.demonstration or "")
         if own is not None:

@@ -23,6 +23,7 @@ SIDES = ("#3b5f9e", "#b5541c")  # --data-3, --data-2: the colours of the two rob
 PERSON = "#8c7a1e"  # --data-5
 DRAWN = ((MAIN, "line-0"), (SIDES[0], "line-1"), ("#8a5a9b", "line-3"))  # --data-1, --data-3, --data-4
 LEARNED = (SIDES[1], "line-2")  # --data-2
+WALKED = (PERSON, "person-line")  # where the person went, in the person's colour
 FONT = "system-ui, sans-serif"
 
 Number = Callable[[float], str]
@@ -312,13 +313,15 @@ def paths(
     *,
     title: str,
     learned: Mapping[str, Sequence[ArrayLike]] | None = None,
+    walked: Mapping[str, Sequence[ArrayLike]] | None = None,
 ) -> str:
     """Many paths in one scene from above, laid over each other. drawn: name of a group -> paths (n, 2 or more) in
-    metres; groups are told apart by colour, in turn, and named below. learned: groups that lie over them.
+    metres; groups are told apart by colour, in turn, and named below. learned, walked: groups that lie over them, the
+    robot's drives and the person's ways.
     """
-    over = learned or {}
     groups = [(*one, *DRAWN[k % len(DRAWN)]) for k, one in enumerate(drawn.items())]
-    groups += [(*one, *LEARNED) for one in over.items()]
+    groups += [(*one, *LEARNED) for one in (learned or {}).items()]
+    groups += [(*one, *WALKED) for one in (walked or {}).items()]
     plan = _Plan(scene, [path for _, group, *_ in groups for path in group], legend_lines=len(groups), title=title)
     for name, group, colour, css in groups:
         for path in group:

@@ -29,8 +29,8 @@ def place_of(page: str) -> str:
 
 @pytest.fixture
 def study(lab_house: House) -> str:
-    """A study in which one programmed demonstrator drew two paths in one place."""
-    text = QUICK.read_text().replace("pairs: 2, per_pair: 2", "pairs: 1, per_pair: 2")
+    """A study in which one programmed demonstrator drew two paths in one place, for walks that were chosen."""
+    text = QUICK.read_text().replace("pairs: 2, per_pair: 2", "pairs: 1, per_pair: 2, person: recorded")
     with lab_house.database.transaction() as s:
         made = create_study(s, lab_house.files, freeze_text(text), name="Drawing", created_by=None)
     walk_in_process(lab_house.database, lab_house.files, made, 1, without_jobs=True)
@@ -45,8 +45,10 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     simulated = f"{here}?who=simulated"
     shown = lab.get(simulated).text
     assert f'<a href="{here}" aria-current="page">Paths</a>' in shown
-    assert shown.count("<polyline") == 2
+    assert shown.count("<polyline") == 4  # two drives and two walks
     assert "drawn by S001" in shown
+    assert "where the person walked meanwhile" in shown
+    assert "walked a planned way" in shown
     assert "changes by more than 0.08 m/s²" in shown  # what the flag's rule has
     with lab_house.database.session() as s:
         first, second = s.scalars(select(StrokeRow.id).order_by(StrokeRow.step_key))
@@ -55,7 +57,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     assert lab.post(f"{here}/{first}/leave-out", data=token | {"reason": "the hand <b>slipped</b>"}).status_code == 303
     shown = lab.get(f"{here}?participant=S001").text
     assert "the hand &lt;b&gt;slipped&lt;/b&gt;" in shown
-    assert shown.count("<polyline") == 1
+    assert shown.count("<polyline") == 2
 
     started = lab.post(f"{here}/train", data=token | {"environment": "corridor", "participant": "S001"})
     assert re.fullmatch(r"/lab/jobs/[0-9a-f]{32}", started.headers["location"])
@@ -68,7 +70,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     assert lab.post(f"{here}/train", data=token | of_people).status_code == 422  # nobody but bots has drawn
     back = lab.post(f"{here}/{first}/take-back", data=token | {"participant": "S001"}).headers["location"]
     assert back == f"{simulated}&participant=S001"
-    assert lab.get(back).text.count("<polyline") == 2
+    assert lab.get(back).text.count("<polyline") == 4
 
     each = lab.post(f"{here}/train", data=token | {"environment": "corridor", "participant": "each"})
     assert each.headers["location"] == simulated
@@ -83,7 +85,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
             ],
         }
     learned = lab.get(f"{simulated}&participant=S001&watch={second}").text
-    assert learned.count("<polyline") == 4
+    assert learned.count("<polyline") == 6
     assert "driven by the learned controller" in learned
     assert re.search(r'<iframe class="replay" id="stage"[^>]+src="[^"]*/stage/([^/"]+)/"', learned)
     assert '<td class="number">0.12</td><td class="number">0.91</td><td class="number">–</td>' in learned
