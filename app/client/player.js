@@ -79,8 +79,11 @@
       [robots, person, stands] = [names, who, where];
     },
 
-    /** The person walks so, now at `t`; null: they stand where the scene has them. @param {Track | null} walked @param {number} t */
-    walkTo: (walked, t) => put(walked ? at(walked, t) : stands),
+    /** The person stands where that walk has them at `t`. @param {Track} walked @param {number} t */
+    walkTo(walked, t) {
+      const [x, y, yaw] = at(walked, t);
+      window.desirePath.viser.pose(person, x, y, yaw);
+    },
 
     /** @param {Play} order */
     play(order) {

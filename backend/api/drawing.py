@@ -152,7 +152,7 @@ def _on_drawing(
     bridge = bridge_of(parts)
     if shown is not None:
         bridge.tell_stage(session.id, lambda stage: play_stroke(parts, stage, session.id, shown))
-    elif afresh or (row is not None and row.state == "refused" and row.walk is not None):
+    elif afresh or drawing.met(row):
         bridge.show(session.id)
     bridge.changed(session.id)
     return reply

@@ -96,6 +96,11 @@ def is_walked(step: Step, stroke: StrokeRow) -> bool:
     return walks.mode_of(step) == "walks" and stroke.walk is None
 
 
+def met(stroke: StrokeRow | None) -> bool:
+    """Whether the robot met the participant who walked beside the stroke's drive."""
+    return stroke is not None and stroke.state == "refused" and (stroke.walk or {}).get("source") == "walked"
+
+
 def showing(step: Step, stroke: StrokeRow | None) -> Showing | None:
     """What the stage drives now, None if nothing. Who walked themselves then watches from outside."""
     if stroke is None or stroke.shown_since is None or stroke.trajectory is None:
@@ -117,6 +122,7 @@ def state_of(s: DatabaseSession, session: Session, step: Step) -> dict[str, Any]
     return {
         "phase": phase,
         "walking": shown is not None and shown.walking,
+        "met": met(stroke),
         "stroke": stroke.id if going and stroke is not None else None,
         "duration_s": drive.duration_s if drive is not None else None,
         "playback_id": shown.playback_id if shown else None,
@@ -250,8 +256,8 @@ def driven(
     walked: what the participant walked beside it, where they do; a drive that met them is refused, and its walk kept.
     """
     stroke = latest_stroke(s, session.id, step["key"])
-    if stroke is not None and stroke.state == "refused" and stroke.walk is not None:
-        return stroke  # told twice that they met
+    if stroke is not None and met(stroke):
+        return stroke  # told twice
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
         return stroke  # told twice
@@ -261,8 +267,7 @@ def driven(
     if is_walked(step, stroke):
         if walked is None:
             raise _refused(session, "not_walked", "Walk beside the robot first.")
-        met = walked.demonstration is None
-        if not met and walked.duration_s < needed - TOLERANCE_S:
+        if walked.demonstration is not None and walked.duration_s < needed - TOLERANCE_S:
             told = f"The drive takes {needed:.1f} s, the walk ends after {walked.duration_s:.1f} s."
             raise _refused(session, "not_walked", told, walked_s=round(walked.duration_s, 2))
         needed = min(needed, walked.duration_s)
@@ -298,10 +303,9 @@ def walk_again(s: DatabaseSession, session: Session, step: Step, *, request_id: 
     if known is not None:
         return known
     before = latest_stroke(s, session.id, step["key"])
-    met = before is not None and before.state == "refused" and before.walk is not None
-    if before is None or walks.mode_of(step) != "walks" or not (met or before.state == "watched"):
+    if before is None or not (met(before) or (before.state == "watched" and walks.mode_of(step) == "walks")):
         raise _refused(session, "nothing_walked", "There is no walk here yet.")
-    if not met:
+    if before.state == "watched":
         before.state, before.shown_since = "redone", None
         _log(s, session, before, "stroke_redone")
     stroke = _new(session, step, before, before.drawn, before.pointer, request_id, now)

@@ -32,6 +32,10 @@ class DemonstrationsStage(Part):
     def _counts_fit(self) -> DemonstrationsStage:
         if self.up_to is not None and self.up_to < self.per_pair:
             raise ValueError(f"up_to = {self.up_to} must be at least per_pair = {self.per_pair}")
+        if self.person == "recorded" and self.view != "top_down":
+            raise ValueError(
+                f"view = {self.view!r} must be top_down with person: recorded: the walk is shown on the floor"
+            )
         return self
 
     @property

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.drawing import Paper
 from app.stage import Stage
 from backend.simulation.demonstration_scenes import demonstration_scene
-from tests.app.stage_house import StageHouse, Visitor
+from backend.simulation.walks import Walk
+from tests.app.measure_pen import moved
+from tests.app.stage_house import StageHouse, Visitor, drive
 
 SCENE = demonstration_scene("corridor", 0)
 Visit = Callable[..., Visitor]
@@ -130,3 +134,74 @@ def test_from_the_eyes_the_ring_begins_a_path_and_elsewhere_the_gaze_turns(
     drag(visitor, [(-3.2 + 0.1 * k, 0.02 * k) for k in range(12)])
     visitor.wait_until(lambda: newest(visitor)["length_m"] > 0.9, "a path from the ring")
     assert newest(visitor)["near"]["name"] in ("wall", "you")
+
+
+def test_every_coalesced_event_counts_and_a_pens_pressure_is_the_speed(house: StageHouse, visit: Visit) -> None:
+    visitor = paper(house, visit, "top_down")
+    times = moved(visitor, events=12, coalesced=5, pen=0.4)
+    stroke = visitor.wait_for("stroke")
+    assert len(stroke["points"]) >= 12 * 5
+    assert stroke["pointer"] == "mouse"  # which it was pressed with
+    assert stroke["speeds"][-1] == pytest.approx(0.1 + 0.4 * 0.15, abs=0.001)
+    assert times["sent"] == 0  # ink needs no server
+
+
+def test_a_walk_is_shown_and_the_person_is_measured_where_they_will_be(house: StageHouse, visit: Visit) -> None:
+    visitor = visit(width=800, height=500)
+    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects")
+    stage = house.server.stage("amber")
+    assert isinstance(stage, Stage)
+    begin = SCENE.person.pose
+    away = Walk((0.0, 2.0), (begin.x, begin.x + 1.0), (begin.y, -1.0), (begin.yaw, begin.yaw))
+    stands = Walk((0.0, 2.0), (begin.x, begin.x), (begin.y, begin.y), (begin.yaw, begin.yaw))
+    walks = [replace(SCENE, walk=walk) for walk in (stands, away)]
+    stage.draw(SCENE, "top_down", Paper("sheet-1", walks=walks))
+    visitor.wait_for("ready")
+    visitor.wait_for("drawing")
+    assert newest(visitor)["must_choose"]
+    drag(visitor, arc(0.5, begin.y))
+    assert newest(visitor)["length_m"] == 0, "first it is chosen how the person walks"
+    order(visitor, do="choose", walk=0)
+    visitor.wait_until(lambda: newest(visitor)["walk"] == 0, "one is chosen")
+    drag(visitor, arc(0.5, begin.y))
+    visitor.wait_until(lambda: newest(visitor)["tight"] is not None, "who stands is in the way")
+    order(visitor, do="choose", walk=1)
+    visitor.wait_until(lambda: newest(visitor)["tight"] is None, "who has gone is not")
+    drag(visitor, arc(1.0, begin.y)[12:])
+    assert visitor.wait_for("stroke")["walk"] == 1
+
+
+def test_who_walks_beside_a_drive_is_recorded_and_kept_out_of_walls(house: StageHouse, visit: Visit) -> None:
+    visitor = visit()
+    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects")
+    stage = house.server.stage("amber")
+    assert isinstance(stage, Stage)
+    beside = drive(SCENE, duration_s=3.0, bend_m=0.8)
+    stage.play(beside, label="", view="first_person", playback_id="walk", goal=True, walking=True)
+    visitor.wait_for("playing")
+    order(visitor, do="step", key="w", down=True)
+    walk = visitor.wait_for("played", playback_id="walk")["walk"]
+    times, poses = np.array(walk["times_s"]), np.array(walk["poses"])
+    assert np.diff(times) == pytest.approx(1 / 30, abs=2e-4)
+    assert times[-1] == pytest.approx(3.0, abs=0.05)
+    assert poses[0, :2] == pytest.approx([SCENE.person.pose.x, SCENE.person.pose.y], abs=1e-3)
+    speeds = np.hypot(*np.diff(poses[:, :2], axis=0).T) * 30
+    assert 0.5 < speeds.max() < 1.4
+    assert SCENE.room is not None
+    assert np.abs(poses[:, 1]).max() <= SCENE.room.width / 2 - SCENE.person.radius + 0.011
+    # Through where the person stands: they met, and the drive ends there.
+    through = drive(SCENE, duration_s=3.0, bend_m=SCENE.person.pose.y)
+    stage.play(through, label="", view="first_person", playback_id="met", goal=True, walking=True)
+    assert 0.5 < visitor.wait_for("played", playback_id="met")["walk"]["times_s"][-1] < 2.5
+    # Both from outside, from above and from the side.
+    outside = replace(through, scene=replace(SCENE, walk=Walk.recorded(times, poses)))
+    stage.play(outside, label="", view="top_down", playback_id="outside", goal=True)
+    visitor.wait_for("playing", playback_id="outside")
+    where = (
+        "(() => { const poses = window.__viserMutable.nodePoseData;"
+        " return poses[Object.keys(poses).find((name) => /person$/.test(name))].position; })()"
+    )
+    visitor.wait_until(lambda: abs(visitor.frame.evaluate(where)[0] - poses[0, 0]) > 0.5, "the person walks")
+    order(visitor, do="look", **{"from": "side"})
+    visitor.wait_until(lambda: visitor.frame.evaluate("document.documentElement.dataset.camera") == "free", "it turns")
+    visitor.wait_for("played", playback_id="outside")

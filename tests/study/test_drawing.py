@@ -271,7 +271,8 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     assert (told.state, told.problem["code"], told.problem["thing"]) == ("refused", "collides", "person")
     assert 0 < told.problem["after_s"] < state["duration_s"]
     assert np.hypot(told.problem["at"][0] - at[0], told.problem["at"][1] - at[1]) < 1.0
-    assert (walker.view.trial["phase"], told.walk["beside"]) == ("drawing", drawn.trajectory)
+    assert (walker.view.trial["phase"], walker.view.trial["met"]) == ("drawing", True)
+    assert told.walk["beside"] == drawn.trajectory
     act(walker, drawing.walk_again, request_id="and-again", now=walker.now)
     assert refusal(lambda: walker.submit(walker.view.key, {"stroke": strokes(walker)[-1].id})) == "too_early"
     walker.later(state["duration_s"] + 3.0)

@@ -194,14 +194,20 @@ export class Drawing extends StageBar {
       return;
     }
     const { do: what } = button.dataset;
-    if (what) this.tell({ do: what === "undo" && this.problem ? "cut" : what });
+    // The very same path once more, beside which the participant walks another way.
+    if (what === "finish" && this.state.met && !this.pen.can_undo) this.walkAgain();
+    else if (what) this.tell({ do: what === "undo" && this.problem ? "cut" : what });
     else if (button.dataset.walk) this.tell({ do: "choose", walk: Number(button.dataset.walk) });
     else if (button.dataset.look) this.look(button.dataset.look);
     else if ("redraw" in button.dataset) this.redraw();
-    else if ("walkAgain" in button.dataset) this.work(() => this.needs.post("walk", { request_id: newRequestId() }));
+    else if ("walkAgain" in button.dataset) this.walkAgain();
     else if ("watch" in button.dataset) this.work(() => this.needs.post("drive", {}));
     else if ("keep" in button.dataset) this.decide({ stroke: this.state.stroke });
     else if ("skip" in button.dataset) this.decide({ skipped: true });
+  }
+
+  walkAgain() {
+    return this.work(() => this.needs.post("walk", { request_id: newRequestId() }));
   }
 
   async redraw() {

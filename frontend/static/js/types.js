@@ -15,6 +15,7 @@
  * @property {string | null} [playback_id] what is playing now
  * @property {number | null} [duration_s] of the drive of a drawn path
  * @property {string | null} [stroke] the drawn path that can be kept
+ * @property {boolean} [met] whether the robot met the participant on the last walk
  * @property {boolean} [walking] whether the participant walks beside the drive
  *
  * @typedef {object} StepState
