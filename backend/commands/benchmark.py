@@ -271,7 +271,7 @@ def _short(value: Any) -> Any:
 @commands.command("null-cohorts")
 @plain_errors
 def null_cohorts_command(
-    cohorts: Annotated[int, typer.Option(min=1, help="Studies in which nothing differs.")] = 1_000,
+    cohorts: Annotated[int, typer.Option(min=0, help="Studies in which nothing differs, analysed whole.")] = 1_000,
     participants: Annotated[int, typer.Option(min=2)] = 31,
     ratings_alone: Annotated[
         int, typer.Option(min=0, help="Further cohorts that only rate, for the family of ten items.")
@@ -288,7 +288,7 @@ def null_cohorts_command(
     from backend.report.power import null_cohorts
 
     plan = AnalysisPlan()
-    rates = null_cohorts(cohorts, participants, seed=seed, plan=plan)
+    rates = null_cohorts(cohorts, participants, seed=seed, plan=plan) if cohorts else []
     if ratings_alone:
         rates.append(null_family(ratings_alone, participants, seed=seed, alpha=plan.alpha))
     result = {
