@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from backend.demonstrations.judging import KINDS, PROFILE_POINTS
 from backend.explain.drawing import DATA, INK, STYLE, draw_person, draw_solids
 from backend.explain.pictures import Picture, Rows, blank, quiet
-from backend.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, Plan
+from backend.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WITHOUT, Plan
 from backend.reproduction.demonstrations_results import (
     DEMONSTRATED,
     MEASURES,
@@ -66,9 +66,11 @@ def paths_picture(plan: Plan, load: Load, environment: str) -> Picture:
     shape = room.width / room.length if room is not None else 1.0
     rows: Rows = []
     with mpl.rc_context(STYLE):
-        figure, axes = blank(len(SHOWN), 9.6, len(styles) * (2.2 * shape + 0.35) + 0.3, rows=len(styles))
+        columns = (*SHOWN, WITHOUT)
+        height = len(styles) * (8.8 / len(columns) * shape + 0.35) + 0.3
+        figure, axes = blank(len(columns), 9.6, height, rows=len(styles))
         for number, ax in enumerate(axes):
-            style, controller = styles[number // len(SHOWN)], SHOWN[number % len(SHOWN)]
+            style, controller = styles[number // len(columns)], columns[number % len(columns)]
             draw_solids(ax, scenes[0])
             for pair, scene in enumerate(scenes):
                 draw_person(ax, scene, DATA[pair])
@@ -91,15 +93,16 @@ def paths_picture(plan: Plan, load: Load, environment: str) -> Picture:
                 ]
             ax.set(aspect="equal", xticks=[], yticks=[])
             ax.spines[:].set_visible(False)
-            if number < len(SHOWN):
-                ax.set_title(NAMES[controller])
-            if number % len(SHOWN) == 0:
+            if number < len(columns):
+                ax.set_title(NAMES[controller].replace(" without", "\nwithout"))
+            if number % len(columns) == 0:
                 ax.set_ylabel(style.replace("_", " "))
     return Picture(
         f"paths_{environment}",
         f"Demonstrations and drives in the {environment}",
         "Rows: programmed demonstrators. Columns: what they demonstrated, and what the controllers drive from the same "
-        "starts. A colour per position-orientation pair; noses show where the person looks. After figure 2.3 a-d.",
+        "starts; TD3 without demonstrations is the same controller in every row. A colour per position-orientation "
+        "pair; noses show where the person looks. After figure 2.3 a-d.",
         figure,
         rows,
     )
@@ -251,21 +254,28 @@ def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Pict
     rows: Rows = []
     with mpl.rc_context(STYLE):
         figure, axes = blank(len(CURVES), 9.6, 2.5)
-        for variant, seeds in curves.items():
-            for seed, whole in zip(plan.budget.seeds, seeds, strict=True):
-                curve = [point for point in whole if point["averaged"]]
-                for ax, name in zip(axes, CURVES, strict=True):
-                    seconds = [point["cpu_s"] for point in curve]
-                    label = NAMES[variant] if seed == plan.budget.seeds[0] else None
-                    values = [point[name] for point in curve]
-                    ax.plot(
-                        seconds, values, ".-", markersize=3, linewidth=0.9, color=VARIANT_COLOURS[variant], label=label
-                    )
-                rows += [
-                    {"variant": variant, "seed": seed, "cpu_s": p["cpu_s"], "updates": p["updates"]}
-                    | {name: p[name] for name in CURVES}
-                    for p in curve
-                ]
+        for variant, whole in curves.items():
+            colour, label = VARIANT_COLOURS[variant], NAMES[variant]
+            averaged = [[point for point in curve if point["averaged"]] for curve in whole]
+            seconds = np.array([[point["cpu_s"] for point in curve] for curve in averaged])
+            for ax, name in zip(axes, CURVES, strict=True):
+                values = np.array([[point[name] for point in curve] for curve in averaged])
+                ax.plot(seconds.T, values.T, linewidth=0.5, color=colour, alpha=0.5)
+                ax.plot(
+                    seconds.mean(axis=0),
+                    values.mean(axis=0),
+                    ".-",
+                    markersize=3,
+                    linewidth=1.3,
+                    color=colour,
+                    label=label,
+                )
+            rows += [
+                {"variant": variant, "seed": seed, "cpu_s": p["cpu_s"], "updates": p["updates"]}
+                | {name: p[name] for name in CURVES}
+                for seed, curve in zip(plan.budget.seeds, averaged, strict=True)
+                for p in curve
+            ]
         for ax, (name, told) in zip(axes, CURVES.items(), strict=True):
             ax.set(title=told, xlabel="CPU seconds", ylim=(0, None if name == "frechet_m" else 1.02))
             quiet(ax)
@@ -276,8 +286,8 @@ def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Pict
         f"Learning curves, {style.replace('_', ' ')} in the {environment}",
         "From demonstrated starts: the median deviation-aware Frechet distance (dotted: the bar, which means nothing "
         "where drives leave their demonstration early), the share of drives that follow a demonstration to the goal "
-        "(arrived, f at most 0.25 m, t* at least 0.8), success; then success in unseen selection scenes. One line per "
-        "seed, with averaged weights. "
+        "(arrived, f at most 0.25 m, t* at least 0.8), success; then success in unseen selection scenes. Thin: each "
+        "seed, with averaged weights; thick: their mean. "
         "Seconds of one core, the measuring at every point included.",
         figure,
         rows,

@@ -16,7 +16,7 @@ from backend.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WIT
 from backend.reproduction.demonstrations_results import BARS, MEASURES, NAMES, SHOWN, Load, Row, measured
 from backend.reproduction.enquery_report import kinds
 from backend.reproduction.pieces import Run
-from backend.reproduction.run import told_time
+from backend.reproduction.running import told_time
 
 PREFERRED_M = "1.1 ± 0.2 m"  # section 2.6.3
 

@@ -1,20 +1,17 @@
-"""`desirepath reproduce demonstrations`, without the command line: estimate, work, figures, report. It reads clocks."""
+"""`desirepath reproduce demonstrations`, without the command line: work, figures, report."""
 
 from __future__ import annotations
 
-import json
-import os
-import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig
-from backend.learning.artefacts import Card, card_path, file_sha256, source_commit
+from backend.learning.artefacts import Card, card_path, file_sha256
 from backend.reproduction.demonstrations import FUNCTIONS, Budget, make_plan
 from backend.reproduction.demonstrations_results import BARS, rows_of
-from backend.reproduction.pieces import Piece, Run, Work, finish, in_order
-from backend.reproduction.run import Tell, estimate, plain, told_time
+from backend.reproduction.pieces import Piece, Work
+from backend.reproduction.running import Tell, compute, write_results
 
 
 def reproduce_demonstrations(
@@ -28,44 +25,25 @@ def reproduce_demonstrations(
     from backend.reproduction.demonstrations_figures import pictures  # matplotlib is slow to load
     from backend.reproduction.demonstrations_report import brief, write_report
 
-    # numba and BLAS read these when a process begins; pieces are computed one thread each
-    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     plan = make_plan(budget)
     work = Work(out / "work")
-    began = time.perf_counter()
     with work.claimed():
-        tell(estimate(plan.pieces(), work).in_words(processes))
-
-        def told(piece: Piece, done: int, todo: int, left: float) -> None:
-            whose = piece.params.get("style", piece.params.get("controller", ""))
-            what = f"{piece.kind}, {whose} in the {piece.params['environment']}"
-            tell(f"[{done}/{todo}] {what}; about {told_time(left)} left")
-
-        computed = finish(plan.pieces(), FUNCTIONS, work, processes=processes, on_piece=told)
+        run = compute(plan.pieces(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rows = rows_of(plan, work.load)
+        told = brief(plan, rows, work.load)
         tell("drawing")
         drawn = pictures(plan, work.load)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
-        made = {piece.key: work.load(piece.key).meta["made"] for piece in in_order(plan.pieces())}
-        run = Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
         write_report(out / "report.html", plan, rows, work.load, drawn, run)
-        told_briefly = brief(plan, rows, work.load)
         results = out / "results.json"
-        summary = {
-            "command": command,
-            "commit": run.commit,
-            "budget": asdict(budget),
-            "processes": processes,
-            "seconds": run.seconds,
-            "computed": computed,
-            "core_seconds": run.core_seconds,
-            "simulated": True,
-            "bars": {name: asdict(bar) for name, bar in BARS.items()},
-            "rows": [asdict(row) for row in rows],
-            "brief": told_briefly,
-            "pieces": made,
-        }
-        results.write_text(json.dumps(plain(summary), indent=1) + "\n", encoding="utf-8")
+        summary = write_results(
+            results,
+            run,
+            budget,
+            bars={name: asdict(bar) for name, bar in BARS.items()},
+            rows=[asdict(row) for row in rows],
+            brief=told,
+        )
         card = Card(
             kind="reproduction",
             name=f"demonstrations/reproduce_{budget.name}",
@@ -77,7 +55,7 @@ def reproduce_demonstrations(
             commit=run.commit,
             config={**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
             scenes={"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
-            results={"brief": told_briefly, "core_seconds": run.core_seconds},
+            results={"brief": told, "core_seconds": run.core_seconds},
             departures=DEPARTURES,
             notes=["Simulated throughout: those who demonstrate are programmed demonstrators."],
         )
@@ -88,3 +66,8 @@ def reproduce_demonstrations(
         "figures": [str(path) for path in files],
         **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "brief")},
     }
+
+
+def _name(piece: Piece) -> str:
+    whose = piece.params.get("style", piece.params.get("controller", ""))
+    return f"{piece.kind}, {whose} in the {piece.params['environment']}"

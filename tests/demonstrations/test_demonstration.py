@@ -117,7 +117,10 @@ def test_augmentation_begins_fifteenths_of_a_step_further_on_and_reaches_the_sam
     drives = augmented(made)
     assert len(drives) == 15
     step = made.commands[0, 0] * CONTROL_DT_S
+    path = made.spline.points(np.linspace(0, made.spline.length_m, 4000))
     for j, drive in enumerate(drives):
+        apart = np.linalg.norm(drive.poses[:, None, :2] - path[None], axis=2).min(axis=1)
+        assert apart.max() <= 0.02
         assert math.dist(drive.poses[0, :2], made.trajectory.poses[0, :2]) == pytest.approx(j * step / 15, abs=1e-4)
         assert drive.outcome == Outcome.SUCCESS
         assert (drive.scene.goal, drive.scene.person) == (made.scene.goal, made.scene.person)

@@ -16,7 +16,7 @@ from backend.reproduction.enquery import SMALL, Budget, Speed, make_plan
 from backend.reproduction.enquery_figures import accuracy_picture, sweep_picture, table_picture
 from backend.reproduction.enquery_results import Results, crossing, nearest_cell, results_of, table_of_recipe
 from backend.reproduction.pieces import Made, Work
-from backend.reproduction.run import reproduce_enquery
+from backend.reproduction.enquery_run import reproduce_enquery
 from backend.simulation.trajectory import Outcome
 
 TINY = replace(

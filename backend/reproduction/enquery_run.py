@@ -1,48 +1,22 @@
-"""`desirepath reproduce ...`, without the command line: estimate, work, figures, report. Clocks live here."""
+"""`desirepath reproduce enquery`, without the command line: work, figures, report."""
 
 from __future__ import annotations
 
-import json
-import math
-import os
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
+from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256
 from backend.learning.base import BaseConfig, BaseTraining
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shape import FAST_HEADS
 from backend.reproduction.enquery import FUNCTIONS, SETUP, Budget, Plan, Speed, make_plan
 from backend.reproduction.enquery_results import Results, TableRow, results_of
-from backend.reproduction.pieces import Piece, Run, Work, finish, in_order
+from backend.reproduction.pieces import Run, Work
+from backend.reproduction.running import Tell, compute, write_results
 
 TIMED_UPDATES = 60
-Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """What is left to do. core_seconds: of one core of this machine, about, when nothing else runs on it."""
-
-    pieces: int
-    stored: int
-    core_seconds: float
-
-    def in_words(self, processes: int) -> str:
-        if self.pieces == self.stored:
-            return f"All {self.pieces} pieces are stored already."
-        return (
-            f"{self.pieces - self.stored} of {self.pieces} pieces to compute, about {told_time(self.core_seconds)} of "
-            f"one core; with {processes} processes about {told_time(self.core_seconds / processes)} if each has a core."
-        )
-
-
-def told_time(seconds: float) -> str:
-    """Minutes up to two hours, then hours."""
-    return f"{math.ceil(seconds / 60)} min" if seconds < 7_200 else f"{seconds / 3_600:.1f} h"
 
 
 def measure_speed(heads: tuple[int, int]) -> Speed:
@@ -60,13 +34,6 @@ def measure_speed(heads: tuple[int, int]) -> Speed:
     return Speed(per_update)
 
 
-def estimate(wanted: Sequence[Piece], work: Work) -> Estimate:
-    """What these pieces and those they need still take."""
-    pieces = in_order(wanted)
-    missing = [piece for piece in pieces if not work.has(piece)]
-    return Estimate(len(pieces), len(pieces) - len(missing), sum(piece.seconds for piece in missing))
-
-
 def reproduce_enquery(
     out: Path, budget: Budget, *, seed: int = 0, processes: int = 2, command: str = "", tell: Tell = lambda words: None
 ) -> dict[str, Any]:
@@ -78,41 +45,25 @@ def reproduce_enquery(
     from backend.reproduction.enquery_figures import pictures  # matplotlib is slow to load
     from backend.reproduction.enquery_report import write_report
 
-    # numba and BLAS read these when a process begins; pieces are computed one thread each
-    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     plan = make_plan(budget, seed, measure_speed(budget.heads))
     work = Work(out / "work")
-    began = time.perf_counter()
     with work.claimed():
-        tell(estimate(plan.pieces(), work).in_words(processes))
-
-        def told(piece: Piece, done: int, todo: int, left: float) -> None:
-            tell(f"[{done}/{todo}] {piece.kind.replace('_', ' ')}; about {told_time(left)} left")
-
-        computed = finish(plan.pieces(), FUNCTIONS, work, processes=processes, on_piece=told)
+        run = compute(
+            plan.pieces(),
+            FUNCTIONS,
+            work,
+            command=command,
+            processes=processes,
+            tell=tell,
+            name=lambda piece: piece.kind.replace("_", " "),
+        )
         results = results_of(plan, work.load)
         tell("drawing")
         drawn = pictures(plan, work.load, results)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
-        made = {piece.key: work.load(piece.key).meta["made"] for piece in in_order(plan.pieces())}
-        run = Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
         write_report(out / "report.html", plan, results, drawn, run)
-        summary = {
-            "command": command,
-            "commit": run.commit,
-            "setup": SETUP,
-            "budget": asdict(budget),
-            "seed": seed,
-            "processes": processes,
-            "seconds": run.seconds,
-            "computed": computed,
-            "core_seconds": run.core_seconds,
-            "simulated": True,
-            "results": asdict(results),
-            "pieces": made,
-        }
         told_results = out / "results.json"
-        told_results.write_text(json.dumps(plain(summary), indent=1) + "\n", encoding="utf-8")
+        summary = write_results(told_results, run, budget, setup=SETUP, seed=seed, results=asdict(results))
         _card(plan, results, run, told_results).save(card_path(told_results))
     return {
         "report": str(out / "report.html"),
@@ -170,12 +121,3 @@ def _row_summary(row: TableRow) -> dict[str, Any]:
     names = ("min_human_distance_m", "success_rate", "collision_rate", "timeout_rate", "share_of_the_way")
     p = row.per_alignment_test.p_corrected if row.per_alignment_test else None
     return {name: getattr(row, name) for name in names} | {"p": p}
-
-
-def plain(value: Any) -> Any:
-    """JSON has no NaN: null instead."""
-    if isinstance(value, dict):
-        return {key: plain(part) for key, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
