@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from app import viser_hooks
+from app.beside import Beside
 from app.stage import HOLD_S, Stage
 from tests.app.stage_house import StageHouse, Visitor, drive, open_field, study_room
 
@@ -319,9 +320,10 @@ def test_analysts_replay_two_drives_of_one_scene(house: StageHouse, visit: Visit
         stage.replay((), names=())
     with pytest.raises(ValueError, match=r"speed"):
         stage.replay((left, right), names=("base", "aligned"), speed=0)
-    stage.replay((left, right), names=("base", "aligned"), speed=3.0, loop=False)
+    drawn = Beside("drawn", (47, 106, 61), [left.poses, right.poses[:, :2]])
+    stage.replay((left, right), names=("base", "aligned"), speed=3.0, loop=False, beside=[drawn])
     visitor.wait_for("ready")
-    assert visitor.frame.locator("#desire-path-legend").inner_text().split() == ["base", "aligned"]
+    assert visitor.frame.locator("#desire-path-legend").inner_text().split() == ["base", "aligned", "drawn"]
 
     def both_at_the_end() -> bool:
         ends = visitor.frame.evaluate(
