@@ -136,12 +136,12 @@ def test_who_goes_on_in_another_browser_has_the_device_looked_at_first(client, h
     to_first_trial(client, token)
     elsewhere = TestClient(client.app, follow_redirects=False)
     page = elsewhere.get(f"/p/{token}").text
-    assert "in a browser in which you have not been before" in page
+    assert "Before you go on" in page
     assert f'action="/p/{token}/device"' in page
     refused = elsewhere.post(f"/p/{token}/device", data={"device": '{"width": 390, "webgl": false}'})
     assert (refused.status_code, "What you have answered is kept" in refused.text) == (403, True)
     assert [event.data["reasons"] for event in logged(house, "other_device")] == [["webgl", "width"]]
-    assert "not been before" in elsewhere.get(f"/p/{token}").text
+    assert "Before you go on" in elsewhere.get(f"/p/{token}").text
     slow = '{"width": 1200, "webgl": true, "frame_rate": 12.5}'
     assert elsewhere.post(f"/p/{token}/device", data={"device": slow}).headers["location"] == f"/p/{token}"
     assert elsewhere.get(f"/p/{token}").headers["x-step-key"] == "block.01"
