@@ -70,8 +70,8 @@ def fit_interface(preferences: Sequence[Preference], config: InterfaceConfig | N
     """Bradley-Terry on the mean reward of each drive; the epoch with the least held-out loss is kept.
 
     Of 775 simulated answers to shipped queries (three tastes, 5 % mistakes) it repeats 86 to 92 % and predicts 82 to
-    87 % of 200 right answers about other scenes; the linear model predicts 85 to 96 %. Without dropout it predicts 0.5 to
-    2.5 points more and repeats up to 95 %; eight steps of each drive for 60 epochs predict no more (81 to 84 %).
+    87 % of 200 right answers about other scenes; the linear model predicts 85 to 96 %. Without dropout it predicts 0.5
+    to 2.5 points more and repeats up to 95 %; eight steps of each drive for 60 epochs predict no more (81 to 84 %).
 
     Raises LearningError for fewer than `fewest_answers` usable answers, SetupError for mixed setups.
     """
