@@ -19,6 +19,11 @@ if TYPE_CHECKING:
     from backend.explain.pictures import Picture
 
 NONE = "–"
+EVALUATED = {"dwa", "own", "social_cost"}  # of a study's evaluation stage
+EVALUATED_SENTENCE = (
+    "Each person met the three controllers in one of the orders below, and in the reverse order in the second "
+    "environment; in the study of chapter 2 everybody met them in the same order."
+)
 
 
 def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Section]:
@@ -105,7 +110,7 @@ def _people(found: Findings) -> Section:
             for one in found.demographics
         ]
         tables.append(Table("What was asked once: mean (SD), or how many.", ["question", "answers", ""], rows))
-    return Section("Who took part", [], tables)
+    return Section("Who took part", [EVALUATED_SENTENCE] if set(found.conditions) == EVALUATED else [], tables)
 
 
 def _items(found: Findings) -> Section:

@@ -152,6 +152,7 @@ def test_an_evaluation_without_queries_is_tested_over_the_controllers() -> None:
     assert len(orders.rows) == 6
     told = " ".join(point for part in parts for point in part.points)
     assert "higher for own than for social cost" in told
+    assert any("in the reverse order" in sentence for part in parts for sentence in part.sentences)
     # Nothing differs any more: chapter 2's plan tests the pairs all the same.
     alike = [replace(one, value=3) for one in ratings]
     for name, pairs in {"always": 3, "where_significant": 0}.items():
