@@ -9,7 +9,7 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import pairwise
+from itertools import combinations, pairwise
 from statistics import median
 from typing import Any
 
@@ -24,6 +24,8 @@ FAST_FROM = 5  # ... among so many
 ONE_SIDED_FROM = 8  # preferences; eight times the same letter by chance: 1 in 128
 INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in most cases: a hint, no proof
 INCONSISTENT_SHARE = 0.5
+CIRCULAR_FROM = 2  # triads of transitivity probes in which A was chosen over B, B over C and C over A ...
+CIRCULAR_SHARE = 0.25  # ... and as large a share of all as by three coins
 LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
 FOCUS_REASONS = ("hidden",)
 STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's drive, the drive of a drawn path
@@ -57,6 +59,8 @@ class _Given:
     trial: str | None
     probe_of: str | None
     chosen: str | None
+    block: str | None = None
+    drives: frozenset[str] = frozenset()
 
 
 def signs(s: DatabaseSession, study_id: str) -> dict[str, Signs]:
@@ -95,7 +99,28 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
     probes = [(a, same) for a in given if (same := _agrees(a, given)) is not None]
     differing = [a for a, same in probes if not same]
     enough = len(probes) >= INCONSISTENT_FROM and len(differing) >= INCONSISTENT_SHARE * len(probes)
-    return differing if enough else []
+    return (differing if enough else []) + _going_round(given)
+
+
+def _going_round(given: Sequence[_Given]) -> list[_Given]:
+    """The answers of circular triads, where there are too many of them."""
+    triads = _triads(given)
+    circular = [three for three in triads if len({a.chosen for a in three}) == 3]
+    too_many = len(circular) >= max(CIRCULAR_FROM, CIRCULAR_SHARE * len(triads))
+    return [answer for three in circular for answer in three] if too_many else []
+
+
+def _triads(given: Sequence[_Given]) -> list[list[_Given]]:
+    """The triads that were answered whole: the three pairs of three drives, under one condition."""
+    asked: dict[tuple[str, str | None], dict[frozenset[str], _Given]] = defaultdict(dict)
+    for answer in given:
+        if answer.role == "transitivity" and answer.chosen is not None:
+            asked[answer.session, answer.block][answer.drives] = answer
+    found = []
+    for pairs in asked.values():
+        threes = {p | q for p, q in combinations(pairs, 2) if len(p | q) == 3 and p ^ q in pairs}
+        found += [[pairs[pair] for pair in pairs if pair <= three] for three in threes]
+    return found
 
 
 def _agrees(answer: _Given, given: Sequence[_Given]) -> bool | None:
@@ -122,7 +147,7 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
         select(
             *(Session.participant_id, Response.id, Response.session_id, Response.kind, Response.value),
             *(Response.decision_s, Response.created_at, Trial.role, Trial.id, Trial.probe_of),
-            *(Trial.trajectory_a, Trial.trajectory_b),
+            *(Trial.trajectory_a, Trial.trajectory_b, Trial.block),
         )
         .select_from(Response)
         .join(Session, Response.session_id == Session.id)
@@ -132,9 +157,12 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
     )
     found: dict[str, list[_Given]] = defaultdict(list)
     for row in s.execute(asked):
-        participant, response, session, kind, value, decision_s, at, role, trial, probe_of, a, b = row
+        participant, response, session, kind, value, decision_s, at, role, trial, probe_of, a, b, block = row
         chosen = {"a": a, "b": b}.get(value.get("choice")) if trial is not None else None
-        found[participant].append(_Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen))
+        drives = frozenset({a, b} - {None})
+        found[participant].append(
+            _Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen, block, drives)
+        )
     return found
 
 

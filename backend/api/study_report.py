@@ -19,7 +19,7 @@ from backend.api import people_rows, study_rows
 from backend.api.people_rows import Person
 from backend.api.study_rows import Answer, AnswerFilter
 from backend.learning.evaluate import wilson
-from backend.store.models import Study
+from backend.store.models import MARKS, Study
 from backend.study.protocol import thaw
 
 
@@ -166,7 +166,8 @@ def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
     questionnaires = thaw(study).questionnaires.values() if by_step else ()
     items = []
     for step, values in by_step.items():
-        asked = next((q for q in questionnaires if {i.key for i in q.items} >= set().union(*values)), None)
+        keys = set().union(*values) - set(MARKS)
+        asked = next((q for q in questionnaires if {i.key for i in q.items} >= keys), None)
         for item in asked.items if asked else ():
             answered = [value[item.key] for value in values if value.get(item.key) not in (None, "")]
             numeric = item.type in ("scale", "number")

@@ -19,12 +19,11 @@ from backend.report.data import Choice, Comparison, ItemText, Load, Person, Rati
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
 from backend.store.importing import read_dataset
-from backend.store.models import ProtocolVersion, Study
+from backend.store.models import MARKS, ProtocolVersion, Study
 
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
 QUESTIONNAIRES = "questionnaires/"
-TIMED_OUT = "timed_out"  # in an answer's value: the protocol's time for it was over
 
 
 def read_folder(folder: Path) -> tuple[StudyData, Load]:
@@ -141,7 +140,7 @@ def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> It
             continue
         questionnaire, condition = _asked(plans[row["session"]], row["step"])
         for item, value in row["value"].items():
-            if item == TIMED_OUT:  # a mark of the whole page
+            if item in MARKS:
                 continue
             yield Rating(row["participant"], condition, questionnaire, item, value)
 

@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 from backend.analysis.scales import frozen_items
 from backend.store.events import FORBIDDEN_KEYS, mentions
 from backend.store.models import (
+    MARKS,
     Event,
     Participant,
     ProtocolVersion,
@@ -172,7 +173,7 @@ class Content:
             if answer.kind != "questionnaire":
                 continue
             for item, given in sorted(self._value(answer).items()):
-                if item == "timed_out":  # a mark of the whole page, in the answer's value
+                if item in MARKS:
                     continue
                 is_number = isinstance(given, int | float) and not isinstance(given, bool)
                 yield {

@@ -254,13 +254,17 @@ class Trial(Base):
     )
 
 
+MARKS = ("timed_out", "passed")  # in a questionnaire's value beside the items' answers
+
+
 class Response(Base):
     """One answer. One per step of a session, so one per trial, by constraint; never updated.
 
     `value` by kind: preference / comparison {"choice": "a"|"b"}, or {"timed_out": true} where the protocol's time for
-    the choice was over; questionnaire {item: answer} (a ranking's answer is a list, best first); comprehension the same
-    with "passed"; attention {"choice", "instructed", "passed"}; consent {"given": true, "version", "text_hash",
-    "purposes"}; guess {"choice": "a"|"b"}. `consent_id`: the consent in force (a response's id); None before it.
+    the choice was over; questionnaire {item: answer} (a ranking's answer is a list, best first), with "passed" where
+    items are instructed; comprehension the same with "passed"; attention {"choice", "instructed", "passed"}; consent
+    {"given": true, "version", "text_hash", "purposes"}; guess {"choice": "a"|"b"}. `consent_id`: the consent in force
+    (a response's id); None before it.
     """
 
     __tablename__ = "response"

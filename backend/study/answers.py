@@ -56,6 +56,9 @@ def checked_value(
     if kind == "comprehension":
         checks = [one for one in questionnaire.items if one.correct is not None and is_asked(one, answers, earlier)]
         answers["passed"] = all(str(answers.get(item.key)) == item.correct for item in checks)
+    told = [one for one in questionnaire.items if one.instructed is not None and one.key in answers]
+    if told:  # attention checks: marked, never refused
+        answers["passed"] = answers.get("passed", True) and all(str(answers[one.key]) == one.instructed for one in told)
     return answers | ({"timed_out": True} if over else {})
 
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
+from backend.store.models import MARKS
 from backend.study.parts import Localized, Part, Slug, Value
 from backend.study.skipping import ItemWhen
 
@@ -49,6 +50,8 @@ class Item(Part):
 
     @model_validator(mode="after")
     def _has_what_it_needs(self) -> Item:
+        if self.key in MARKS:
+            raise ValueError(f"'key' = {self.key!r} is what answers are marked with; choose another")
         if self.type == "scale" and (self.low is None or self.high is None):
             raise ValueError("a scale needs 'low' and 'high', the labels of its ends")
         if self.type in ("choice", "ranking") and len(self.options) < 2:

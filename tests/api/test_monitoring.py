@@ -116,6 +116,24 @@ def test_who_names_another_drive_when_asked_again_is_flagged(lab, lab_house, wal
     assert rows_of(lab, walked, walked.fresh, "inconsistent") == 2
 
 
+def test_choices_that_go_round_are_flagged(lab, lab_house, walked):
+    with lab_house.database.session() as s:
+        shown = list(s.scalars(select(Trial.trajectory_a).distinct().limit(6)))
+
+    def triad(number: int, *, circular: bool) -> None:
+        first, second, third = shown[3 * number : 3 * number + 3]
+        pairs = ((first, second), (second, third), (third, first))
+        for k, pair in enumerate(pairs):
+            value = {"choice": "a" if circular or k < 2 else "b"}
+            answer(lab_house, walked, walked.fresh, f"t.{number}.{k}", drives=pair, value=value, role="transitivity")
+
+    triad(0, circular=True)
+    assert "inconsistent" not in flags(lab_house, walked, walked.fresh)  # once happens by chance
+    triad(1, circular=True)
+    assert "inconsistent" in flags(lab_house, walked, walked.fresh)
+    assert rows_of(lab, walked, walked.fresh, "inconsistent") == 6
+
+
 def test_who_looked_away_again_and_again_is_flagged(lab, lab_house, walked):
     with lab_house.database.transaction() as s:
         session = s.scalars(select(Session).join(Participant).where(Participant.code == walked.fresh)).one()

@@ -58,6 +58,16 @@ QUESTIONNAIRES = {
             ],
         },
     ],
+    "attentive": [
+        {
+            "key": "told",
+            "type": "scale",
+            "instructed": 3,
+            "text": {"en": "Please choose 3."},
+            "low": {"en": "no"},
+            "high": {"en": "yes"},
+        }
+    ],
     "elders": [
         {
             "when": {"questionnaire": "about", "item": "age", "at_least": 40},

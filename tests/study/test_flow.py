@@ -102,6 +102,13 @@ def test_an_attention_check_is_instructed_and_its_failure_only_marked(walk):
     assert kinds(walker).count("trial") == 2
 
 
+def test_an_instructed_item_of_a_questionnaire_is_marked_and_never_refused(walk):
+    walker = walk({"questionnaire": {"use": "attentive"}}, BLOCK)
+    walker.submit("attentive", {"told": 2})
+    assert answer(walker, "attentive").value == {"told": 2, "passed": False}
+    assert walker.view.key == "block.01"
+
+
 # ---- skip logic, quotas, progress ------------------------------------------------------------------------------------
 
 
