@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import urlencode
 
 import numpy as np
@@ -35,6 +35,7 @@ from backend.jobs.kinds import get_kind
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
 from backend.store.models import Participant, Session, StrokeRow, Study, utc_now
 from backend.store.outbox import enqueue_job
 from backend.store.strokes import StrokeError, take_demonstrations
@@ -299,7 +300,7 @@ def _who(who: Who, person: Participant | None) -> Who:
 
 
 def _place(
-    study_id: str, environment: str, pair: int, database: Any, files: ArtefactStore, who: Who, participant: str
+    study_id: str, environment: str, pair: int, database: Database, files: ArtefactStore, who: Who, participant: str
 ) -> Place:
     with database.session() as s:
         study = the_study(s, study_id)
