@@ -68,8 +68,10 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         Budget("small", ("room",), (0,), 8_000, "field_of_view", 100),
-        # As many updates as a study gives while the participant waits; the command's default is longer.
+        # As many updates as a study gives while the participant waits.
         Budget("full", ("room", "corridor"), (0, 1, 2), 16_000, "field_of_view", 100),
+        # As many as training has by default.
+        Budget("long", ("room", "corridor"), (0, 1, 2), DemonstrationConfig().updates, "field_of_view", 100),
     )
 }
 

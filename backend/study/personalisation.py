@@ -25,8 +25,8 @@ BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons ar
 SIMULATED_WAITS = 5  # ours: bots wait behind people
 PATHS_JOB = "train_demonstrations"
 UPDATES_WHILE_ONE_WAITS = 16_000
-"""Of the job above, instead of its own default: demonstrated starts are followed after a quarter of these already, and
-somebody waits for them. What the rest would buy is unseen starts and goals."""
+"""Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
+somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
 EVERY_PAIR = 4  # spec 02: situations of an environment
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
