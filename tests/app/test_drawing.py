@@ -24,7 +24,7 @@ Visit = Callable[..., Visitor]
 def paper(house: StageHouse, visit: Visit, view: str) -> Visitor:
     """A visitor before an empty sheet."""
     visitor = visit(width=800, height=500)
-    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects")
+    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", timeout_s=60)
     stage = house.server.stage("amber")
     assert isinstance(stage, Stage)
     stage.draw(SCENE, view, Paper("sheet-1"))  # type: ignore[arg-type]
@@ -148,7 +148,7 @@ def test_every_coalesced_event_counts_and_a_pens_pressure_is_the_speed(house: St
 
 def test_a_walk_is_shown_and_the_person_is_measured_where_they_will_be(house: StageHouse, visit: Visit) -> None:
     visitor = visit(width=800, height=500)
-    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects")
+    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", timeout_s=60)
     stage = house.server.stage("amber")
     assert isinstance(stage, Stage)
     begin = SCENE.person.pose
@@ -173,7 +173,7 @@ def test_a_walk_is_shown_and_the_person_is_measured_where_they_will_be(house: St
 
 def test_who_walks_beside_a_drive_is_recorded_and_kept_out_of_walls(house: StageHouse, visit: Visit) -> None:
     visitor = visit()
-    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects")
+    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", timeout_s=60)
     stage = house.server.stage("amber")
     assert isinstance(stage, Stage)
     beside = drive(SCENE, duration_s=3.0, bend_m=0.8)
