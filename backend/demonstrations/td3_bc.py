@@ -54,7 +54,7 @@ class DemonstrationConfig:
 
     seed: int = 0
     heads: tuple[int, int] = FAST_HEADS  # ours, for speed; the thesis has three layers of 256
-    updates: int = 60_000  # ours; the thesis has 800,000
+    updates: int = 40_000  # ours; the thesis has 800,000
     n_envs: int = 256  # DESIGN: many environments, few updates
     updates_per_step: int = 16  # ours: one per 16 interactions, the thesis has one per 5
     random_transitions: int = 10_000  # ours; the thesis has 50,000

@@ -145,7 +145,7 @@ class TrainDemonstrationsParams(Params):
 
     snapshot: str = _artefact("demonstrations")
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    updates: int = _from("ours_demonstrations", 60_000, ge=16, le=2_000_000)
+    updates: int = _from("ours_demonstrations", 40_000, ge=16, le=2_000_000)
     comparisons: int = _from("spec_02_pairs", 4, ge=0, le=4, advanced=True)
     gate_least_success: float = _from("issue_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
 

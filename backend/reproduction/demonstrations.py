@@ -52,7 +52,9 @@ JUDGED_S = 1.0
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is computed. ablated: the style for which every variant is trained, in the first environment."""
+    """How much is computed. ablated: the style for which every variant is trained, in the first environment; where
+    there is no ablation, learning curves are drawn of ours and of the control alone.
+    """
 
     name: str
     environments: tuple[str, ...]
@@ -62,6 +64,7 @@ class Budget:
     unseen: int
     styles: tuple[str, ...] = tuple(STYLES)
     per_pair: int = PER_PAIR
+    ablation: bool = True
 
 
 BUDGETS = {
@@ -71,7 +74,9 @@ BUDGETS = {
         # As many updates as a study gives while the participant waits.
         Budget("full", ("room", "corridor"), (0, 1, 2), 16_000, "field_of_view", 100),
         # As many as training has by default.
-        Budget("long", ("room", "corridor"), (0, 1, 2), DemonstrationConfig().updates, "field_of_view", 100),
+        Budget(
+            "long", ("room", "corridor"), (0, 1, 2), DemonstrationConfig().updates, "field_of_view", 100, ablation=False
+        ),
     )
 }
 
@@ -109,7 +114,7 @@ def make_plan(budget: Budget) -> Plan:
     unseen: dict[Cell, Piece] = {}
     for environment in budget.environments:
         for style in budget.styles:
-            whole = environment == budget.environments[0] and style == budget.ablated
+            whole = budget.ablation and environment == budget.environments[0] and style == budget.ablated
             for seed in budget.seeds:
                 shown = {"environment": environment, "style": style, "per_pair": budget.per_pair, "seed": seed}
                 elsewhere = {"environment": environment, "seed": seed, "scenes": budget.unseen}

@@ -19,6 +19,14 @@ from backend.reproduction.pieces import Run
 from backend.reproduction.running import told_time
 
 PREFERRED_M = "1.1 ± 0.2 m"  # section 2.6.3
+_ABLATED = (
+    "Without cloning: no behavioural-cloning term. Without goal boost: the goal earns no more in the demonstrations "
+    "than in exploration."
+)
+_CONTROL = (
+    "TD3 without demonstrations: no demonstration buffer and no cloning; it is rewarded for reaching goals and for "
+    "progress in exploration, as base policies are."
+)
 
 
 def write_report(path: Path, plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Picture], run: Run) -> None:
@@ -135,11 +143,7 @@ def sections(plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Pictur
         Section("Where nothing was demonstrated", tables=[_unseen_table(main)], pictures=shown("unseen")),
         Section(
             "What the parts of the training give",
-            [
-                "Without cloning: no behavioural-cloning term. Without goal boost: the goal earns no more in the "
-                "demonstrations than in exploration. TD3 without demonstrations: no demonstration buffer and no "
-                "cloning; it is rewarded for reaching goals and for progress in exploration, as base policies are."
-            ],
+            [_ABLATED, _CONTROL] if plan.budget.ablation else [_CONTROL],
             tables=[_bars_table(ablated)],
             pictures=shown("curves"),
         ),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.demonstrations.judging import KINDS
-from backend.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, Cell, Plan
+from backend.reproduction.demonstrations import CONTROLLERS, OURS, Cell, Plan
 from backend.reproduction.pieces import Made
 
 Load = Callable[[str], Made]
@@ -129,15 +129,12 @@ def measured(plan: Plan, load: Load, environment: str, style: str, controller: s
 
 
 def curves_of(plan: Plan, load: Load, environment: str, style: str) -> dict[str, list[list[dict[str, Any]]]]:
-    """Per variant, the learning curve of every seed."""
-    return {
-        variant: [
-            load(piece.key).meta["curve"]
-            for cell, piece in plan.trained.items()
-            if (cell.environment, cell.style, cell.controller) == (environment, style, variant)
-        ]
-        for variant in VARIANTS
-    }
+    """Per variant that was trained, the learning curve of every seed."""
+    curves: dict[str, list[list[dict[str, Any]]]] = {}
+    for cell, piece in plan.trained.items():
+        if (cell.environment, cell.style) == (environment, style):
+            curves.setdefault(cell.controller, []).append(load(piece.key).meta["curve"])
+    return curves
 
 
 def first_cell(plan: Plan, environment: str, style: str, controller: str) -> Cell:
