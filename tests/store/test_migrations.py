@@ -244,11 +244,20 @@ def test_sessions_of_before_there_were_strokes_can_draw_and_nothing_that_was_dra
         session = connection.execute(text("SELECT id FROM session")).scalar_one()
         drawn = {"points": [[0.0, 0.0], [1.0, 0.0]], "speeds": [0.2, 0.2], "times_s": [0.0, 1.0]}
         row = {
-            **{"id": "d", "session_id": session, "step_key": "demonstrations.1.1", "attempt": 1, "pair": 0},
-            **{"environment": "corridor", "view": "top_down", "pointer": "mouse", "drawn": json.dumps(drawn)},
-            **{"state": "drawn", "request_id": "r1", "created_at": "2026-11-01 10:00:00"},
+            "id": "d",
+            "session_id": session,
+            "step_key": "demonstrations.1.1",
+            "attempt": 1,
+            "pair": 0,
+            "environment": "corridor",
+            "view": "top_down",
+            "pointer": "mouse",
+            "drawn": json.dumps(drawn),
+            "state": "drawn",
+            "request_id": "r1",
+            "created_at": "2026-11-01 10:00:00",
         }
-        connection.execute(text(f"INSERT INTO stroke ({', '.join(row)}) VALUES (:{', :'.join(row)})"), row)  # noqa: S608
+        connection.execute(text(f"INSERT INTO stroke ({', '.join(row)}) VALUES (:{', :'.join(row)})"), row)
     either.migrate()
     walk = {"source": "walked", "times_s": [0.0], "poses": [[0.0, 0.0, 0.0]], "beside": None}
     with either.transaction() as s:
