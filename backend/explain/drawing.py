@@ -30,6 +30,9 @@ from backend.simulation.scene import Scene
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 
+Extent = tuple[float, float, float, float]
+"""left, right, bottom, top in metres."""
+
 # tokens.css, light scheme: paper is white-ish in print and on the page
 INK, SOFT, LINE, PAPER = "#211f1a", "#575247", "#d9d1c0", "#fffdf8"
 SOLID, PERSON = "#b9ae97", "#8c7a1e"
@@ -43,6 +46,7 @@ PANEL_IN = 3.4  # width of one scene: two fit a page of text
 DOTS_PER_INCH = 200
 STREAM_GAP_M = 0.5  # ours: about this far between streamlines
 THINNEST, THICKEST = 0.3, 1.2  # points, for 0 m/s and the setup's fastest
+MARGIN_M = 0.25  # around drives that leave the grid
 ALIKE_DRIVES = 10  # differences of fewer traversals are drawn linearly, larger ones by their logarithm
 STYLE: Any = {  # matplotlib's own type is a literal of all its settings
     "font.size": 8,
@@ -63,7 +67,7 @@ STYLE: Any = {  # matplotlib's own type is a literal of all its settings
 def flow_figure(field: FlowField, *, title: str, words: Words = ENGLISH) -> Figure:
     """One policy in one scene: streamlines of its settled headings, thick where fast, over the heat map of drives."""
     with mpl.rc_context(STYLE):
-        figure, axes = _panels(field.scene, 1, 1, legend_lines=2)
+        figure, axes = _panels(field.grid.extent, 1, 1, legend_lines=2)
         axes[0].set_title(title)
         image = _flow(axes[0], field, _counts(field))
         _bar(figure, image, axes[0], words.traversals)
@@ -76,7 +80,7 @@ def pair_figure(apart: FlowDifference, *, titles: tuple[str, str], words: Words 
     """Two policies in one scene above; below the angle between their headings and the difference of their drives."""
     with mpl.rc_context(STYLE):
         scene, extent = apart.first.scene, apart.first.grid.extent
-        figure, axes = _panels(scene, 2, 2, legend_lines=1)
+        figure, axes = _panels(extent, 2, 2, legend_lines=1)
         counts = _counts(apart.first, apart.second)
         for ax, field, title in zip(axes[:2], (apart.first, apart.second), titles, strict=True):
             ax.set_title(title)
@@ -105,8 +109,9 @@ def starts_figure(drives: Mapping[str, Sequence[Trajectory]], *, title: str, wor
     if not every:
         raise ValueError("drives: none given")
     scene = every[0].scene
+    extent = _around(grid_of(scene).extent, every)
     with mpl.rc_context(STYLE):
-        figure, axes = _panels(scene, 1, 1, legend_lines=max(3, len(drives)))
+        figure, axes = _panels(extent, 1, 1, legend_lines=max(3, len(drives)))
         ax = axes[0]
         ax.set_title(title)
         lines = []
@@ -122,9 +127,17 @@ def starts_figure(drives: Mapping[str, Sequence[Trajectory]], *, title: str, wor
                 ax.scatter(x, y, marker="x", color=colour, s=22, linewidths=1.2, zorder=5)
         for start in {one.scene.start for one in every} - {scene.start}:
             ax.add_patch(Circle((start.x, start.y), 0.06, facecolor=PAPER, edgecolor=INK, linewidth=0.8, zorder=6))
-        _frame(axes, scene, grid_of(scene).extent, words, columns=1)
+        _frame(axes, scene, extent, words, columns=1)
         _legend(figure, words, None, lines)
     return figure
+
+
+def _around(extent: Extent, trajectories: Sequence[Trajectory]) -> Extent:
+    """The extent (m), wider where a drive leaves it: in an open field nothing holds a drive back."""
+    places = np.concatenate([trajectory.poses[:, :2] for trajectory in trajectories])
+    low, high = places.min(axis=0) - MARGIN_M, places.max(axis=0) + MARGIN_M
+    left, right, bottom, top = extent
+    return min(left, float(low[0])), max(right, float(high[0])), min(bottom, float(low[1])), max(top, float(high[1]))
 
 
 def encoded(figure: Figure, form: Literal["png", "svg"], about: str) -> bytes:
@@ -146,8 +159,8 @@ def encoded(figure: Figure, form: Literal["png", "svg"], about: str) -> bytes:
     return out.getvalue()
 
 
-def _panels(scene: Scene, rows: int, columns: int, *, legend_lines: int) -> tuple[Figure, list[Axes]]:
-    left, right, bottom, top = grid_of(scene).extent
+def _panels(extent: Extent, rows: int, columns: int, *, legend_lines: int) -> tuple[Figure, list[Axes]]:
+    left, right, bottom, top = extent
     height = PANEL_IN * (top - bottom) / (right - left)
     figure = Figure(
         figsize=(columns * (PANEL_IN + 0.9), rows * (height + 0.45) + 0.25 + 0.2 * legend_lines), layout="constrained"
@@ -164,7 +177,7 @@ def _counts(*fields: FlowField) -> LogNorm:
 def _image(
     ax: Axes,
     values: NDArray[np.floating],
-    extent: tuple[float, float, float, float],
+    extent: Extent,
     colours: Colormap,
     norm: Normalize,
 ) -> AxesImage:
@@ -231,9 +244,7 @@ def _bar(figure: Figure, image: AxesImage, ax: Axes, label: str) -> None:
     bar.outline.set_linewidth(0.5)
 
 
-def _frame(
-    axes: Sequence[Axes], scene: Scene, extent: tuple[float, float, float, float], words: Words, *, columns: int
-) -> None:
+def _frame(axes: Sequence[Axes], scene: Scene, extent: Extent, words: Words, *, columns: int) -> None:
     """The scene's outlines, equal scales, and labels at the outer axes."""
     for number, ax in enumerate(axes):
         draw_solids(ax, scene)
