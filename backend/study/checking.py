@@ -12,7 +12,7 @@ from backend.study.schema import Protocol
 from backend.study.schema_blocks import BlockStage, Queries
 from backend.study.schema_questionnaires import Questionnaire
 from backend.study.schema_stages import ComprehensionStage, stage_keys
-from backend.study.skipping import When, problems_with
+from backend.study.skipping import ItemWhen, When, problems_with
 from backend.study.source import Problem, Source
 
 ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
@@ -177,8 +177,12 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
                 yield from _answers(entry.when, questionnaires, here, source)
         for name, path in questionnaires_of(entry):
             used = questionnaires[name].items if name in questionnaires else []
-            for one in {one for item in used for one in item.when if one.questionnaire not in (None, name)}:
-                at = ("stages", index, entry.kind, *path)
+            at = ("stages", index, entry.kind, *path)
+            seen: list[ItemWhen] = []  # the items of a screen share its condition
+            for one in [one for item in used for one in item.when if one.questionnaire not in (None, name)]:
+                if one in seen:
+                    continue
+                seen.append(one)
                 about = When.model_validate(one.model_dump(by_alias=True))
                 if asked.get(about.questionnaire, index) >= index:
                     told = f"has an item with 'when' about {about.questionnaire}, which is not asked before this stage"

@@ -109,7 +109,7 @@ def walked_beside(
 
     times, poses = _recording(given)
     stands = scene.person.pose
-    if times[0] > BEGINS_WITHIN_S or math.dist(poses[0][:2], (stands.x, stands.y)) > BEGINS_WITHIN_M:
+    if not 0 <= times[0] <= BEGINS_WITHIN_S or math.dist(poses[0][:2], (stands.x, stands.y)) > BEGINS_WITHIN_M:
         raise _bad(f"must begin with the drive, within {BEGINS_WITHIN_M} m of where the person stood")
     try:
         spline = Walk.recorded([0.0, *times[1:]], poses)
@@ -146,7 +146,7 @@ def _recording(given: Any) -> tuple[list[float], list[list[float]]]:
     try:
         times = [float(value) for value in given["times_s"]]
         poses = [[float(value) for value in pose] for pose in given["poses"]]
-    except (TypeError, ValueError, KeyError):
+    except (TypeError, ValueError, KeyError, OverflowError):
         raise _bad("must be {times_s: [...], poses: [[x, y, yaw], ...]}") from None
     if not 2 <= len(times) == len(poses) <= MOST_POSES or any(len(pose) != 3 for pose in poses):
         raise _bad(f"must have as many times as poses of three numbers, 2 to {MOST_POSES}")

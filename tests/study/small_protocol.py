@@ -71,7 +71,14 @@ QUESTIONNAIRES = {
     "elders": [
         {
             "when": {"questionnaire": "about", "item": "age", "at_least": 40},
-            "items": [{"key": "grandchildren", "type": "number", "text": {"en": "How many?"}}],
+            "items": [
+                {
+                    "key": "grandchildren",
+                    "type": "number",
+                    "text": {"en": "How many?"},
+                    "when": {"questionnaire": "about", "item": "gender", "one_of": ["woman", "man"]},
+                }
+            ],
         }
     ],
     "order": [

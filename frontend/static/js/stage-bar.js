@@ -152,9 +152,10 @@ export class StageBar {
    * Tells the server that a drive was played, again where its clock says that it cannot have been yet.
    * @param {string | undefined} playbackId
    * @param {() => {path: string, body: object}} told what to tell; asked once the page knows what is playing
+   * @returns {Promise<boolean>} whether it was taken
    */
   async reportPlayed(playbackId, told) {
-    await this.work(async () => {
+    return this.work(async () => {
       // The news can be faster than the answer that says what is playing.
       if (this.state.playback_id !== playbackId) await this.needs.refresh();
       if (!this.playing || this.state.playback_id !== playbackId) return undefined;
