@@ -262,8 +262,8 @@ export class Drawing extends StageBar {
     if (phase === "driving") {
       this.needs.announce(this.own(this.walking ? "walk" : "driving"));
       this.rewind(this.bar);
-      this.look("above");
       if (this.walking) this.toStage();
+      else this.look("above");
     }
     if (phase === "watched") {
       window.focus(); // takes the keyboard back from the stage
