@@ -53,7 +53,7 @@ def _drives(s: DatabaseSession, session: Session, step: Step) -> list[dict[str, 
         made_by = result["policy"] if controller == "own" else controller
         return [
             {"trajectory": drives[DRIVES[controller]], "made_by": made_by}
-            for drives in result["situations"]
+            for drives in result.get("situations", result["comparisons"])  # jobs of older versions told these alone
             if drives["scene_seed"] == step.get("pair", drives["scene_seed"])
         ]
     return []

@@ -158,13 +158,13 @@ def ready_job(s: DatabaseSession, session: Session) -> Job | None:
     return next((job for job in jobs_of(s, session) if _verdict(job) == "shown"), None)
 
 
-def _verdict(job: Job) -> str | None:
-    """What became of one alignment, None while it goes on."""
+def _verdict(job: Job, *, rated: bool = False) -> str | None:
+    """What became of one alignment, None while it goes on. rated: its drives are rated one by one, arrived or not."""
     if job.state == "succeeded":
         result = job.result or {}
         if not result.get("passed"):
             return "gate_not_passed"
-        return "shown" if result.get("comparisons") else "no_scenes"
+        return "shown" if result.get("comparisons") or (rated and result.get("situations")) else "no_scenes"
     return "job_failed" if job.state in ("failed", "cancelled", "cancelling") else None
 
 
@@ -182,16 +182,17 @@ def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: da
     recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
 
     Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_consent, no_scenes (a policy that
-    passed the gate, but no scene in which both drives can be shown).
+    passed the gate, but no scene in which both drives can be compared).
     """
     if session.personalisation is not None:
         return session.personalisation
     jobs = jobs_of(s, session)
     if not jobs:
         return "too_few_answers"
+    rated = any(entry.evaluation for entry in protocol.stages)
     of_snapshot: dict[str, list[str | None]] = {}
     for job in jobs:
-        of_snapshot.setdefault(job.params["snapshot"], []).append(_verdict(job))
+        of_snapshot.setdefault(job.params["snapshot"], []).append(_verdict(job, rated=rated))
     verdicts = ["shown" if "shown" in each else None if None in each else each[-1] for each in of_snapshot.values()]
     if None not in verdicts:
         return "shown" if "shown" in verdicts else verdicts[-1]

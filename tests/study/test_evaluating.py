@@ -81,8 +81,11 @@ def keep_a_path(walker: Walker) -> None:
     walker.submit(key, {"stroke": state["stroke"]})
 
 
-def trained(walker: Walker, *, passed: bool = True) -> None:
-    """The training has ended. It takes minutes and is tested as a job; here its result names the drawn drives."""
+def trained(walker: Walker, *, passed: bool = True, older: bool = False) -> None:
+    """The training has ended. It takes minutes and is tested as a job; here its result names the drawn drives.
+
+    older: by a version whose result tells only the situations in which both that are compared arrive.
+    """
     with walker.database.transaction() as s:
         (job,) = s.scalars(select(Job)).all()
         strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.pair)).all()
@@ -91,8 +94,8 @@ def trained(walker: Walker, *, passed: bool = True) -> None:
         job.result = {
             "policy": job.params["snapshot"],
             "passed": passed,
-            "situations": shown if passed else [],
-            "comparisons": shown[:1] if passed else [],  # where both arrive; all of them are rated all the same
+            "comparisons": shown if passed and older else [],  # where both arrive; all are rated all the same
+            **({} if older else {"situations": shown if passed else []}),
         }
 
 
@@ -133,6 +136,7 @@ def test_three_controllers_are_watched_blind_and_rated(walker: Walker):
         walker.submit(walker.view.key, RATING)
         rated.append(robot)
     assert walker.view.kind == "debriefing"
+    assert personalisation_of(walker) == "shown"
     with walker.database.session() as s:
         trials = s.scalars(select(Trial).order_by(Trial.index)).all()
         assert {trial.block for trial in trials} == {"social_cost", "dwa", "own"}
@@ -190,7 +194,7 @@ def test_who_comes_back_before_the_robots_are_learned_waits_for_them(walker: Wal
     walker.submit("instruction_2", {})
     assert walker.view.kind == "wait"
     assert not settled(walker)
-    trained(walker)
+    trained(walker, older=True)
     assert settled(walker)
     assert walker.view.key == "evaluation.corridor.1.1"
     assert personalisation_of(walker) == "shown"
