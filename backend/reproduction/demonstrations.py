@@ -52,8 +52,8 @@ JUDGED_S = 1.0
 
 @dataclass(frozen=True)
 class Budget:
-    """How much is computed. ablated: the style for which every variant is trained, in the first environment; where
-    there is no ablation, learning curves are drawn of ours and of the control alone.
+    """How much is computed. ablated: the style for which every variant is trained, in the first environment.
+    controls: ablation and training without demonstrations; else ours alone is trained.
     """
 
     name: str
@@ -64,7 +64,7 @@ class Budget:
     unseen: int
     styles: tuple[str, ...] = tuple(STYLES)
     per_pair: int = PER_PAIR
-    ablation: bool = True
+    controls: bool = True
 
 
 BUDGETS = {
@@ -75,7 +75,7 @@ BUDGETS = {
         Budget("full", ("room", "corridor"), (0, 1, 2), 16_000, "field_of_view", 100),
         # As many as training has by default.
         Budget(
-            "long", ("room", "corridor"), (0, 1, 2), DemonstrationConfig().updates, "field_of_view", 100, ablation=False
+            "long", ("room", "corridor"), (0, 1, 2), DemonstrationConfig().updates, "field_of_view", 100, controls=False
         ),
     )
 }
@@ -114,11 +114,15 @@ def make_plan(budget: Budget) -> Plan:
     unseen: dict[Cell, Piece] = {}
     for environment in budget.environments:
         for style in budget.styles:
-            whole = budget.ablation and environment == budget.environments[0] and style == budget.ablated
+            variants: Sequence[str] = (OURS, WITHOUT)
+            if not budget.controls:
+                variants = (OURS,)
+            elif environment == budget.environments[0] and style == budget.ablated:
+                variants = tuple(VARIANTS)
             for seed in budget.seeds:
                 shown = {"environment": environment, "style": style, "per_pair": budget.per_pair, "seed": seed}
                 elsewhere = {"environment": environment, "seed": seed, "scenes": budget.unseen}
-                for variant in VARIANTS if whole else (OURS, WITHOUT):
+                for variant in variants:
                     cell = Cell(environment, style, variant, seed)
                     config = {"seed": seed, "updates": budget.updates, **VARIANTS[variant]}
                     # Who learns without demonstrations is one controller for all styles; the style only tells beside

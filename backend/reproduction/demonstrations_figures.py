@@ -66,7 +66,7 @@ def paths_picture(plan: Plan, load: Load, environment: str) -> Picture:
     shape = room.width / room.length if room is not None else 1.0
     rows: Rows = []
     with mpl.rc_context(STYLE):
-        columns = (*SHOWN, WITHOUT)
+        columns = (*SHOWN, WITHOUT) if plan.budget.controls else SHOWN
         height = len(styles) * (8.8 / len(columns) * shape + 0.35) + 0.3
         figure, axes = blank(len(columns), 9.6, height, rows=len(styles))
         for number, ax in enumerate(axes):

@@ -27,6 +27,7 @@ _CONTROL = (
     "TD3 without demonstrations: no demonstration buffer and no cloning; it is rewarded for reaching goals and for "
     "progress in exploration, as base policies are."
 )
+_UNCONTROLLED = "Only the whole training was run; the budget `full` also leaves out its parts."
 
 
 def write_report(path: Path, plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Picture], run: Run) -> None:
@@ -76,6 +77,8 @@ def _trained_in(ours: Sequence[Row]) -> list[str]:
 def _without(rows: Sequence[Row]) -> list[str]:
     """Whether the bar on the Frechet distance says anything: who has seen no demonstrations must miss it."""
     plain = [row for row in rows if row.controller == WITHOUT]
+    if not plain:
+        return []
     passing = [
         f"{_whose(row)} (f = {_number(row.values['frechet_m'])} m at t* = {_number(row.values['t_star'])}, "
         f"{100 * (row.values['followed_rate'] or 0):.0f} % of drives follow)"
@@ -143,7 +146,7 @@ def sections(plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Pictur
         Section("Where nothing was demonstrated", tables=[_unseen_table(main)], pictures=shown("unseen")),
         Section(
             "What the parts of the training give",
-            [_ABLATED, _CONTROL] if plan.budget.ablation else [_CONTROL],
+            [_ABLATED, _CONTROL] if plan.budget.controls else [_UNCONTROLLED],
             tables=[_bars_table(ablated)],
             pictures=shown("curves"),
         ),
