@@ -16,6 +16,8 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.analysis.choices import CHANCE_CIRCULAR
+from backend.report.data import TRIAD
 from backend.store.models import Event, Response, Session, Trial
 
 TOO_FAST_S = 0.5  # a choice between two seen drives in less was hardly a choice
@@ -25,7 +27,7 @@ ONE_SIDED_FROM = 8  # preferences; eight times the same letter by chance: 1 in 1
 INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in most cases: a hint, no proof
 INCONSISTENT_SHARE = 0.5
 CIRCULAR_FROM = 2  # triads of transitivity probes in which A was chosen over B, B over C and C over A ...
-CIRCULAR_SHARE = 0.25  # ... and as large a share of all as by three coins
+CIRCULAR_SHARE = CHANCE_CIRCULAR  # ... and as large a share of all as by three coins
 LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
 FOCUS_REASONS = ("hidden",)
 STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's drive, the drive of a drawn path
@@ -114,7 +116,7 @@ def _triads(given: Sequence[_Given]) -> list[list[_Given]]:
     """The triads that were answered whole: the three pairs of three drives, under one condition."""
     asked: dict[tuple[str, str | None], dict[frozenset[str], _Given]] = defaultdict(dict)
     for answer in given:
-        if answer.role == "transitivity" and answer.chosen is not None:
+        if answer.role == TRIAD and answer.chosen is not None:
             asked[answer.session, answer.block][answer.drives] = answer
     found = []
     for pairs in asked.values():
