@@ -175,7 +175,7 @@ export class Drawing extends StageBar {
   async played({ playback_id: id, walk }) {
     const taken = await this.reportPlayed(id, () => ({ path: "driven", body: walk ? { walk } : {} }));
     // Nothing moves any more: a walk that was not taken (the robot brushed past, say) can be begun again.
-    if (!taken && this.state.playback_id === id) await this.interrupted("connection");
+    if (!taken && !this.over && this.state.playback_id === id) await this.interrupted("connection");
   }
 
   /** @param {"hidden" | "connection" | "webgl_lost"} reason */
