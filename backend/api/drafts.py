@@ -74,7 +74,8 @@ def draft_from_text(
     texts: file name -> bytes, `.md` are texts, `.yaml` questionnaires; they are added to the shipped or replace them.
     own: a study's frozen files, path -> content, between the two.
 
-    Raises DraftError for an empty, too large or not readable file, or a name that is no plain file name.
+    Raises DraftError for an empty, too large or not readable file, a name that is no plain file name, or a frozen file
+    that would lie outside the draft (a data set from elsewhere may name anything).
     """
     _checked("protocol.yaml", yaml)
     texts = texts or {}
@@ -90,6 +91,9 @@ def draft_from_text(
     places = {Path(path).name: path for path in kept}
     uploaded = {places.get(name, f"{FOLDERS[Path(name).suffix]}/{name}"): text for name, text in decoded.items()}
     for path, text in {**kept, **uploaded}.items():
+        if not (draft.folder / path).resolve().is_relative_to(draft.folder.resolve()):
+            draft.discard()
+            raise DraftError("file_name", name=path)
         (draft.folder / path).parent.mkdir(parents=True, exist_ok=True)
         (draft.folder / path).write_text(text, encoding="utf-8")
     draft.save(yaml)

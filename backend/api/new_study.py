@@ -48,7 +48,7 @@ def _choose_page(request: Request, *, status: int = 200, problem: DraftError | N
 
 
 @router.post("")
-async def make_draft(
+def make_draft(
     request: Request,
     parts: TheHouse,
     source: Annotated[str, Form()] = "",
@@ -64,8 +64,8 @@ async def make_draft(
         elif source == "upload":
             if protocol is None or not protocol.filename:
                 raise DraftError("no_file")
-            named = {one.filename: await read_upload(one) for one in texts or [] if one.filename}
-            draft = drafts.draft_from_text(data, uploaded_text(protocol.filename, await read_upload(protocol)), named)
+            named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
+            draft = drafts.draft_from_text(data, uploaded_text(protocol.filename, read_upload(protocol)), named)
         elif source == "paste":
             draft = drafts.draft_from_text(data, yaml)
         else:
@@ -75,8 +75,8 @@ async def make_draft(
     return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
 
 
-async def read_upload(file: UploadFile) -> bytes:
-    content = await file.read(drafts.LARGEST_FILE + 1)
+def read_upload(file: UploadFile) -> bytes:
+    content = file.file.read(drafts.LARGEST_FILE + 1)
     if len(content) > drafts.LARGEST_FILE:
         raise DraftError("too_large", name=file.filename, kb=drafts.LARGEST_FILE // 1024)
     return content

@@ -117,7 +117,7 @@ def _choose_page(request: Request, study_id: str, database: Db, problem: DraftEr
 
 
 @router.post("/lab/studies/{study_id}/revise")
-async def make_change(
+def make_change(
     request: Request,
     study_id: str,
     database: Db,
@@ -131,8 +131,8 @@ async def make_change(
     try:
         yaml = _VERSION.sub(rf"\g<1>{newest.protocol.version + 1}", newest.yaml, count=1)
         if protocol is not None and protocol.filename:
-            yaml = uploaded_text(protocol.filename, await read_upload(protocol))
-        named = {one.filename: await read_upload(one) for one in texts or [] if one.filename}
+            yaml = uploaded_text(protocol.filename, read_upload(protocol))
+        named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
         draft = drafts.draft_from_text(parts.settings.data, yaml, named, newest.files)
     except DraftError as problem:
         return _choose_page(request, study_id, database, problem)

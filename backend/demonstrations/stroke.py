@@ -70,7 +70,7 @@ class Stroke:
         """A stroke from any nested numbers. Raises StrokeProblem `unreadable` for what is no stroke."""
         try:
             stroke = cls(*(np.array(part, dtype=np.float64) for part in (points, speeds, times_s)))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise StrokeProblem("unreadable", "the stroke's points, speeds or times are no numbers") from None
         n = len(stroke.points) if stroke.points.ndim else 0
         shapes = (stroke.points.shape, stroke.speeds.shape, stroke.times_s.shape)

@@ -11,7 +11,8 @@ from typing import Any
 
 import pyarrow as pa
 
-FORMAT = "desirepath-dataset-3"
+FORMAT = "desirepath-dataset-4"
+READABLE = ("desirepath-dataset-3", FORMAT)  # 3 has no strokes.walk
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
@@ -26,12 +27,13 @@ FLOATS = pa.list_(pa.float32())
 
 @dataclass(frozen=True)
 class Column:
-    """One column. `json`: the text is a JSON value."""
+    """One column. json: the text is a JSON value. newer: older data sets that can still be read do not have it."""
 
     name: str
     type: pa.DataType
     meaning: str
     json: bool = False
+    newer: bool = False
 
     def type_name(self) -> str:
         """The type in words a reader of CSV understands."""
@@ -271,6 +273,7 @@ STROKES = Table(
             "beside: the trajectory they walked beside) or planned (by a program, chosen by the participant; mode, "
             "seed). spline: knots times_s, x, y, yaw of monotone cubics, as in the scene of the trajectory",
             json=True,
+            newer=True,
         ),
         Column("state", TEXT, "kept (learned from), redone (taken back), refused (cannot be driven), drawn or watched"),
         Column("problem", TEXT, "refused only: code, place and numbers of what was wrong", json=True),

@@ -26,9 +26,9 @@ from backend.store.database import Database
 from backend.store.dataset import (
     CHECKSUMS_FILE,
     EVENTS,
-    FORMAT,
     PARTICIPANTS,
     PROTOCOL_FOLDER,
+    READABLE,
     RESPONSES,
     SESSIONS,
     STROKES,
@@ -136,8 +136,10 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
 
 def _about(folder: Path) -> Row:
     about: Row = _read_json(folder / STUDY_FILE)
-    if about.get("format") != FORMAT:
-        raise DatasetError(f"{STUDY_FILE}: format {about.get('format')!r} is unknown; this version reads {FORMAT!r}")
+    if about.get("format") not in READABLE:
+        raise DatasetError(
+            f"{STUDY_FILE}: format {about.get('format')!r} is unknown; this version reads {', '.join(READABLE)}"
+        )
     return about
 
 
@@ -172,6 +174,8 @@ def _read(folder: Path, table: Table) -> list[Row]:
     except (OSError, pa.ArrowException) as problem:
         raise DatasetError(f"{name}: cannot be read ({problem})") from None
     for column in table.columns:
+        if column.newer and column.name not in found.column_names:
+            found = found.append_column(column.name, pa.nulls(len(found), column.type))
         if column.name not in found.column_names or found.schema.field(column.name).type != column.type:
             raise DatasetError(f"{name}: column {column.name!r} ({column.type_name()}) is missing or of another type")
     try:

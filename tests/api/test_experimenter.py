@@ -177,6 +177,13 @@ def test_files_that_cannot_be_texts_are_refused(tmp_path, name, content, code):
     assert not (tmp_path / "drafts").exists()
 
 
+@pytest.mark.parametrize("path", ["../../texts/out.md", "/out.md"])
+def test_a_frozen_file_cannot_lie_outside_its_draft(tmp_path, path):
+    with pytest.raises(drafts.DraftError, match="file_name"):
+        drafts.draft_from_text(tmp_path, QUICK.read_text(encoding="utf-8"), own={path: "# Out\n"})
+    assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
+
+
 def test_uploaded_names_cannot_leave_the_drafts_folder(tmp_path):
     draft = drafts.draft_from_text(tmp_path, "a: b", {"../../../escape.md": b"text", "C:\\temp\\other.md": b"text"})
     assert (draft.folder / "texts" / "escape.md").is_file()

@@ -10,6 +10,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import select, update
@@ -393,6 +394,21 @@ def test_a_forged_data_set_leaves_nothing_behind(exported: Path, copied: Path, t
     with fresh.session() as s:
         assert s.scalars(select(Study)).all() == []
         assert s.scalars(select(Participant)).all() == []
+
+
+def test_a_data_set_from_before_people_walked_is_read(copied: Path, tmp_path: Path):
+    about = json.loads((copied / "study.json").read_text())
+    forge(copied, "study.json", json.dumps({**about, "format": "desirepath-dataset-3"}).encode())
+    older = pa.BufferOutputStream()
+    pq.write_table(pq.read_table(copied / "strokes.parquet").drop_columns(["walk"]), older)
+    forge(copied, "strokes.parquet", older.getvalue().to_pybytes())
+    fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
+    fresh.migrate()
+    done = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
+    assert done["study"] == about["study"]
+    forge(copied, "study.json", json.dumps({**about, "format": "desirepath-dataset-2"}).encode())
+    with pytest.raises(DatasetError, match=r"'desirepath-dataset-2' is unknown; this version reads .*-3, .*-4"):
+        import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
 
 
 def test_a_folder_that_holds_something_is_not_written_into(full: SmallStudy, tmp_path: Path):
