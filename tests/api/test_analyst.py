@@ -346,7 +346,7 @@ def test_replay_of_two_policies_opens_a_stage_for_this_browser_only(analyst, wor
     assert replays.key_of(token) == f"replay:{token}"
     assert replays.key_of(token[:-1]) is None
     shown = []
-    stage = SimpleNamespace(replay=lambda drives, names: shown.append((drives, names)))
+    stage = SimpleNamespace(replay=lambda drives, names, **_: shown.append((drives, names)))
     assert replays.show(stage, f"replay:{token}")
     (left, right), names = shown[0]
     assert left.scene == right.scene

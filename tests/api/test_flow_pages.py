@@ -108,7 +108,7 @@ def test_two_policies_are_drawn_with_their_difference_and_shown_in_3d(analyst, h
     assert "heading_difference_rad" in analyst.get(files["difference.csv"]).text
     token = re.search(r'<iframe[^>]*src="[^"]*/stage/([^/"]+)/"', page).group(1)
     shown = []
-    stage = SimpleNamespace(replay=lambda drives, names: shown.append((drives, names)))
+    stage = SimpleNamespace(replay=lambda drives, names, **_: shown.append((drives, names)))
     assert house.extras["replays"].show(stage, f"replay:{token}")
     drives, names = shown[0]
     assert names == ("A: study_room/base", "B: study_room/ensemble/1")
