@@ -40,6 +40,7 @@ from backend.study.protocol import freeze
 from backend.study.studies import create_study
 
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment
+LEAST_ALIGNED = 3  # one is a learning trial
 PACE_S = 20.0  # ours: a person's pair. The shipped drives take 11 to 14 s a pair; starting, changing over and choosing
 # take the rest.
 AT_LEAST = 50  # ours: fewer participants than this answer so much faster that they are as much work as so many people
@@ -276,6 +277,8 @@ def benchmark_serve(
         raise ValueError(
             f"answers = {answers}: 1 to {MOST_ANSWERS}; with one more, every session would start an alignment"
         )
+    if during_alignment and answers < LEAST_ALIGNED:
+        raise ValueError(f"answers = {answers}: alignments learn from these answers and need at least {LEAST_ALIGNED}")
     pace = usual_pace_s(sessions) if pace_s is None else pace_s
     if not MIN_PACE_S <= pace <= MAX_PACE_S:
         raise ValueError(f"pace = {pace}: {MIN_PACE_S} to {MAX_PACE_S:.0f} s between two answers of one participant")
