@@ -9,8 +9,10 @@ import pytest
 
 from backend.analysis.metrics import measure
 from backend.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, drive
+from backend.demonstrations.demonstrators import demonstrate
 from backend.demonstrations.dwa import lidar_setup
 from backend.demonstrations.social_cost import SocialCost
+from backend.learning.oracles import TASTES, min_human_distance_m
 from backend.learning.shipped import load_policy
 from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
 from backend.simulation.fast import FastEngine
@@ -72,3 +74,13 @@ def test_strangers_are_refused() -> None:
     with pytest.raises(SetupError, match="differ"):
         drive(load_policy("study_room/base"), [demonstration_scene("room", 0)])
     assert drive(DWA, []) == []
+
+
+@pytest.mark.parametrize("environment", ["room", "corridor"])
+def test_bots_can_choose_between_drives_of_chapter_two(environment: str) -> None:
+    scenes = demonstration_scenes(environment)[:1]
+    (close,), (far,) = drive("dwa", scenes), [demonstrate("wall_follower", scenes[0], 0).trajectory]
+    for name, taste in TASTES.items():
+        assert np.isfinite(taste.value([close, far])).all(), name
+    near, wide = TASTES["min-human-distance"].value([close, far])
+    assert (wide > near) == (min_human_distance_m(far) > min_human_distance_m(close))
