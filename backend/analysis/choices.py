@@ -6,15 +6,18 @@ scipy computes chi-square and binomial tests; here are the pairs, effect sizes a
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from backend.analysis.tested import Mean, Tested, mean_of
+
+Answer = TypeVar("Answer")
 
 
 def equal_first_choices(counts: ArrayLike, *, about: str) -> Tested:
@@ -95,6 +98,17 @@ def cohens_kappa(first: ArrayLike, second: ArrayLike) -> float:
 
 
 CHANCE_CIRCULAR = 0.25  # of three choices by three coins: two of the eight outcomes go round
+
+
+def whole_triads(answers: Mapping[frozenset[str], Answer]) -> list[list[Answer]]:
+    """The triads that were answered whole: the three answers about all pairs of three. answers: by the pair they are
+    about, one person's under one condition."""
+    found: dict[frozenset[str], list[Answer]] = {}
+    for one, other in combinations(answers, 2):
+        three = one | other
+        if len(three) == 3 and one ^ other in answers:
+            found.setdefault(three, [answers[pair] for pair in answers if pair <= three])
+    return list(found.values())
 
 
 def is_circular(choices: Sequence[tuple[str, str]]) -> bool:

@@ -9,14 +9,14 @@ from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import combinations, pairwise
+from itertools import pairwise
 from statistics import median
 from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.analysis.choices import CHANCE_CIRCULAR
+from backend.analysis.choices import CHANCE_CIRCULAR, is_circular, whole_triads
 from backend.report.data import TRIAD
 from backend.store.models import Event, Response, Session, Trial
 
@@ -64,6 +64,12 @@ class _Given:
     block: str | None = None
     drives: frozenset[str] = frozenset()
 
+    @property
+    def rejected(self) -> str:
+        """The drive of the two that a choice did not name."""
+        (other,) = self.drives - {self.chosen}
+        return other
+
 
 def signs(s: DatabaseSession, study_id: str) -> dict[str, Signs]:
     """participant id -> what stands out, for everybody who has answered something or looked away."""
@@ -106,23 +112,14 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
 
 def _going_round(given: Sequence[_Given]) -> list[_Given]:
     """The answers of circular triads, where there are too many of them."""
-    triads = _triads(given)
-    circular = [three for three in triads if len({a.chosen for a in three}) == 3]
-    too_many = len(circular) >= max(CIRCULAR_FROM, CIRCULAR_SHARE * len(triads))
-    return [answer for three in circular for answer in three] if too_many else []
-
-
-def _triads(given: Sequence[_Given]) -> list[list[_Given]]:
-    """The triads that were answered whole: the three pairs of three drives, under one condition."""
     asked: dict[tuple[str, str | None], dict[frozenset[str], _Given]] = defaultdict(dict)
     for answer in given:
         if answer.role == TRIAD and answer.chosen is not None:
             asked[answer.session, answer.block][answer.drives] = answer
-    found = []
-    for pairs in asked.values():
-        threes = {p | q for p, q in combinations(pairs, 2) if len(p | q) == 3 and p ^ q in pairs}
-        found += [[pairs[pair] for pair in pairs if pair <= three] for three in threes]
-    return found
+    triads = [three for pairs in asked.values() for three in whole_triads(pairs)]
+    circular = [three for three in triads if is_circular([(a.chosen or "", a.rejected) for a in three])]
+    too_many = len(circular) >= max(CIRCULAR_FROM, CIRCULAR_SHARE * len(triads))
+    return [answer for three in circular for answer in three] if too_many else []
 
 
 def _agrees(answer: _Given, given: Sequence[_Given]) -> bool | None:

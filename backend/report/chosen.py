@@ -15,7 +15,14 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.choices import agreement, cohens_kappa, is_circular, mostly, share_over_people
+from backend.analysis.choices import (
+    agreement,
+    cohens_kappa,
+    is_circular,
+    mostly,
+    share_over_people,
+    whole_triads,
+)
 from backend.analysis.metrics import measure
 from backend.analysis.tested import Mean, Tested, corrected, mean_of
 from backend.report.data import PROBES, TRIAD, Choice, Comparison, Load
@@ -129,21 +136,11 @@ def triads_of(choices: Sequence[Choice], condition: str) -> Triads | None:
     shares: list[float] = []
     count = circular = 0
     for given in _by_person(asked).values():
-        whole = [three for three in _threes(given) if len(three) == 3]
+        whole = whole_triads({frozenset({one.first, one.second}): one for one in given})
         ways = sum(is_circular([(one.chosen, one.rejected) for one in three]) for three in whole)
         count, circular = count + len(whole), circular + ways
         shares += [ways / len(whole)] if whole else []
     return Triads(count, circular, mean_of(shares)) if count else None
-
-
-def _threes(given: Sequence[Choice]) -> list[list[Choice]]:
-    """One person's answers by triad: those that share a drive belong together, since every triad has a scene of its
-    own."""
-    groups: list[list[Choice]] = []
-    for one in given:
-        mine = [group for group in groups if any({x.first, x.second} & {one.first, one.second} for x in group)]
-        groups = [group for group in groups if group not in mine] + [[*(x for group in mine for x in group), one]]
-    return groups
 
 
 def disagreement(

@@ -13,6 +13,7 @@ from backend.analysis.choices import (
     first_choice_pairs,
     mostly,
     share_over_people,
+    whole_triads,
 )
 
 
@@ -62,3 +63,11 @@ def test_people_not_answers_are_counted() -> None:
 def test_counts_that_are_none_are_refused(bad: list[int]) -> None:
     with pytest.raises(ValueError, match="counts"):
         equal_first_choices(bad, about="first choices")
+
+
+def test_triads_are_the_three_pairs_of_three() -> None:
+    """p, q, r were compared in all pairs, x, y, z in two; p, q, r and s share drives and make two triads."""
+    pairs = {frozenset(pair): pair for pair in ("pq", "qr", "rp", "xy", "yz")}
+    assert whole_triads(pairs) == [["pq", "qr", "rp"]]
+    pairs |= {frozenset(pair): pair for pair in ("rs", "sp")}
+    assert whole_triads(pairs) == [["pq", "qr", "rp"], ["rp", "rs", "sp"]]
