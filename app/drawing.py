@@ -55,15 +55,14 @@ def surroundings(scene: Scene, person: str) -> dict[str, Any]:
 class Paper:
     """One sheet. id: comes back with the stroke. kept: paths of the same situation, drawn thin, metres.
 
-    drawn, speeds: a stroke that is on it already, metres and m/s. resting: nothing can be drawn now. problem: what is
-    wrong with that stroke, {"at": [x, y] m, "thing": what is touched or None}. walks: scenes with the walks to choose
-    from; chosen: which one the stroke is for.
+    drawn: a stroke that is on it already, {points [[x, y], ...] m, speeds m/s, times_s of the hand}. resting: nothing
+    can be drawn now. problem: what is wrong with that stroke, {"code": one of StrokeProblem's, "at": [x, y] m, "thing":
+    what is touched or None}. walks: scenes with the walks to choose from; chosen: which one the stroke is for.
     """
 
     id: str
     kept: Sequence[Points] = ()
-    drawn: Points = ()
-    speeds: Sequence[float] = ()
+    drawn: Mapping[str, Sequence[Any]] | None = None
     resting: bool = False
     problem: Mapping[str, Any] | None = None
     walks: Sequence[Scene] = ()
@@ -79,9 +78,7 @@ class Paper:
             "goal": [scene.goal.x, scene.goal.y, scene.goal_radius],
             "speeds": [limits.v_min, limits.v_max],
             "kept": [[list(point) for point in path] for path in self.kept],
-            "drawn": {"points": [list(point) for point in self.drawn], "speeds": list(self.speeds)}
-            if len(self.drawn)
-            else None,
+            "drawn": dict(self.drawn) if self.drawn else None,
             "resting": self.resting,
             "problem": dict(self.problem) if self.problem else None,
             "walks": [walk_track(walked) for walked in self.walks],

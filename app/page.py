@@ -33,7 +33,7 @@ from pathlib import Path
 from app import viser_hooks
 
 _CLIENT = Path(__file__).parent / "client"
-_PEN = ("clearance.js", "ink.js", "draw.js", "walk.js")
+_PEN = ("clearance.js", "ink.js", "sections.js", "draw.js", "walk.js")
 _SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", *_PEN, "stage.js")
 
 

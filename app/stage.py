@@ -85,15 +85,18 @@ class Stage:
         trajectories: Sequence[Trajectory] = (),
         goal: bool = False,
         walking: bool = False,
+        paper: Paper | None = None,
     ) -> None:
         """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
 
         Builds the scene first when another one stands there, or one whose frame is too small for this trajectory.
         label: "A", "B", or "" for none. trajectories: as for `show`. goal: whether its cone stands there.
         The scene's person walks as its walk says; walking: the participant does, and `played` brings their `walk`.
+        paper: lies on the floor where the scene is built anew; what lies there already stays.
         """
         with self._lock:
-            if not self._stands(trajectory, require_view(view), goal):
+            anew = not self._stands(trajectory, require_view(view), goal)
+            if anew:
                 shown = trajectories or (trajectory,)
                 self._show(trajectory.scene, require_view(view), shown, (figures.NEUTRAL,), goal=goal)
             self._run(
@@ -106,6 +109,7 @@ class Stage:
                     "tracks": [_samples(trajectory)],
                     "person": walk_track(trajectory.scene),
                     "walk": surroundings(trajectory.scene, "you") if walking else None,
+                    "paper": paper.as_message(trajectory.scene, view) if paper and anew else None,
                 }
             )
 

@@ -27,6 +27,7 @@
    * @property {any[]} tight stretches, as clearance.js finds them
    * @property {{at: number[], text: string} | null} problem what the server found
    * @property {number[]} begin where the next section begins
+   * @property {boolean} onward it goes on from what is there
    * @property {boolean} waiting for the pen to be put down there
    * @property {number[]} goal x, y, radius
    * @property {number[][][]} kept paths of this situation
@@ -177,7 +178,7 @@
   }
 
   /** @param {Projector} project @param {Picture} picture */
-  function ring(project, { begin, waiting, points }) {
+  function ring(project, { begin, waiting, onward }) {
     const [x, y] = begin;
     const phase = still.matches ? 0.5 : ((performance.now() - began) / 1600) % 1;
     for (const [radius, alpha] of [[0.3, 1], ...(waiting ? [[0.3 + 0.22 * phase, 1 - phase]] : [])]) {
@@ -191,7 +192,7 @@
       pen.stroke();
     }
     pen.globalAlpha = 1;
-    if (waiting) note(project(x, y), say(points.length ? "go_on_here" : "begin_here"), "rgb(28 104 62)");
+    if (waiting) note(project(x, y), say(onward ? "go_on_here" : "begin_here"), "rgb(28 104 62)");
   }
 
   /** Where the goal is out of sight: on which side it lies. @param {Projector} project @param {number[]} goal */
@@ -224,7 +225,7 @@
     pen.setLineDash([]);
   }
 
-  /** The person's way as footprints, a pair every half a metre. @param {Projector} project @param {number[][]} track */
+  /** The person's way as footprints, left and right in turn, each 0.3 m after the other. @param {Projector} project @param {number[][]} track */
   function footprints(project, track) {
     pen.fillStyle = "rgb(46 86 140 / 0.8)";
     let [since, left] = [Infinity, false];

@@ -48,6 +48,7 @@
     if (order.type === "show") show(order);
     else if (order.type === "play") {
       onceReady(() => {
+        if (order.paper) draw.begin(order.paper);
         draw.rest();
         player.play(order);
       });

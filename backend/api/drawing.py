@@ -18,7 +18,7 @@ from backend.api.participant_requests import Json, client_time_of, request_id_of
 from backend.api.session_view import looking, state_of
 from backend.api.stage_bridge import bridge_of
 from backend.store.models import Session, StrokeRow, utc_now
-from backend.study import drawing, machine, walks
+from backend.study import drawing, drawn_paths, machine, walks
 from backend.study.refusals import Refused
 from backend.study.sessions import acting
 from backend.study.walks import Walked
@@ -73,11 +73,11 @@ def _walked(parts: House, token: str, key: str, given: object) -> Walked | None:
     """What was walked beside the drive that is shown; made outside any transaction, as it computes."""
     with looking(parts, token) as (s, session):
         step = _step(session, key)
-        stroke = drawing.latest_stroke(s, session.id, key)
-        if stroke is None or not drawing.is_walked(step, stroke):
+        stroke = drawn_paths.latest_stroke(s, session.id, key)
+        if stroke is None or not drawn_paths.is_walked(step, stroke):
             return None
         drawn, beside, simulated = stroke.drawn, stroke.trajectory, session.simulated
-    return walks.walked_beside(step, drawing.scene_of(step), drawn, beside, given, simulated=simulated)
+    return walks.walked_beside(step, drawn_paths.scene_of(step), drawn, beside, given, simulated=simulated)
 
 
 @router.post("/api/session/{token}/drawing/{key}/walk")
@@ -145,14 +145,14 @@ def _on_drawing(
         _step(session, key)
         row = act(s, session)
         s.flush()
-        shown = drawing.showing(machine.step_of(session), row)
+        shown = drawn_paths.showing(machine.step_of(session), row)
         reply = state_of(request, s, session, machine.current(s, session))
         if row is not None:
             reply["problem"] = row.problem if row.state == "refused" else None
     bridge = bridge_of(parts)
     if shown is not None:
         bridge.tell_stage(session.id, lambda stage: play_stroke(parts, stage, session.id, shown))
-    elif afresh or drawing.met(row):
+    elif afresh or drawn_paths.met(row):
         bridge.show(session.id)
     bridge.changed(session.id)
     return reply

@@ -12,7 +12,7 @@ from app.drawing import Paper
 from backend.api.dependencies import House
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Session, StrokeRow
-from backend.study import drawing, machine, walks
+from backend.study import drawn_paths, machine, walks
 from backend.study.words import DRAWN_KINDS
 
 if TYPE_CHECKING:
@@ -21,17 +21,20 @@ if TYPE_CHECKING:
 SPECK_M = 0.03  # kept paths are shown in steps of this; finer is not to be seen
 
 
-def play_stroke(parts: House, stage: Stage, session_id: str, shown: drawing.Showing) -> None:
+def play_stroke(parts: House, stage: Stage, session_id: str, shown: drawn_paths.Showing) -> None:
     """Show a stroke's drive, unless the session went on meanwhile."""
     with parts.database.session() as s:
         step = machine.step_of(s.get_one(Session, session_id))
-        latest = drawing.latest_stroke(s, session_id, step["key"])
-    if step["kind"] not in DRAWN_KINDS or drawing.showing(step, latest) != shown:
+        latest = drawn_paths.latest_stroke(s, session_id, step["key"])
+    if step["kind"] not in DRAWN_KINDS or drawn_paths.showing(step, latest) != shown:
         return
     # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
-    scene = walks.scene_with(drawing.scene_of(step), latest.walk if latest is not None else None)
+    scene = walks.scene_with(drawn_paths.scene_of(step), latest.walk if latest is not None else None)
     drive = replace(load_trajectory(parts.files, shown.trajectory), scene=scene)
-    stage.play(drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking)
+    drawn = Paper(step["key"], drawn=latest.drawn, resting=True) if latest is not None else None
+    stage.play(
+        drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
+    )
 
 
 def present(parts: House, stage: Stage, session_id: str) -> None:
@@ -39,18 +42,16 @@ def present(parts: House, stage: Stage, session_id: str) -> None:
     with parts.database.session() as s:
         session = s.get_one(Session, session_id)
         step = machine.step_of(session)
-        kept = [_thinned(one) for one in drawing.kept_strokes(s, session_id, step)]
-        latest = drawing.latest_stroke(s, session_id, step["key"])
-        phase = drawing.state_of(s, session, step)["phase"]
+        kept = [_thinned(one) for one in drawn_paths.kept_strokes(s, session_id, step)]
+        latest = drawn_paths.latest_stroke(s, session_id, step["key"])
+        phase = drawn_paths.state_of(s, session, step)["phase"]
     on_it = latest is not None and latest.state in ("drawn", "watched", "refused")
-    drawn = latest.drawn if on_it and latest is not None else {"points": [], "speeds": []}
-    scene = drawing.scene_of(step)
+    scene = drawn_paths.scene_of(step)
     offered = walks.offered(step)
     paper = Paper(
         step["key"],
         kept,
-        drawn["points"],
-        drawn["speeds"],
+        latest.drawn if on_it and latest is not None else None,
         resting=phase != "drawing",
         problem=latest.problem if on_it and latest is not None else None,
         walks=[walks.scene_with(scene, walk) for walk in offered],

@@ -18,7 +18,7 @@ from backend.api.session_view import looking
 from backend.api.stage_bridge import Listener, bridge_of
 from backend.store.database import DatabaseBusy
 from backend.store.models import Session, utc_now
-from backend.study import drawing, machine, personalisation
+from backend.study import drawn_paths, machine, personalisation
 from backend.study.refusals import Refused
 from backend.study.sessions import acting
 from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
@@ -51,8 +51,9 @@ class _Glance:
         step = machine.step_of(session)
         trial = machine.trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
         shown: tuple[object, ...] | None = (trial.phase, trial.restarts) if trial is not None else None
-        if step["kind"] in DRAWN_KINDS and (stroke := drawing.latest_stroke(s, session.id, step["key"])) is not None:
-            shown = (stroke.attempt, stroke.state, stroke.shown_since)
+        if step["kind"] in DRAWN_KINDS:
+            stroke = drawn_paths.latest_stroke(s, session.id, step["key"])
+            shown = (stroke.attempt, stroke.state, stroke.shown_since) if stroke is not None else None
         self.state = (session.state, session.position, shown)
         self.position = session.position
         self.waiting = step["kind"] == "wait" and session.state == "active"

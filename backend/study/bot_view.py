@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Session
-from backend.study import drawing, machine, walks
+from backend.study import drawn_paths, machine, walks
 from backend.study.versions import protocol_of
 from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
@@ -25,7 +25,7 @@ def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -
     step = machine.step_of(session)
     told: dict[str, Any] = {name: step[name] for name in FIELDS if name in step}
     if view.kind in DRAWN_KINDS:
-        scene = drawing.scene_of(step)
+        scene = drawn_paths.scene_of(step)
         walked = [walks.scene_with(scene, walk).as_dict() for walk in walks.offered(step)]
         return told | {"scenes": walked or [scene.as_dict()]}
     if view.kind in TRIAL_KINDS:

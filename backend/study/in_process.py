@@ -16,7 +16,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job
-from backend.study import drawing, machine, personalisation, walks
+from backend.study import drawing, drawn_paths, machine, personalisation, walks
 from backend.study.bot_view import told_to_bots
 from backend.study.bots import BotError, Character, State, walk_all
 from backend.study.joining import join_study
@@ -117,10 +117,10 @@ class _InProcess:
 
         def act(s: DatabaseSession, session: Session) -> None:
             step = machine.step_of(session)
-            stroke = drawing.latest_stroke(s, session.id, key)
+            stroke = drawn_paths.latest_stroke(s, session.id, key)
             if stroke is None:
                 raise BotError(f"{key}: nothing was drawn to walk beside")
-            scene = drawing.scene_of(step)
+            scene = drawn_paths.scene_of(step)
             walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
             problems.append(walked.problem)
             drawing.driven(s, self._files, session, step, playback_id, walked, now=utc_now())

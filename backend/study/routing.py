@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
-from backend.study import asking, drawing, evaluating
+from backend.study import asking, drawn_paths, evaluating
 from backend.study.assignment import places_held_by
 from backend.study.planning import Step
 from backend.study.schema import Protocol
@@ -54,7 +54,7 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
     if step["stage"] == "evaluation":
         return evaluating.can_be_shown(s, session, step)
     if step["kind"] in DRAWN_KINDS:
-        return drawing.wanted(s, session, step)
+        return drawn_paths.wanted(s, session, step)
     if step["kind"] == "comprehension" and step["attempt"] > 1:
         return not _passed_before(s, session, step)
     return "again" not in step or _has_trial(s, session, step["again"])

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from sqlalchemy.orm.attributes import set_committed_value
 
 from backend.store.models import Response, Session, TrajectoryRow, Trial
-from backend.study import appointments, drawing, routing
+from backend.study import appointments, drawn_paths, routing
 from backend.study.pages import drawing_payload, ending_payload, payload_of, trial_payload
 from backend.study.planning import Step
 from backend.study.refusals import Refused
@@ -100,7 +100,7 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
         return StepView("too_soon", "too_soon", index, total, appointments.window_of(session))
     step = step_of(session)
     if step["kind"] in DRAWN_KINDS:
-        shown = drawing.state_of(s, session, step)
+        shown = drawn_paths.state_of(s, session, step)
         return StepView(step["kind"], step["key"], index, total, drawing_payload(step), shown)
     if step["kind"] in TRIAL_KINDS:
         trial, payload = trial_of(s, session), trial_payload(step)

@@ -104,6 +104,35 @@ def test_what_is_too_close_is_said_while_drawing(house: StageHouse, visit: Visit
     visitor.wait_until(lambda: 0 < newest(visitor)["length_m"] < before - 0.5, "the good part is left")
 
 
+def test_a_stroke_comes_back_with_its_times_and_one_begun_away_is_begun_anew(house: StageHouse, visit: Visit) -> None:
+    visitor = paper(house, visit, "top_down")
+    away = {
+        "points": [list(place) for place in arc()[8:]],
+        "speeds": [0.2] * 17,
+        "times_s": [0.1 * k for k in range(17)],
+    }
+    stage = house.server.stage("amber")
+    assert isinstance(stage, Stage)
+    problem = {"code": "starts_away", "at": away["points"][0], "thing": None}
+    stage.draw(SCENE, "top_down", Paper("sheet-2", drawn=away, problem=problem))
+    visitor.wait_until(lambda: newest(visitor)["problem"], "the stroke of before is there")
+    order(visitor, do="finish")
+    assert visitor.wait_for("stroke", id="sheet-2")["times_s"] == pytest.approx(away["times_s"])
+    length = newest(visitor)["length_m"]
+    drag(visitor, arc(0.5))
+    visitor.wait_until(lambda: newest(visitor)["can_finish"] and not newest(visitor)["problem"], "drawn from the robot")
+    assert newest(visitor)["length_m"] == pytest.approx(3.35, abs=0.2)
+    drag(visitor, arc()[12:])
+    visitor.wait_until(lambda: len(visitor.events("stroke")) == 2, "it goes off at the goal")
+    anew = visitor.events("stroke")[-1]
+    assert anew["points"][0] == pytest.approx([-3.2, 0.0], abs=0.01)
+    assert anew["times_s"] == sorted(anew["times_s"])
+    assert anew["times_s"][0] >= 1.6, "the hand's clock goes on"
+    for _ in range(3):
+        order(visitor, do="undo")
+    visitor.wait_until(lambda: newest(visitor)["length_m"] == length, "undo brings the old one back")
+
+
 def test_by_keys_alone(house: StageHouse, visit: Visit) -> None:
     visitor = paper(house, visit, "top_down")
     for _ in range(4):
@@ -177,8 +206,15 @@ def test_who_walks_beside_a_drive_is_recorded_and_kept_out_of_walls(house: Stage
     stage = house.server.stage("amber")
     assert isinstance(stage, Stage)
     beside = drive(SCENE, duration_s=3.0, bend_m=0.8)
-    stage.play(beside, label="", view="first_person", playback_id="walk", goal=True, walking=True)
+    drawn = {
+        "points": [list(place) for place in arc(bend_m=0.8)],
+        "speeds": [0.2] * 25,
+        "times_s": [0.1 * k for k in range(25)],
+    }
+    sketch = Paper("sheet-1", drawn=drawn, resting=True)
+    stage.play(beside, label="", view="first_person", playback_id="walk", goal=True, walking=True, paper=sketch)
     visitor.wait_for("playing")
+    assert visitor.frame.evaluate("document.documentElement.dataset.drawing") == "rests", "the path lies on the floor"
     order(visitor, do="step", key="w", down=True)
     walk = visitor.wait_for("played", playback_id="walk")["walk"]
     times, poses = np.array(walk["times_s"]), np.array(walk["poses"])

@@ -22,7 +22,7 @@ from backend.store.export import export_study
 from backend.store.importing import import_dataset
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
 from backend.store.strokes import StrokeError, demonstrations_of, read_demonstrations, take_demonstrations
-from backend.study import drawing, machine, walks
+from backend.study import drawing, drawn_paths, machine, walks
 from backend.study.in_process import walk_in_process
 from backend.study.protocol import freeze_text
 from backend.study.refusals import Refused
@@ -99,8 +99,8 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
         step = machine.step_of(session)
         walked = None
         if walk is not None:
-            stroke = drawing.latest_stroke(s, session.id, step["key"])
-            scene = drawing.scene_of(step)
+            stroke = drawn_paths.latest_stroke(s, session.id, step["key"])
+            scene = drawn_paths.scene_of(step)
             walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
         return drawing.driven(s, walker.files, session, step, playback, walked, now=walker.now)
 
@@ -163,7 +163,7 @@ def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: A
 
 
 def test_what_cannot_be_driven_is_told_and_stored_all_the_same(walker: Walker):
-    y = drawing.scene_of(_step(walker)).person.pose.y
+    y = drawn_paths.scene_of(_step(walker)).person.pose.y
     told = draw(walker, path(y))
     assert (told.state, told.trajectory, told.problem["code"], told.problem["thing"]) == (
         *("refused", None, "collides", "person"),
@@ -218,7 +218,7 @@ def who_walks(database: Database, files: ArtefactStore, person: str) -> Walker:
 
 def recording(walker: Walker, to: tuple[float, float], duration_s: float, hz: int = 30) -> dict[str, Any]:
     """Who walks at 1 m/s from where the person stands to a place, and stays."""
-    begin = drawing.scene_of(_step(walker)).person.pose
+    begin = drawn_paths.scene_of(_step(walker)).person.pose
     times = np.arange(0.0, duration_s, 1 / hz)
     way = np.subtract(to, (begin.x, begin.y))
     share = np.clip(times / np.linalg.norm(way), 0.0, 1.0)[:, None]
@@ -231,8 +231,8 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     drawn = draw(walker, path(0.7))
     state = walker.view.trial
     assert (state["phase"], state["walking"], drawn.demonstration, drawn.walk) == ("driving", True, None, None)
-    side = -1.0 if drawing.scene_of(_step(walker)).person.pose.y < 0 else -1.1
-    place = (drawing.scene_of(_step(walker)).person.pose.x + 0.6, side)
+    side = -1.0 if drawn_paths.scene_of(_step(walker)).person.pose.y < 0 else -1.1
+    place = (drawn_paths.scene_of(_step(walker)).person.pose.x + 0.6, side)
     walk = recording(walker, place, state["duration_s"] + 0.1)
     walker.later(state["duration_s"] + 3.0)
     # What nobody can have walked, walked sparsely, walked too short, or elsewhere is not taken.
@@ -257,7 +257,10 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     act(walker, drawing.drive, now=walker.now)
     assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", False)
     with database.session() as s:
-        assert drawing.showing(_step(walker), drawing.latest_stroke(s, row.session_id, row.step_key)).view == "top_down"
+        assert (
+            drawn_paths.showing(_step(walker), drawn_paths.latest_stroke(s, row.session_id, row.step_key)).view
+            == "top_down"
+        )
     walker.later(state["duration_s"] + 0.1)
     driven(walker, walker.view.trial["playback_id"])
     act(walker, drawing.walk_again, request_id="again", now=walker.now)
@@ -299,7 +302,7 @@ def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: Ar
         outcomes[bend, choice] = row.state
         if row.state == "drawn":
             demonstration = Demonstration.from_bytes(files.get(row.demonstration))
-            assert demonstration.scene.walk == walks.scene_with(drawing.scene_of(_step(walker)), row.walk).walk
+            assert demonstration.scene.walk == walks.scene_with(drawn_paths.scene_of(_step(walker)), row.walk).walk
             act(walker, drawing.redraw)
         else:
             assert (row.problem["thing"], row.problem["after_s"] > 0) == ("person", True)

@@ -14,7 +14,7 @@ from sqlalchemy import select
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
-from backend.study import drawing, machine
+from backend.study import drawing, drawn_paths, machine
 from backend.study.counterbalancing import design_of
 from backend.study.joining import join_study
 from backend.study.links import next_token
@@ -64,7 +64,7 @@ def keep_a_path(walker: Walker) -> None:
     along = [k / 80 for k in range(81)]
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
         step = machine.step_of(session)
-        side = -0.75 if drawing.scene_of(step).person.pose.y > 0 else 0.75
+        side = -0.75 if drawn_paths.scene_of(step).person.pose.y > 0 else 0.75
         given = {
             "points": [[-3.2 + 6.4 * u, side * 4 * u * (1 - u)] for u in along],
             "speeds": [0.25] * 81,

@@ -156,7 +156,7 @@ export class Drawing extends StageBar {
       distance: this.number(problem.distance_m ?? 0, 1),
       seconds: Math.round(problem.duration_s ?? problem.after_s ?? 0),
     });
-    this.tell({ do: "problem", at: problem.at, text: problem.thing ? this.words.stage.would_hit[thing] : "" });
+    this.tell({ do: "problem", code: problem.code, at: problem.at, text: problem.thing ? this.words.stage.would_hit[thing] : "" });
     this.needs.announce(this.problem);
   }
 
