@@ -126,7 +126,7 @@ def _check_page(
         problems=problems,
         wrong_lines={one.line for one in problems if one.file == draft.file.name},
         problem=problem,
-        veiled=str,
+        veiled=None,
         name=name if name is not None else (frozen.title(lab_language(request)) if frozen else ""),
     )
 

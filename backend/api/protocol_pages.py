@@ -6,11 +6,9 @@ What a change means is `study/revising.py`'s, drafts are `drafts.py`'s; making a
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
-from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from backend.api import drafts
@@ -22,19 +20,17 @@ from backend.api.new_study import TheDraft, read_upload, uploaded_text
 from backend.api.preview import first_steps
 from backend.api.roles import Right
 from backend.api.study_tabs import study_tab, the_study
-from backend.store.models import Study
 from backend.store.query_sets import query_sets_here
+from backend.store.worth_money import REMOVED, is_worth_money, yaml_without
 from backend.study.outline import describe_stages, expected_minutes
 from backend.study.protocol import ProtocolError, thaw
 from backend.study.revising import revise_study, revision_of, versions_of
-from backend.study.schema import Protocol, ScreenOut
-from backend.study.schema_stages import DebriefingStage
 from backend.study.studies import StudyError
 from backend.study.versions import newest_protocol, protocol_row
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 VEIL = "•••"
-_VERSION = re.compile(r"^(version:[ \t]*)\d+", re.MULTILINE)
+_VERSION = re.compile(r"""^(version:[ \t]*)(["']?)\d+\2""", re.MULTILINE)
 
 
 @router.get("/lab/studies/{study_id}/protocol")
@@ -56,28 +52,14 @@ def protocol(request: Request, study_id: str, database: Db, number: int = 0) -> 
             first_steps=first_steps(frozen),
             versions=versions,
             shown=shown,
-            veiled=str if taking else _veil(s, study, [line.number for line in versions]),
+            yaml=frozen.yaml if taking else yaml_without(frozen.yaml, dict.fromkeys(REMOVED, VEIL)),
+            veiled=None if taking else _veiled,
         )
 
 
-def _veil(s: DatabaseSession, study: Study, numbers: Iterable[int]) -> Callable[[object], str]:
-    """What shows a text of the protocol without its completion codes and ways back, which are worth money."""
-    hidden = {one for number in numbers for one in _worth_money(thaw(protocol_row(s, study, number)).protocol)}
-
-    def veiled(told: object) -> str:
-        text = str(told)
-        for one in sorted(hidden, key=len, reverse=True):
-            text = text.replace(one, VEIL)
-        return text
-
-    return veiled
-
-
-def _worth_money(protocol: Protocol) -> list[str]:
-    pages: list[DebriefingStage | ScreenOut] = [entry.debriefing for entry in protocol.stages if entry.debriefing]
-    pages += [protocol.screen_out] if protocol.screen_out else []
-    codes = [page.completion_code for page in pages if page.completion_code != "random"]
-    return codes + [page.return_url for page in pages if page.return_url]
+def _veiled(field: str, value: object) -> str:
+    """A field of the protocol as who takes no data sees it: completion codes and ways back are worth money."""
+    return VEIL if is_worth_money(field, value) else str(value)
 
 
 @router.get("/lab/studies/{study_id}/protocol.yaml")
@@ -186,7 +168,7 @@ def _check_page(
             versions=versions_of(s, study),
             problem=problem,
             wrong_lines=lines,
-            veiled=str,
+            veiled=None,
             **shown,
         )
 

@@ -317,6 +317,12 @@ def _wait(
                 result, error = row.result or {}, row.error
             if state in FINAL_STATES:
                 return state, result, error
+            if own_worker and own_worker[0].poll() is not None:
+                code = own_worker[0].returncode
+                raise RuntimeError(
+                    f"job {job} is {state}: the worker that this command had started ended with code {code}; "
+                    f"`desirepath worker` starts one that takes the job up, `desirepath jobs cancel {job}` ends it"
+                )
             if state == "queued" and not own_worker and time.monotonic() - began > WORKER_PATIENCE_S:
                 own_worker.append(start_worker(get_settings(), sys.stderr))
             status.update(f"{state} {progress:.0%} {message}")

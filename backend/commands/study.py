@@ -202,7 +202,9 @@ def power_command(
     if out is not None:
         from backend.report.figures import power_picture
 
-        told["files"] = [str(path) for path in power_picture(found.power, found.assumed).save(out)]
+        picture = power_picture(found.power, found.assumed)
+        told["files"] = [str(path) for path in picture.save(out)]
+        told["caption"] = picture.caption
     say(told, as_json)
 
 

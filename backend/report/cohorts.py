@@ -162,7 +162,7 @@ def made_up_study(
     compared: list[Comparison] = []
     for number in range(first, first + participants):
         made_up, code = cohort.person(number), f"S{number + 1:03d}"
-        people.append(Person(code, True, None, False, "completed", tuple(conditions), {}))
+        people.append(Person(code, True, None, False, "completed", tuple(conditions)))
         for condition in conditions:
             ratings += [Rating(code, condition, "interface_items", i, made_up.rate(i, condition)) for i in items]
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]

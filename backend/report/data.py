@@ -6,7 +6,7 @@ Where the rows come from (a data set on disk, this installation's tables) is `re
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from backend.analysis.scales import Scale
@@ -28,12 +28,12 @@ class Person:
     withdrawn: bool
     state: str
     order: tuple[str, ...]
-    device: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One answered query. first, second: trajectories in the order they were shown; chosen: which of these two."""
+    """One answered query. first, second: trajectories in the order they were shown; chosen: which of these two.
+    device: what it was answered on, as far as the page told."""
 
     person: str
     condition: str
@@ -44,6 +44,7 @@ class Choice:
     second: str
     chosen: str
     decision_s: float | None
+    device: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def rejected(self) -> str:

@@ -18,7 +18,7 @@ from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.report.chosen import Pair
 from backend.report.findings import Findings
 from backend.report.plan import METRICS
-from backend.report.power import Assumed, Power
+from backend.report.power import WANTED, Assumed, Power
 from backend.report.rated import ItemResult
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
@@ -254,6 +254,7 @@ def personalised_picture(found: Findings) -> Picture:
 def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
     """Power against participants, one line per test."""
     tests = [rate.test for rate in found[0].rates]
+    cohorts = found[0].rates[0].n if tests else 0
     with mpl.rc_context(STYLE):
         figure, axes = blank(1, 5.4, 3.6)
         ax = axes[0]
@@ -265,17 +266,18 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
             ax.fill_between(
                 x, [rate.low for rate in rates], [rate.high for rate in rates], color=colour, alpha=0.13, linewidth=0
             )
-        ax.axhline(0.8, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
+        ax.axhline(WANTED, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
         ax.set(xlabel="participants", ylabel="power", ylim=(0, 1.02))
+        ax.set_title(f"Simulated: {cohorts} made-up studies of each number", loc="left", fontsize="medium")
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         quiet(ax)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
     caption = (
-        f"Simulated: share of {found[0].rates[0].n if tests else 0} made-up studies in which the analysis finds what "
+        f"Simulated: share of {cohorts} made-up studies in which the analysis finds what "
         f"was assumed, with 95 % Wilson intervals. Assumed: {told(assumed.item)} is rated {assumed.effect:g} standard "
         f"deviations higher under {told(assumed.condition)}; {assumed.first_choice:.0%} rank it first for "
         f"{told(assumed.ranking)}; the same query gets the same answer in {assumed.consistency:.0%}; the own policy is "
-        f"preferred in {assumed.own:.0%}. Dotted line: 80 %."
+        f"preferred in {assumed.own:.0%}. Dotted line: {WANTED:.0%}."
     )
     return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])
 

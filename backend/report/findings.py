@@ -155,13 +155,13 @@ def _flow(everyone: Sequence[Person], kept: Sequence[Person], plan: AnalysisPlan
 
 def _devices(choices: Sequence[Choice], people: Mapping[str, Person]) -> dict[tuple[str, str], int]:
     """(view, device) -> regular answers, so that nobody takes a desktop's camera for a headset."""
-    counted = Counter((one.view, device_words(people[one.person])) for one in choices if one.role == "regular")
+    counted = Counter((one.view, device_words(one, people[one.person])) for one in choices if one.role == "regular")
     return dict(sorted(counted.items()))
 
 
-def device_words(person: Person) -> str:
-    """What a session's device was, as far as its page told."""
-    device = person.device
+def device_words(one: Choice, person: Person) -> str:
+    """What an answer was given on, as far as its page told."""
+    device = one.device
     if person.simulated and "pointer" not in device:
         return "none (simulated)"
     if not device:

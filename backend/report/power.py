@@ -23,6 +23,7 @@ from backend.report.plan import AnalysisPlan
 Tell = Callable[[float], None]
 FEW_QUERIES = 2  # of null cohorts: what is tested there are ratings, rankings and comparisons
 COMPARISONS = 3
+WANTED = 0.8  # power that is usually asked for (Cohen 1988)
 
 
 @dataclass(frozen=True)
@@ -199,30 +200,41 @@ def power(
     *,
     cohorts: int = 500,
     plan: AnalysisPlan | None = None,
-    tell: Tell = lambda done: None,
+    tell: Callable[[str], None] = lambda words: None,
 ) -> list[Power]:
     """Share of cohorts in which the analysis finds what was assumed, for each number of participants."""
-    plan, cohort, sizes = plan or AnalysisPlan(), assumed.cohort(), list(participants)
+    plan, cohort = plan or AnalysisPlan(), assumed.cohort()
     results: list[Power] = []
-    for size in sizes:
+    for size in participants:
+        tell(f"{cohorts} studies of {size} participants are made up and analysed")
         found: Counter[str] = Counter()
         widths = []
         for k in range(cohorts):
             findings = analysed(design.study(cohort, size, first=k * size), plan)
             found.update(_found(findings, assumed, plan.alpha))
             widths += [of.share.high - of.share.mean for of in findings.between.values()]
-            tell((len(results) + (k + 1) / cohorts) / len(sizes))
         rates = [rate(test, found[test], cohorts) for test in _power_tests(design, assumed)]
         results.append(Power(size, rates, float(np.mean(widths)) if widths else None))
     return results
 
 
+def enough(found: Sequence[Power]) -> dict[str, int | None]:
+    """Of each test, the smallest number of participants tried that has a power of `WANTED`; None where none has."""
+    tried = sorted(found, key=lambda one: one.participants)
+    reached = [(r.test, one.participants) for one in tried for r in one.rates if r.rate >= WANTED]
+    return {r.test: next((n for test, n in reached if test == r.test), None) for one in tried[:1] for r in one.rates}
+
+
+def _over(number: int, what: str) -> str:
+    return f"(over {number} {what}{'s' if number != 1 else ''})"
+
+
 def _power_tests(design: Design, assumed: Assumed) -> list[str]:
     tests = []
     if design.items and len(design.conditions) > 2:
-        tests += [f"Friedman, {assumed.item} (over {len(design.items)} items)", "Wilcoxon, against both others"]
+        tests += [f"Friedman, {assumed.item} {_over(len(design.items), 'item')}", "Wilcoxon, against both others"]
     if design.rankings and len(design.conditions) > 1:
-        tests.append(f"Chi-square, {assumed.ranking} (over {len(design.rankings)} rankings)")
+        tests.append(f"Chi-square, {assumed.ranking} {_over(len(design.rankings), 'ranking')}")
     if design.comparisons:
         tests += [f"Sign test, own against {opponent}" for opponent in design.opponents]
     return tests
@@ -233,13 +245,13 @@ def _found(findings: Findings, assumed: Assumed, alpha: float) -> list[str]:
     pairs = list(combinations(findings.conditions, 2))  # as `item_results` tests them
     for one in findings.items:
         if one.item.key == assumed.item and one.test.significant(alpha):
-            told.append(f"Friedman, {assumed.item} (over {len(findings.items)} items)")
+            told.append(f"Friedman, {assumed.item} {_over(len(findings.items), 'item')}")
             mine = [test for pair, test in zip(pairs, one.pairs, strict=True) if assumed.condition in pair]
             if all(test.significant(alpha) for test in mine):
                 told.append("Wilcoxon, against both others")
     for ranking in findings.rankings:
         if ranking.item.key == assumed.ranking and ranking.test.significant(alpha):
-            told.append(f"Chi-square, {assumed.ranking} (over {len(findings.rankings)} rankings)")
+            told.append(f"Chi-square, {assumed.ranking} {_over(len(findings.rankings), 'ranking')}")
     return told + [
         f"Sign test, own against {one.against}" for one in findings.personalised if one.test.significant(alpha)
     ]

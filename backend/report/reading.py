@@ -75,7 +75,8 @@ def tidy(
     trials = [row for row in tables["trials"] if row["trial"] in answers]
     items = list(_items(files))
     checks = {(one.questionnaire, one.key) for one in items if one.instructed}
-    plans = {row["session"]: row["plan"] for row in tables["sessions"]}
+    session = {row["session"]: row for row in tables["sessions"]}
+    plans = {name: row["plan"] for name, row in session.items()}
     return StudyData(
         name=name,
         study=study,
@@ -83,7 +84,9 @@ def tidy(
         protocol_hash=protocol_hash,
         items=items,
         people=[_person(row, sessions[row["participant"]]) for row in tables["participants"]],
-        choices=[_choice(row, answers[row["trial"]]) for row in trials if row["kind"] == "query"],
+        choices=[
+            _choice(row, answers[row["trial"]], session[row["session"]]) for row in trials if row["kind"] == "query"
+        ],
         ratings=[one for one in _ratings(tables["responses"], plans) if (one.questionnaire, one.item) not in checks],
         comparisons=[found for row in trials if (found := _comparison(row, answers[row["trial"]])) is not None],
         newest=later[-1][0] if later else None,
@@ -105,11 +108,11 @@ def _person(row: Row, sessions: Sequence[Row]) -> Person:
         withdrawn=row["withdrawn"],
         state=last.get("state", "none"),
         order=tuple(order),
-        device=last.get("device") or {},
     )
 
 
-def _choice(trial: Row, answer: Row) -> Choice:
+def _choice(trial: Row, answer: Row, session: Row) -> Choice:
+    """session: its device is that of the answers of data sets which do not tell those apart."""
     return Choice(
         person=trial["participant"],
         condition=trial["block"] or trial["view"],
@@ -120,6 +123,7 @@ def _choice(trial: Row, answer: Row) -> Choice:
         second=trial["trajectory_b"],
         chosen=trial["trajectory_a"] if answer["choice"] == "a" else trial["trajectory_b"],
         decision_s=answer["decision_s"],
+        device=answer["device"] or session["device"] or {},
     )
 
 

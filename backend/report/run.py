@@ -99,7 +99,7 @@ def answer_rows(data: StudyData, found: Findings) -> list[dict[str, object]]:
             "participant": one.person,
             "condition": one.condition,
             "view": one.view,
-            "device": device_words(people[one.person]),
+            "device": device_words(one, people[one.person]),
             "role": one.role,
             "query": one.query,
             "first": one.first,

@@ -11,8 +11,9 @@ from typing import Any
 
 import pyarrow as pa
 
-FORMAT = "desirepath-dataset-4"
-READABLE = ("desirepath-dataset-3", FORMAT)  # 3 has no strokes.walk
+FORMAT = "desirepath-dataset-5"
+# 3 has no strokes.walk; 4 no responses.device, and fixed completion codes in the protocol
+READABLE = ("desirepath-dataset-3", "desirepath-dataset-4", FORMAT)
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
@@ -117,7 +118,7 @@ SESSIONS = Table(
         Column("seed", WHOLE, "seed of the session's plan (order of queries, of A and B)"),
         Column("plan", TEXT, "the steps in the order they were planned", json=True),
         Column("position", WHOLE, "index of the step reached, from 0"),
-        Column("device", TEXT, "screen and input of the device, as far as the page told", json=True),
+        Column("device", TEXT, "screen and input of the last device used, as far as the page told", json=True),
         Column(
             "personalisation",
             TEXT,
@@ -191,6 +192,13 @@ RESPONSES = Table(
         Column("view", TEXT, "view of the trial"),
         Column("role", TEXT, "role of the trial"),
         Column("query", TEXT, "query of the trial"),
+        Column(
+            "device",
+            TEXT,
+            "the device it was given on, as far as its page told: the session's, or the one before it was changed",
+            json=True,
+            newer=True,
+        ),
         Column("choice", TEXT, "what was chosen, a or b, where that was the question"),
         Column("value", TEXT, "the whole answer as it was given", json=True),
         Column("decision_s", NUMBER, "seconds from the choice becoming possible to the answer"),
@@ -343,8 +351,10 @@ def data_dictionary() -> str:
         "with `=`, `+`, `-`, `@`, tab or line break) has an apostrophe put before it. Units are SI and in the column's",
         "name; angles are radians. Ids are random or hashes; nothing that identifies a person is exported: no",
         "recruiting ids (where one was typed into a text it reads `[removed]`), no network addresses, no link tokens,",
-        "no completion codes, no problem reports. Free-text answers are exported as they were written: read them",
-        "before you publish.",
+        "no completion codes, no problem reports. A completion code that is the same for everybody reads `REMOVED` in",
+        "the protocol's copy, and the address people return by `https://removed.invalid/`; `sha256` in",
+        f"`{STUDY_FILE}` is the protocol's as it ran, `written_sha256` that of this copy. Free-text answers are",
+        "exported as they were written: read them before you publish.",
         "",
         "**Who withdrew** is one row in `participants` with code and times, so that the flow of participants adds up.",
         "Their sessions, trials, answers, events and the drives that only they saw are not in the data set. Data sets",

@@ -1,7 +1,7 @@
 """Writes a study as a data set: CSV, Parquet, trajectories, protocol, dictionary, checksums.
 
 What the tables are lives in `dataset.py`, reading one back in `importing.py`. Who took part under which recruiting id,
-from where and with which link never leaves the database; of who withdrew only that and when.
+from where and with which link never leaves the database, nor do completion codes; of who withdrew only that and when.
 """
 
 from __future__ import annotations
@@ -55,8 +55,10 @@ from backend.store.models import (
     Study,
     Tombstone,
     TrajectoryRow,
+    protocol_digest,
 )
 from backend.store.strokes import drives_of, stroke_rows, strokes_of, write_demonstrations
+from backend.store.worth_money import changes_without, data_without, yaml_without
 
 Row = dict[str, Any]
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -225,8 +227,9 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
     """Write study.json, the protocol's copy and the data dictionary."""
     folder = out / PROTOCOL_FOLDER
     folder.mkdir()
-    (folder / "protocol.yaml").write_text(study.protocol_yaml, encoding="utf-8", newline="")
-    _write_json(folder / "frozen.json", {"protocol": study.protocol, "files": study.files})
+    written = yaml_without(study.protocol_yaml)
+    (folder / "protocol.yaml").write_text(written, encoding="utf-8", newline="")
+    _write_json(folder / "frozen.json", {"protocol": data_without(study.protocol), "files": study.files})
     for name, content in study.files.items():
         path = PurePosixPath(name)
         if isinstance(content, str) and not path.is_absolute() and ".." not in path.parts:
@@ -236,8 +239,9 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
     later = s.scalars(
         select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number)
     ).all()
+    later_written = {one.number: yaml_without(one.protocol_yaml) for one in later}
     for one in later:
-        frozen = {"yaml": one.protocol_yaml, "protocol": one.protocol, "files": one.files}
+        frozen = {"yaml": later_written[one.number], "protocol": data_without(one.protocol), "files": one.files}
         _write_json(folder / f"{one.number}.json", frozen)
     erased = s.scalars(select(Tombstone).where(Tombstone.study_id == study.id).order_by(Tombstone.erased_at))
     setups = {}
@@ -262,13 +266,15 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
                 "name": study.protocol_name,
                 "version": study.protocol_version,
                 "sha256": study.protocol_hash,
+                "written_sha256": protocol_digest(written, study.files),
             },
             "protocol_versions": [
                 {
                     "number": one.number,
                     "version": one.protocol_version,
                     "sha256": one.protocol_hash,
-                    "changes": one.changes,
+                    "written_sha256": protocol_digest(later_written[one.number], one.files),
+                    "changes": changes_without(one.changes),
                     "created_at": one.created_at.isoformat(),
                 }
                 for one in later

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from datetime import datetime
 from typing import Any
 
 import yaml
@@ -73,6 +74,10 @@ class Content:
             (answer for answer in answers if answer.session_id in order),
             key=lambda r: (order[r.session_id], r.created_at, r.id),
         )
+        self.devices_before: dict[str, list[tuple[datetime, Row]]] = {}
+        changes = select(Event).where(Event.study_id == study.id, Event.kind == "device_checked").order_by(Event.id)
+        for change in s.scalars(changes):
+            self.devices_before.setdefault(change.session_id or "", []).append((change.at, change.data["before"]))
         self.consent_versions = {one.id: one.value.get("version") for one in self.answers if one.kind == "consent"}
         self.secrets = _recruiting_words(s, study.id)
         self.chosen_items = _items_without_free_text(s, study)
@@ -159,6 +164,7 @@ class Content:
                 "view": trial.view if trial else None,
                 "role": trial.role if trial else None,
                 "query": trial.query_id if trial else None,
+                "device": as_json(self._device_of(answer)),
                 "choice": choice if isinstance(choice, str) else None,
                 "value": as_json(self._value(answer)),
                 "decision_s": answer.decision_s,
@@ -167,6 +173,12 @@ class Content:
                 "client_time": answer.client_time,
                 "created_at": answer.created_at,
             }
+
+    def _device_of(self, answer: Response) -> Row:
+        """What the answer was given on: the session's device, or the one before it was changed."""
+        changed = (before for at, before in self.devices_before.get(answer.session_id, ()) if at > answer.created_at)
+        device: Row = next(changed, self.by_id[answer.session_id].device)
+        return device
 
     def items(self) -> Iterator[Row]:
         for answer in self.answers:

@@ -188,10 +188,11 @@ def _add_study(s: Session, folder: Path, about: Row) -> None:
     frozen = _read_json(folder / PROTOCOL_FOLDER / "frozen.json")
     protocol_yaml = (folder / PROTOCOL_FOLDER / "protocol.yaml").read_bytes().decode()
     found = protocol_digest(protocol_yaml, frozen["files"])
-    if found != about["protocol"]["sha256"]:
+    expected = _written(about["protocol"])
+    if found != expected:
         raise DatasetError(
             f"{PROTOCOL_FOLDER}: protocol.yaml and the files in frozen.json have sha256 {found}, but {STUDY_FILE} says "
-            f"{about['protocol']['sha256']}: this is not the protocol that the answers were collected with; use an "
+            f"{expected}: this is not the protocol that the answers were collected with; use an "
             "untouched copy"
         )
     s.add(
@@ -220,10 +221,15 @@ def _add_study(s: Session, folder: Path, about: Row) -> None:
         )
 
 
+def _written(about: Row) -> str:
+    """sha256 of a protocol as it lies in the data set: without completion codes (formats before 5 had them)."""
+    return str(about.get("written_sha256") or about["sha256"])
+
+
 def _version(folder: Path, study_id: str, about: Row) -> ProtocolVersion:
     name = f"{PROTOCOL_FOLDER}/{about['number']}.json"
     frozen = _read_json(folder / name)
-    if protocol_digest(frozen["yaml"], frozen["files"]) != about["sha256"]:
+    if protocol_digest(frozen["yaml"], frozen["files"]) != _written(about):
         raise DatasetError(f"{name}: is not the protocol whose sha256 {STUDY_FILE} names; use an untouched copy")
     return ProtocolVersion(
         study_id=study_id,

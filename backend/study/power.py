@@ -17,7 +17,7 @@ from backend.report.cohorts import Cohort
 from backend.report.data import StudyData
 from backend.report.findings import Findings, analyse
 from backend.report.plan import AnalysisPlan
-from backend.report.power import Assumed, Design, Power, power
+from backend.report.power import Assumed, Design, Power, enough, power
 from backend.report.reading import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -48,6 +48,7 @@ class PlannedPower:
             "design": asdict(self.design),
             "plan": self.plan.model_dump(mode="json"),
             "walked": self.walked,
+            "enough_for_80_percent": enough(self.power),
             "rows": [row for one in self.power for row in one.rows()],
         }
 
@@ -94,8 +95,8 @@ def plan_power(
         own=own,
         seed=seed + 1,
     )
-    tell(f"{cohorts} cohorts each of {', '.join(map(str, participants))} participants")
-    return PlannedPower(design, assumed, plan, walked, power(design, assumed, participants, cohorts=cohorts, plan=plan))
+    results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)
+    return PlannedPower(design, assumed, plan, walked, results)
 
 
 def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyData, Findings, dict[str, Any]]:

@@ -21,7 +21,7 @@ from backend.report.cohorts import (
 from backend.report.findings import Findings
 from backend.report.null_ratings import friedman_p, null_family
 from backend.report.plan import AnalysisPlan
-from backend.report.power import COMPARISONS, Assumed, Design, analysed, null_cohorts, power
+from backend.report.power import COMPARISONS, Assumed, Design, analysed, enough, null_cohorts, power
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 1.5}, "boredom": {"first_person": 1.5}},
@@ -110,10 +110,12 @@ def test_more_people_more_power() -> None:
     design = Design(CONDITIONS, ("ease", "fun"), ("usefulness",), queries=5, comparisons=3)
     few, many = power(design, Assumed("immersive", "fun", "usefulness", effect=0.8), (8, 40), cohorts=20)
     assert [one.test for one in few.rates] == [
-        "Friedman, fun (over 2 items)", "Wilcoxon, against both others", "Chi-square, usefulness (over 1 rankings)",
+        "Friedman, fun (over 2 items)", "Wilcoxon, against both others", "Chi-square, usefulness (over 1 ranking)",
         "Sign test, own against base", "Sign test, own against other",
     ]  # fmt: skip
     assert few.rates[0].rate + 0.3 < many.rates[0].rate
+    assert enough([many, few])["Friedman, fun (over 2 items)"] == 40
+    assert enough([few])["Friedman, fun (over 2 items)"] is None
     assert few.agreement_half_width is not None
     assert many.agreement_half_width is not None
     assert many.agreement_half_width < few.agreement_half_width / 1.8  # about the root of five

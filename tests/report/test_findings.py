@@ -22,7 +22,8 @@ from backend.report.run import answer_rows, scale_rows
 from backend.report.words import sections
 
 HERE, THERE = "first_person", "top_down"
-PERSON = Person("P-1", False, None, False, "completed", (HERE, THERE), {"pointer": "fine"})
+MOUSE = {"pointer": "fine"}
+PERSON = Person("P-1", False, None, False, "completed", (HERE, THERE))
 
 
 def nothing(trajectory: str) -> None:
@@ -31,7 +32,7 @@ def nothing(trajectory: str) -> None:
 
 def choice(person: str, condition: str, query: int, chosen: str, role: str = "regular") -> Choice:
     drives = {"a": f"{query}-a", "b": f"{query}-b"}
-    return Choice(person, condition, condition, str(query), role, drives["a"], drives["b"], drives[chosen], 2.0)
+    return Choice(person, condition, condition, str(query), role, drives["a"], drives["b"], drives[chosen], 2.0, MOUSE)
 
 
 def study(choices: list[Choice], people: list[Person] | None = None, **more: object) -> StudyData:

@@ -18,10 +18,10 @@ FILES = {
 PERSON = {"participant": "P-1", "simulated": False, "excluded": False, "excluded_reason": None, "withdrawn": False}
 SESSION = {
     "session": "s",
+    "device": {"pointer": "fine"},
     "participant": "P-1",
     "created_at": datetime(2026, 1, 1, tzinfo=UTC),
     "state": "completed",
-    "device": {},
     "plan": [{"key": "usability", "kind": "questionnaire", "questionnaire": "usability"}],
 }
 
@@ -29,6 +29,7 @@ SESSION = {
 def trial(name: str) -> dict:
     return {
         "trial": name,
+        "session": "s",
         "participant": "P-1",
         "kind": "query",
         "block": "block",
@@ -52,6 +53,7 @@ def response(trial: str | None, choice: str | None, value: dict) -> dict:
         "choice": choice,
         "value": value,
         "decision_s": 1.0,
+        "device": None,
     }
 
 
@@ -68,6 +70,7 @@ def test_a_choice_whose_time_was_over_is_none_and_its_mark_no_rating() -> None:
     }
     data = tidy("Study", "1", {}, "", FILES, tables)
     assert [(one.query, one.chosen) for one in data.choices] == [("1", "a")]
+    assert data.choices[0].device == {"pointer": "fine"}  # of the session, where a data set does not tell
     assert [(one.item, one.value) for one in data.ratings] == [("sus_1", 4)]
     scale = data.items
     assert [one.key for one in scale] == [one.key for one in SCALES["sus"].items]

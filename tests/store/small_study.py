@@ -27,7 +27,7 @@ from backend.store.models import (
 )
 
 STARTED = datetime(2026, 11, 2, 9, 30, tzinfo=UTC)
-PROTOCOL_YAML = "protocol: quick_preference_study\r\nversion: 1\n"
+PROTOCOL_YAML = "protocol: quick_preference_study\r\nversion: 1\nscreen_out: {completion_code: PAID-1}\n"
 FILES = {
     "questionnaires/background.yaml": """
 blocks:
@@ -86,7 +86,11 @@ class SmallStudy:
                 protocol_name="quick_preference_study",
                 protocol_version=1,
                 protocol_yaml=PROTOCOL_YAML,
-                protocol={"protocol": "quick_preference_study", "licence": "CC-BY-4.0"},
+                protocol={
+                    "protocol": "quick_preference_study",
+                    "licence": "CC-BY-4.0",
+                    "screen_out": {"completion_code": "PAID-1"},
+                },
                 files=FILES,
                 protocol_hash=protocol_digest(PROTOCOL_YAML, FILES),
                 recruiting_token=f"recruit-{new_id()}",

@@ -20,7 +20,7 @@ from backend.store.database import Database
 from backend.store.dataset import CHECKSUMS_FILE, TABLES, data_dictionary
 from backend.store.events import log_event
 from backend.store.export import ExportError, export_study
-from backend.store.importing import DatasetError, import_dataset
+from backend.store.importing import DatasetError, import_dataset, read_dataset
 from backend.store.models import Participant, RecruitingId, Response, Session, Study, Trial, protocol_digest, utc_now
 from backend.store.snapshots import load_snapshot, take_snapshot
 from tests.store.small_study import FILES, PROTOCOL_YAML, SmallStudy, trajectory
@@ -50,6 +50,9 @@ def full(tmp_path_factory: pytest.TempPathFactory) -> SmallStudy:
         s.get(Participant, withdrawn).excluded_reason = "told in confidence"
         s.get(Session, left).state = "withdrawn"
         s.get(RecruitingId, excluded).external_id = "regular"
+        elsewhere = {"width": 800}
+        log_event(s, "device_checked", session_id=session, before=s.get(Session, session).device, after=elsewhere)
+        s.get(Session, session).device = elsewhere
         log_event(s, "opened", session_id=session, address="/join?PROLIFIC_PID=prolific-P1-" + FORMULA)
         s.execute(
             update(Trial)
@@ -97,7 +100,7 @@ def test_the_tables_hold_every_row_with_its_marks(exported: Path):
     assert (first["choice"], first["view"], first["decision_s"]) == ("a", "top_down", 1.25)
     assert first["created_at"].isoformat() == "2026-11-02T09:30:19+00:00"
     sessions = parquet_rows(exported, "sessions")
-    assert json.loads(sessions[0]["device"]) == {"width": 1280}
+    assert json.loads(sessions[0]["device"]) == {"width": 800}
     assert len(parquet_rows(exported, "trials")) == 11
     comparison = [row for row in parquet_rows(exported, "trials") if row["kind"] == "comparison"]
     assert [(json.loads(row["arms"])["own"], row["look_alike"]) for row in comparison] == [("b", True)]
@@ -163,6 +166,9 @@ def test_the_study_file_names_protocol_licence_citation_and_units(exported: Path
     assert about["licence"] == "CC-BY-4.0"
     assert "Passing people" in about["citation"]
     assert about["protocol"]["sha256"] == protocol_digest(PROTOCOL_YAML, FILES)
+    copy = (exported / "protocol" / "protocol.yaml").read_bytes().decode()
+    assert copy == PROTOCOL_YAML.replace("PAID-1", '"REMOVED"')
+    assert about["protocol"]["written_sha256"] == protocol_digest(copy, FILES)
     layout = about["setups"]["study_room"]["observation_layout"]
     assert layout[0] == {"name": "goal_distance", "unit": "m", "divided_by": 10.0}
     assert len(layout) == len(parquet_rows(exported, "trajectory_steps")[0]["observation"])
@@ -170,11 +176,19 @@ def test_the_study_file_names_protocol_licence_citation_and_units(exported: Path
     assert (exported / "protocol" / "texts" / "information.md").read_text() == "# Über diese Studie\n"
 
 
+def test_every_answer_has_the_device_it_was_given_on(exported: Path):
+    """P1 went on with another device after the last answer."""
+    (session,) = (row for row in parquet_rows(exported, "sessions") if row["participant"] == "P1")
+    assert json.loads(session["device"]) == {"width": 800}
+    widths = {json.loads(row["device"])["width"] for row in parquet_rows(exported, "responses")}
+    assert widths == {1280}
+
+
 def test_what_identifies_a_person_does_not_leave(full: SmallStudy, exported: Path):
     with full.database.session() as s:
         tokens = s.scalars(select(Study.recruiting_token)).all() + s.scalars(select(Session.token_hash)).all()
         people = s.scalars(select(Participant.id)).all()
-    secret = [*tokens, *people, "prolific-", "recruiter-study-1", "done-P1", "user_agent", "Browser "]
+    secret = [*tokens, *people, "prolific-", "recruiter-study-1", "done-P1", "user_agent", "Browser ", "PAID-1"]
     found = [
         (path.name, word)
         for path in exported.rglob("*")
@@ -396,18 +410,23 @@ def test_a_forged_data_set_leaves_nothing_behind(exported: Path, copied: Path, t
         assert s.scalars(select(Participant)).all() == []
 
 
-def test_a_data_set_from_before_people_walked_is_read(copied: Path, tmp_path: Path):
+def test_data_sets_of_older_formats_are_read(copied: Path, tmp_path: Path):
+    """Format 3 had no walks; neither it nor 4 had the device of every answer, and both held completion codes."""
     about = json.loads((copied / "study.json").read_text())
+    del about["protocol"]["written_sha256"]
     forge(copied, "study.json", json.dumps({**about, "format": "desirepath-dataset-3"}).encode())
-    older = pa.BufferOutputStream()
-    pq.write_table(pq.read_table(copied / "strokes.parquet").drop_columns(["walk"]), older)
-    forge(copied, "strokes.parquet", older.getvalue().to_pybytes())
+    forge(copied, "protocol/protocol.yaml", PROTOCOL_YAML.encode())
+    for table, column in (("strokes", "walk"), ("responses", "device")):
+        older = pa.BufferOutputStream()
+        pq.write_table(pq.read_table(copied / f"{table}.parquet").drop_columns([column]), older)
+        forge(copied, f"{table}.parquet", older.getvalue().to_pybytes())
+    assert {row["device"] for row in read_dataset(copied).tables["responses"]} == {None}
     fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
     fresh.migrate()
     done = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
     assert done["study"] == about["study"]
     forge(copied, "study.json", json.dumps({**about, "format": "desirepath-dataset-2"}).encode())
-    with pytest.raises(DatasetError, match=r"'desirepath-dataset-2' is unknown; this version reads .*-3, .*-4"):
+    with pytest.raises(DatasetError, match=r"'desirepath-dataset-2' is unknown; this version reads .*-3, .*-4, .*-5"):
         import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
 
 
