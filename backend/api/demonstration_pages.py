@@ -6,7 +6,7 @@ What is shown is read in `path_rows.py`; what a flag means is `backend/demonstra
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Annotated
@@ -26,7 +26,17 @@ from backend.api.auth import CheckedCsrf, checked_csrf
 from backend.api.dependencies import Db, Files, house
 from backend.api.job_pages import csv_response
 from backend.api.lab import LabRefusal, lab_language
-from backend.api.path_rows import Drawn, Placed, Who, attempts_of, controllers_of, drawn_paths, newest_of
+from backend.api.path_rows import (
+    Controller,
+    Drawn,
+    Placed,
+    Who,
+    attempts_of,
+    controllers_of,
+    drawn_paths,
+    newest_of,
+    places_of,
+)
 from backend.api.replay_stages import Replay, replays
 from backend.api.study_tabs import study_tab, the_participant, the_study
 from backend.api.texts import Catalogue
@@ -44,6 +54,7 @@ from backend.study.personalisation import PATHS_JOB
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 LONGEST_REASON = 500
 EVERYBODY, EACH = "", "each"  # of the form that starts a training, beside a participant's code
+MOST_AT_ONCE = 150  # paths on one page; more take seconds to read, and nobody looks at them all
 TOLD_APART = 3  # people whose paths have colours of their own; of more, colours would say nothing
 LIMITS = {
     "jerk": (quality.JERKY_M_S2, 2),
@@ -119,14 +130,40 @@ def _rgb(colour: str) -> tuple[int, int, int]:
 
 
 def _places(
-    s: DatabaseSession, files: ArtefactStore, study: Study, who: Who, person: Participant | None
+    s: DatabaseSession,
+    files: ArtefactStore,
+    study: Study,
+    who: Who,
+    person: Participant | None,
+    places: Collection[Placed],
+    controllers: Sequence[Controller],
 ) -> list[Place]:
-    controllers = newest_of(controllers_of(s, files, study, who), person)
-    learned = {environment: one.drives(files) for environment, one in controllers.items()}
+    newest = newest_of(controllers, person)
+    environments = {environment for environment, _ in places}
+    learned = {environment: newest[environment].drives(files) for environment in environments & set(newest)}
     found: dict[Placed, list[Drawn]] = {}
-    for one in drawn_paths(s, files, study, who, person):
+    for one in drawn_paths(s, files, study, who, person, places):
         found.setdefault(one.place, []).append(one)
     return [Place(*place, rows, learned.get(place[0], {}).get(place[1], {})) for place, rows in sorted(found.items())]
+
+
+def _opened(counts: Mapping[Placed, int], asked: str, watched: StrokeRow | None) -> list[Placed]:
+    """Which places the page lays open: all of few paths; of many the one that is asked for, or watched, or the first.
+
+    asked: as in the page's address, "corridor-1".
+    """
+    if sum(counts.values()) <= MOST_AT_ONCE:
+        return list(counts)
+    if watched is not None and (watched.environment, watched.pair) in counts:
+        return [(watched.environment, watched.pair)]
+    named = {_name_of(place): place for place in counts}
+    return [named.get(asked, next(iter(counts)))]
+
+
+def _name_of(place: Placed) -> str:
+    """In addresses, like "corridor-1"."""
+    environment, pair = place
+    return f"{environment}-{pair + 1}"
 
 
 @router.get("/lab/studies/{study_id}/paths")
@@ -137,10 +174,11 @@ def paths_page(
     files: Files,
     who: Who = "people",
     participant: str = "",
+    place: str = "",
     watch: str = "",
 ) -> Response:
-    """Every kept path of people or of simulated participants, or of one participant, place by place. watch: of which
-    stroke the place is shown in 3D.
+    """Every kept path of people or of simulated participants, or of one participant, place by place; where there are
+    many, one place at a time. watch: of which stroke the place is shown in 3D.
     """
     parts = house(request)
     t = parts.texts.get(lab_language(request))
@@ -148,27 +186,29 @@ def paths_page(
         study = the_study(s, study_id)
         chosen = the_participant(s, study, participant) if participant else None
         who = _who(who, chosen)
-        places = _places(s, files, study, who, chosen)
+        counts = places_of(s, study, who, chosen)
+        opened = _opened(counts, place, s.get(StrokeRow, watch) if watch else None) if counts else []
+        controllers = controllers_of(s, files, study, who)
+        places = _places(s, files, study, who, chosen, opened, controllers)
         attempts = attempts_of(s, study, who)
         stage = None
-        for place in places:
-            for one in place.rows:
+        for shown in places:
+            for one in shown.rows:
                 if one.stroke.id == watch:
-                    stage = replays(parts).grant(place.in_3d(t, one))
+                    stage = replays(parts).grant(shown.in_3d(t, one))
         return study_tab(
             request,
             study,
             "paths",
             who=who,
-            places=[(place, Markup(place.figure(t))) for place in places],  # noqa: S704 - made by us, texts escaped
+            places=[(one, Markup(one.figure(t))) for one in places],  # noqa: S704 - made by us, texts escaped
+            counts=counts,
             attempts=attempts,
             others=not places and bool(attempts_of(s, study, "people" if who == "simulated" else "simulated")),
             chosen=participant,
             people=[row["code"] for row in attempts],
-            environments=sorted({place.environment for place in places}),
-            controllers=[
-                one for one in controllers_of(s, files, study, who) if not participant or participant in one.people
-            ],
+            environments=sorted({environment for environment, _ in counts}),
+            controllers=[one for one in controllers if not participant or participant in one.people],
             limits={flag: t.number(limit, digits) for flag, (limit, digits) in LIMITS.items()},
             watch=watch,
             stage=stage,
@@ -228,8 +268,9 @@ def leave_out(
         stroke = _stroke(s, study_id, stroke_id)
         stroke.left_out_at, stroke.left_out_by = utc_now(), user.name
         stroke.left_out_reason = reason.strip()[:LONGEST_REASON]
+        place = _name_of((stroke.environment, stroke.pair))
     audit_details(request, stroke=stroke_id)
-    return _back(study_id, who, participant)
+    return _back(study_id, who, participant, place)
 
 
 @router.post("/lab/studies/{study_id}/paths/{stroke_id}/take-back")
@@ -246,8 +287,9 @@ def take_back(
     with database.transaction() as s:
         stroke = _stroke(s, study_id, stroke_id)
         stroke.left_out_at = stroke.left_out_by = stroke.left_out_reason = None
+        place = _name_of((stroke.environment, stroke.pair))
     audit_details(request, stroke=stroke_id)
-    return _back(study_id, who, participant)
+    return _back(study_id, who, participant, place)
 
 
 @router.post("/lab/studies/{study_id}/paths/train")
@@ -305,16 +347,18 @@ def _place(
     with database.session() as s:
         study = the_study(s, study_id)
         person = the_participant(s, study, participant) if participant else None
-        for place in _places(s, files, study, _who(who, person), person):
-            if (place.environment, place.pair) == (environment, pair - 1):
-                return place
-    raise LabRefusal(404, "no_figure")
+        who = _who(who, person)
+        found = _places(s, files, study, who, person, [(environment, pair - 1)], controllers_of(s, files, study, who))
+    if not found:
+        raise LabRefusal(404, "no_figure")
+    return found[0]
 
 
-def _back(study_id: str, who: Who, participant: str) -> Response:
+def _back(study_id: str, who: Who, participant: str, place: str = "") -> Response:
     """To the page as it was."""
-    asked = urlencode({"who": who, "participant": participant} if participant else {"who": who})
-    return RedirectResponse(f"/lab/studies/{study_id}/paths?{asked}", status_code=303)
+    asked = {"who": who, "participant": participant, "place": place}
+    given = urlencode({name: value for name, value in asked.items() if value})
+    return RedirectResponse(f"/lab/studies/{study_id}/paths?{given}", status_code=303)
 
 
 def _stroke(s: DatabaseSession, study_id: str, stroke_id: str) -> StrokeRow:

@@ -5,11 +5,11 @@ People and simulated participants are never mixed. Renders and changes nothing; 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sqlalchemy import select
+from sqlalchemy import Select, func, select, tuple_
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.demonstrations.demonstration import Demonstration
@@ -67,14 +67,40 @@ class Controller:
         return found
 
 
+def places_of(s: DatabaseSession, study: Study, who: Who, person: Participant | None) -> dict[Placed, int]:
+    """Place -> how many kept paths of those who did not withdraw, of everybody or of one person; in order."""
+    counted = _kept(select(StrokeRow.environment, StrokeRow.pair, func.count()), study, who, person)
+    counted = counted.group_by(StrokeRow.environment, StrokeRow.pair).order_by(StrokeRow.environment, StrokeRow.pair)
+    return {(environment, pair): count for environment, pair, count in s.execute(counted)}
+
+
 def drawn_paths(
-    s: DatabaseSession, files: ArtefactStore, study: Study, who: Who, person: Participant | None
+    s: DatabaseSession,
+    files: ArtefactStore,
+    study: Study,
+    who: Who,
+    person: Participant | None,
+    places: Iterable[Placed],
 ) -> list[Drawn]:
-    """Kept paths of those who did not withdraw, of everybody or of one person, in the order of their places; flags
-    compare within one participant and place.
+    """The kept paths that `places_of` counts in some of the places, in their order; flags compare within one
+    participant and place. About 5 ms each.
     """
-    asked = (
-        select(StrokeRow, Participant)
+    asked = _kept(select(StrokeRow, Participant), study, who, person)
+    asked = asked.where(tuple_(StrokeRow.environment, StrokeRow.pair).in_(list(places)))
+    asked = asked.order_by(StrokeRow.environment, StrokeRow.pair, Participant.code, StrokeRow.created_at)
+    rows = [(stroke, whose) for stroke, whose in s.execute(asked)]
+    made = [Demonstration.from_bytes(files.get(stroke.demonstration or "")) for stroke, _ in rows]
+    groups = [(whose.id, stroke.environment, stroke.pair) for stroke, whose in rows]
+    return [
+        Drawn(stroke, whose, demonstration, quality)
+        for (stroke, whose), demonstration, quality in zip(rows, made, qualities(made, groups), strict=True)
+    ]
+
+
+def _kept(asked: Select[Any], study: Study, who: Who, person: Participant | None) -> Select[Any]:
+    """The same about kept paths of those who did not withdraw, of everybody or of one person."""
+    found = (
+        asked.select_from(StrokeRow)
         .join(Session, Session.id == StrokeRow.session_id)
         .join(Participant, Participant.id == Session.participant_id)
         .where(
@@ -83,17 +109,8 @@ def drawn_paths(
             Participant.withdrawn_at.is_(None),
             Participant.simulated.is_(who == "simulated"),
         )
-        .order_by(StrokeRow.environment, StrokeRow.pair, Participant.code, StrokeRow.created_at)
     )
-    if person is not None:
-        asked = asked.where(Participant.id == person.id)
-    rows = [(stroke, whose) for stroke, whose in s.execute(asked)]
-    made = [Demonstration.from_bytes(files.get(stroke.demonstration or "")) for stroke, _ in rows]
-    groups = [(whose.id, stroke.environment, stroke.pair) for stroke, whose in rows]
-    return [
-        Drawn(stroke, whose, demonstration, quality)
-        for (stroke, whose), demonstration, quality in zip(rows, made, qualities(made, groups), strict=True)
-    ]
+    return found if person is None else found.where(Participant.id == person.id)
 
 
 def controllers_of(s: DatabaseSession, files: ArtefactStore, study: Study, who: Who) -> list[Controller]:

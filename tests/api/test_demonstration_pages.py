@@ -9,8 +9,9 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from backend.api import demonstration_pages
 from backend.api.dependencies import House
-from backend.store.models import Artefact, Job, StrokeRow
+from backend.store.models import Artefact, Job, StrokeRow, new_id
 from backend.store.strokes import read_demonstrations
 from backend.study.in_process import walk_in_process
 from backend.study.protocol import freeze_text
@@ -69,7 +70,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     of_people = {"environment": "corridor", "who": "people"}
     assert lab.post(f"{here}/train", data=token | of_people).status_code == 422  # nobody but bots has drawn
     back = lab.post(f"{here}/{first}/take-back", data=token | {"participant": "S001"}).headers["location"]
-    assert back == f"{simulated}&participant=S001"
+    assert back == f"{simulated}&participant=S001&place=corridor-{place_of(shown)}"
     assert lab.get(back).text.count("<polyline") == 4
 
     each = lab.post(f"{here}/train", data=token | {"environment": "corridor", "participant": "each"})
@@ -98,3 +99,27 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     assert lab.get(f"{here}/corridor-{place_of(learned)}.svg?who=simulated").text.startswith("<svg")
     assert lab.get(f"{here}/room-1.svg?who=simulated").status_code == 404
     assert lab.post(f"{here}/{'0' * 32}/take-back", data=token).status_code == 404
+
+
+def test_of_many_paths_one_place_is_laid_open(
+    lab: TestClient, lab_house: House, study: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(demonstration_pages, "MOST_AT_ONCE", 3)  # instead of drawing 150
+    with lab_house.database.transaction() as s:
+        first, second = s.scalars(select(StrokeRow).order_by(StrokeRow.step_key))
+        there = f"corridor-{first.pair + 1}"
+        for stroke in (first, second):  # the same two once more, as if in another place
+            copied = {column.key: getattr(stroke, column.key) for column in StrokeRow.__table__.columns}
+            again = {"id": new_id(), "request_id": new_id(), "pair": (stroke.pair + 1) % 4, "step_key": "elsewhere"}
+            s.add(StrokeRow(**copied | again | {"attempt": stroke.attempt + (stroke is second)}))
+        elsewhere = f"corridor-{(first.pair + 1) % 4 + 1}"
+        here = f"/lab/studies/{study}/paths?who=simulated"
+    for place, other in ((there, elsewhere), (elsewhere, there)):
+        page = lab.get(f"{here}&place={place}").text
+        assert "There are 4 paths; one place is shown at a time." in page
+        assert f"/paths/{place}.svg" in page
+        assert f"/paths/{other}.svg" not in page
+        assert f"place={other}#places" in page
+        assert page.count("<polyline") == 4  # two drives and two walks
+    assert f"/paths/{there}.svg" in lab.get(f"{here}&place={elsewhere}&watch={first.id}").text
+    assert lab.get(f"{here}&place=moon-1").status_code == 200
