@@ -97,7 +97,9 @@ def drawn_paths(
     ]
 
 
-def _kept(asked: Select[Any], study: Study, who: Who, person: Participant | None) -> Select[Any]:
+def _kept(
+    asked: Select[*tuple[Any, ...]], study: Study, who: Who, person: Participant | None
+) -> Select[*tuple[Any, ...]]:
     """The same about kept paths of those who did not withdraw, of everybody or of one person."""
     found = (
         asked.select_from(StrokeRow)
