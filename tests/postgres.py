@@ -27,6 +27,20 @@ from backend.store.models import Base
 ASKED = os.environ.get("DESIREPATH_TEST_DATABASE_URL", "")
 OWN = "own"
 EMPTY = "desirepath_test_empty"
+# Keeps a server until its own standard input closes, which it does however the tests end, also by a kill.
+KEEPER = """
+if told=$("$0" -D "$2/data" -A trust -U desirepath -N -E UTF8 2>&1) &&
+    told=$("$1" -D "$2/data" -o "$3" -l "$2/log" -w start 2>&1); then
+  echo up
+  cat > /dev/null
+  "$1" -D "$2/data" -m immediate stop > /dev/null
+else
+  echo "$told"
+  cat "$2/log"
+fi
+cd /
+rm -rf "$2"
+"""
 _numbers = count(1)
 
 
@@ -40,26 +54,34 @@ def server() -> Iterator[str]:
     if initdb is None or pg_ctl is None:
         pytest.skip("no PostgreSQL server program (initdb, pg_ctl) is installed")
     as_whom: list[str] = []
-    # Not below tmp_path: the server's user may not enter that, and the socket's path must be short.
-    folder = Path(tempfile.mkdtemp(prefix="desirepath-pg-"))
+    user = None
     if os.geteuid() == 0:  # the server refuses to run as root
         user = next((u.pw_name for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody")), None)
         if user is None or shutil.which("runuser") is None:
             pytest.skip("running as root and there is no user to run PostgreSQL as")
         as_whom = ["runuser", "-u", user, "--"]
+    # Not below tmp_path: the server's user may not enter that, and the socket's path must be short.
+    folder = Path(tempfile.mkdtemp(prefix="desirepath-pg-"))
+    if user is not None:
         shutil.chown(folder, user)
-
-    def run(*words: str) -> None:
-        done = subprocess.run([*as_whom, *words], capture_output=True, text=True)
-        assert done.returncode == 0, f"{words[0]}: {done.stdout}{done.stderr}"
-
-    data = str(folder / "data")
-    run(initdb, "-D", data, "-A", "trust", "-U", "desirepath", "-N", "-E", "UTF8")
     options = f"-k {folder} -c listen_addresses='' -c fsync=off -c max_connections=200"
-    run(pg_ctl, "-D", data, "-o", options, "-l", str(folder / "log"), "-w", "start")
-    yield f"postgresql://desirepath@/postgres?host={folder}"
-    run(pg_ctl, "-D", data, "-m", "immediate", "stop")
-    shutil.rmtree(folder)
+    keeper = subprocess.Popen(
+        [*as_whom, "sh", "-c", KEEPER, initdb, pg_ctl, str(folder), options],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        start_new_session=True,
+    )
+    assert keeper.stdin is not None
+    assert keeper.stdout is not None
+    try:
+        told = keeper.stdout.readline()
+        assert told == "up\n", told + keeper.communicate()[0]
+        yield f"postgresql://desirepath@/postgres?host={folder}"
+    finally:
+        keeper.stdin.close()
+        keeper.wait(60)
 
 
 def _program(name: str) -> str | None:
