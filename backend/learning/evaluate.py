@@ -40,11 +40,11 @@ class Estimate:
 
 
 def wilson(hits: int, n: int) -> Estimate:
-    """A share with its 95 % Wilson score interval."""
+    """A share with its 95 % Wilson score interval; its ends are exact where nothing or everything hit."""
     share = hits / n
     centre = (share + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
     half = Z_95 * math.sqrt(share * (1 - share) / n + Z_95**2 / (4 * n * n)) / (1 + Z_95**2 / n)
-    return Estimate(share, max(0.0, centre - half), min(1.0, centre + half))
+    return Estimate(share, centre - half if hits else 0.0, centre + half if hits < n else 1.0)
 
 
 def resampled_means(columns: Doubles, *, seed: int = 0, resamples: int = BOOTSTRAPS) -> Doubles:

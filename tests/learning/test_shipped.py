@@ -201,7 +201,8 @@ def test_wilson_interval_is_the_textbooks() -> None:
     estimate = wilson(81, 263)
     assert estimate.low == pytest.approx(0.2553, abs=5e-5)
     assert estimate.high == pytest.approx(0.3662, abs=5e-5)
-    assert wilson(0, 20).low == 0.0
+    assert wilson(0, 1_000).low == 0.0
+    assert wilson(1_000, 1_000).high == 1.0
 
 
 def test_bootstrap_covers_the_mean_it_should() -> None:
