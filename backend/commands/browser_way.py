@@ -170,6 +170,8 @@ class BrowserWay:
             self._page.locator(f"[data-choice={value['choice']}][aria-disabled=false]").click()
         elif kind == "demonstration":
             self._page.locator("[data-skip]" if value.get("skipped") else "[data-keep]").click()
+        elif kind == "evaluation":
+            self._page.locator("[data-go-on]").click()
         else:
             self._fill(kind, value)
             self._press_on(key, value)
