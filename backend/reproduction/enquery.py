@@ -112,6 +112,20 @@ SMALL = Budget(
     refine_checkpoints=3,
     refined_updates=1_000,
 )
+MEDIUM = replace(
+    SMALL,
+    name="medium",  # the thesis's amounts with our smaller heads, our own trainings short
+    kappas=(0.0, 0.03125, thesis.KAPPA, 0.125),
+    marks=(5_000, 10_000, 15_000, 20_000, 25_000),
+    sweep_scenes=500,
+    answers=(1, 2, 4, 6, 8, 10, 15, 20, 30, 40, 60),
+    repetitions=10,
+    test_pairs=200,
+    alignments=10,
+    thesis_updates=10_000,
+    thesis_epochs=3,
+    flow_fields=tuple(CONDITIONS),
+)
 FULL = Budget(
     name="full",
     heads=THESIS_HEADS,
@@ -130,7 +144,7 @@ FULL = Budget(
     refine_checkpoints=AlignConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
 )
-BUDGETS = {budget.name: budget for budget in (SMALL, FULL)}
+BUDGETS = {budget.name: budget for budget in (SMALL, MEDIUM, FULL)}
 
 
 @dataclass(frozen=True)
