@@ -14,7 +14,7 @@ from backend.commands.output import JsonFlag, plain_errors, say
 commands = typer.Typer(help="Compute a published chapter anew, with its report.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option(help="Folder for report, figures and finished work; again: it goes on there.")]
-BudgetName = Annotated[str, typer.Option(help="small (minutes), full; chapter 6 also medium (an hour), chapter 2 long.")]
+BudgetName = Annotated[str, typer.Option(help="small (minutes), full; chapter 6: medium (an hour), chapter 2: long.")]
 Processes = Annotated[int, typer.Option(min=1, help="One thread each.")]
 Budget = TypeVar("Budget")
 
