@@ -6,6 +6,7 @@ A report's own template extends `printed.html` and fills its blocks `title`, `he
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ import jinja2
 if TYPE_CHECKING:
     from backend.explain.pictures import Picture
 
+_BELONGS = re.compile(r" (?=[±%*])|(?<=[±<>=]) |(?<=\b\w|\)) (?=[=<>])")
 Shown = Mapping[str, str]
 """A figure as the template shows it: name, title, caption, svg in base64."""
 
@@ -25,6 +27,11 @@ class Table:
     caption: str
     heads: Sequence[str]
     rows: Sequence[Sequence[str]]
+
+    @property
+    def worded(self) -> set[int]:
+        """Columns in which words stand; numbers are aligned to the right."""
+        return {k for row in self.rows for k, cell in enumerate(row) if cell[:1].isalpha()}
 
 
 @dataclass(frozen=True)
@@ -48,8 +55,14 @@ def shown_picture(picture: Picture, folder: Path) -> Shown:
     }
 
 
+def unbroken(text: str) -> str:
+    """The text with numbers kept on one line with what belongs to them: < 0.001, 4.2 ± 0.3, 52 %, p = 0.03 ***."""
+    return _BELONGS.sub("\u00a0", text)
+
+
 def page(package: str, template: str, /, **values: object) -> str:
     """A package's template filled in; everything but our own markup is escaped. `sections` is what every report has."""
     loader = jinja2.ChoiceLoader([jinja2.PackageLoader(package, "."), jinja2.PackageLoader("backend.explain", ".")])
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=loader)
+    environment.filters["unbroken"] = unbroken
     return environment.get_template(template).render(**values)
