@@ -119,7 +119,7 @@ def _items(found: Findings) -> Section:
     heads = ["item", *(name.replace("_", " ") for name in found.conditions), "χ²", "df", "p", "p, corrected", "W", "n"]
     rows = [
         [
-            f"{one.item.text}{' (reversed)' if one.item.reversed else ''}",
+            f"{one.item.text}{' (as answered: low is good)' if one.item.reversed else ''}",
             *(f"{one.means[name].mean:.2f} ± {one.means[name].se:.2f}" for name in found.conditions),
             *_test_cells(one.test),
         ]
