@@ -183,7 +183,8 @@ def unseen_picture(plan: Plan, load: Load, environment: str) -> Picture:
                     )
                 places = np.arange(len(styles)) + (k - (len(CONTROLLERS) - 1) / 2) * width
                 ax.bar(places, rates, width * 0.92, color=COLOURS[controller], label=NAMES[controller])
-                ax.errorbar(places, rates, np.transpose(spread), fmt="none", ecolor=INK, elinewidth=0.7)
+                spreads = np.maximum(np.transpose(spread), 0)  # equal seeds' mean may lie beyond them by a rounding
+                ax.errorbar(places, rates, spreads, fmt="none", ecolor=INK, elinewidth=0.7)
             ax.axhline(0.9, color=INK, linewidth=0.6, linestyle=":")
             ax.set(title=f"random {kind}" if kind != "anywhere" else "everything random", ylim=(0, 1.02))
             ax.set_xticks(range(len(styles)), [style.replace("_", "\n") for style in styles], fontsize=6)
