@@ -164,6 +164,9 @@ def wants(
         str, typer.Option(help="Whose drives: ensemble, or varied (of the conditioned policy).")
     ] = "varied",
     answers: Annotated[int, typer.Option(min=2)] = 15,
+    choose: Annotated[
+        str, typer.Option(help="random: as many queries as answers; information, disagreement: from a pool of 60.")
+    ] = "random",
     scenes: Annotated[int, typer.Option(min=2)] = 2_000,
     pretrainings: Annotated[
         str, typer.Option(help="Conditioned policies with cards, comma-separated; default the shipped one.")
@@ -184,6 +187,7 @@ def wants(
         noises=tuple(float(noise) for noise in noises.split(",")),
         query_seeds=tuple(range(int(first), int(last or first) + 1)),
         queries="ensemble" if queries == "ensemble" else "varied",
+        choose=choose,
         answers=answers,
         scenes=scenes,
     )

@@ -15,17 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.benchmark_align import FIRST_QUERY_SEED, LONGEST_DRIVE_S
+from backend.learning.choosing import STRATEGIES, next_query
 from backend.learning.conditioned import ConditionedPolicy, settings
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import mean_estimate, wilson
 from backend.learning.movement import Drives, Movement, best_possible
-from backend.learning.oracles import HELD_OUT, TASTES, make_oracle
+from backend.learning.oracles import HELD_OUT, TASTES, Oracle, make_oracle
 from backend.learning.policy import Policy
+from backend.learning.posterior import Posterior
+from backend.learning.preferences import Preference
 from backend.learning.queries import Query, QueryConfig, generate_queries
 from backend.learning.reward_weights import fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.shipped import load_conditioned, load_ensemble, load_policy
-from backend.learning.varied_queries import VariedConfig, generate_varied_queries
+from backend.learning.varied_queries import VariedConfig, differences_of, generate_varied_queries
 from backend.learning.vocabulary import NAMES
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Scene
@@ -39,13 +42,16 @@ Source = Literal["ensemble", "varied"]
 @dataclass(frozen=True)
 class WantsConfig:
     """What is measured. queries: drives of the ensemble, or of the shipped conditioned policy told different things,
-    as in `queries_varied_200`. report_seed: reporting scenes that no card and no other benchmark uses.
+    as in `queries_varied_200`. choose: how the next query is chosen from a pool, as in studies; at random, all
+    `answers` queries that were made are asked. report_seed: reporting scenes that no card and no other benchmark uses.
     """
 
     oracles: tuple[str, ...] = tuple(TASTES)
     noises: tuple[float, ...] = (0.0,)
     query_seeds: tuple[int, ...] = tuple(range(70, 80))
     queries: Source = "varied"
+    choose: str = "random"
+    pool: int = 60
     answers: int = 15
     scenes: int = 2_000
     report_seed: int = 600
@@ -84,6 +90,8 @@ def benchmark_wants(
     unknown = [name for name in config.oracles if name not in TASTES]
     if unknown or not config.query_seeds or not config.oracles:
         raise LearningError(f"oracles = {list(config.oracles)}: known are {', '.join(TASTES)}; at least 1 query seed")
+    if config.choose not in STRATEGIES:
+        raise LearningError(f"choose = {config.choose!r}: known are {', '.join(STRATEGIES)}")
     told = dict(pretrainings) if pretrainings else {f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned")}
     scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=config.report_seed)
     possible = best_possible(scenes)
@@ -112,10 +120,28 @@ def benchmark_wants(
 
 def _queries(setup: str, config: WantsConfig, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds."""
-    asked = QueryConfig(count=config.answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
+    count = config.answers if config.choose == "random" else max(config.answers, config.pool)
+    asked = QueryConfig(count=count, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
     if config.queries == "ensemble":
         return generate_queries(load_ensemble(setup), asked).queries
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
+
+
+def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> list[Preference]:
+    """The oracle's answers to all queries, or to those of a pool that are chosen one after the other, as in studies."""
+    preferences = oracle.answer(queries)
+    if config.choose == "random":
+        return preferences
+    differences = differences_of(queries)
+    posterior = Posterior.prior(queries[0].scene.setup)
+    unused = np.random.default_rng(0)  # nothing is drawn by the other strategies
+    left = list(range(len(queries)))
+    given = []
+    for _ in range(config.answers):
+        k = left.pop(next_query(posterior, differences[left], config.choose, unused).index)
+        posterior = posterior.updated(differences[k], preferences[k].chosen is queries[k].trajectory_a)
+        given.append(preferences[k])
+    return given
 
 
 def _rows(
@@ -129,7 +155,8 @@ def _rows(
 ) -> Iterator[dict[str, Any]]:
     driven_by: dict[tuple[str, str, bytes], _Driven] = {}
     for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
-        weights = fit_weights(make_oracle(oracle, noise=noise, seed=seed).answer(asked[seed])).preference_weights()
+        answers = _answers(make_oracle(oracle, noise=noise, seed=seed), asked[seed], config)
+        weights = fit_weights(answers).preference_weights()
         wanted = TASTES[oracle].wants
         for name, conditioned in told.items():
             key = (oracle, name, weights.tobytes())  # many query sets end in the very same weights

@@ -67,6 +67,17 @@ class ConditionedPolicy(StoredPolicy):
         folded = [_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic)]
         return Policy(self.setup, shape, *folded)
 
+    def stronger(self, objective: str, factor: float) -> Self:
+        """The policy that does at full weight of this objective what this one does at `factor` times full weight.
+
+        Beyond 1 that goes on where training ended: nobody was told so much. Exact, since weights enter linearly.
+        """
+        k = NAMES.index(objective)
+        row = self.shape.task_inputs - SIZE + k
+        scales = (*self.scales[:k], self.scales[k] * factor, *self.scales[k + 1 :])
+        actor, critic = (_scaled_row(arrays, row, factor) for arrays in (self.actor, self.critic))
+        return replace(self, actor=actor, critic=critic, scales=scales)
+
     def to_bytes(self) -> bytes:
         """NPZ without pickled objects; the same policy always gives the same bytes."""
         meta = {
@@ -92,6 +103,14 @@ def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tu
         return ()
     first, bias = arrays[:2]
     return (first[:task_inputs].copy(), bias + weights @ first[task_inputs:], *arrays[2:])
+
+
+def _scaled_row(arrays: tuple[Floats, ...], row: int, factor: float) -> tuple[Floats, ...]:
+    if not arrays:
+        return ()
+    first = arrays[0].copy()
+    first[row] *= np.float32(factor)
+    return (first, *arrays[1:])
 
 
 def settings(extra: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, Floats]:

@@ -5,6 +5,7 @@ The policy itself lives in `conditioned.py`. All ours (spec 06, recipe A).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -16,14 +17,15 @@ from backend.learning.base import OnProgress, no_progress
 from backend.learning.conditioned import ConditionedPolicy, settings
 from backend.learning.errors import LearningError
 from backend.learning.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.movement import Movement, movement_of
+from backend.learning.movement import Movement, best_possible, drives_of, movement_of
 from backend.learning.networks import use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3 import Batch, Td3Agent, Td3Config
-from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, step_terms, worth
+from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, preference_weights, step_terms, worth
 from backend.simulation.fast import FastEngine
+from backend.simulation.scene import Scene
 from backend.simulation.setups import Setup, SetupError, get_setup
 
 Floats = NDArray[np.float32]
@@ -96,6 +98,12 @@ class ConditionedConfig:
     mirrored_share: float = 0.5  # of each batch: left and right exchanged
     checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
     selection_scenes: int = 150
+    # Full `farther` shall go this part of the way from base policy to ceiling. Reports are lower by two or three points
+    # in the room, and issue 3 asks for 85 % there.
+    strong_share: float = 0.875
+    strengths: tuple[float, ...] = (1.0, 1.125, 1.25, 1.375, 1.5)  # it is told so many times: the first that does
+    strong_scenes: int = 2_000  # the selection scenes and more of their set, in which that is measured
+    strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
 
     @property
     def at_stake(self) -> Stakes:
@@ -118,9 +126,13 @@ CONFIGS = {
 
 @dataclass(frozen=True)
 class ConditionedResult:
-    """The selected policy, how it moved on the selection scenes (optimistic: it was chosen there), the history."""
+    """The selected policy, how it moved on the selection scenes (optimistic: it was chosen there), the history.
+
+    strength: how many times what it learned as full `farther` it is told now (`strong_enough`).
+    """
 
     policy: ConditionedPolicy
+    strength: float
     selection: Movement
     transitions: int
     history: list[dict[str, float]]
@@ -316,7 +328,7 @@ def train_conditioned(
     """Train from the base policy, then keep the checkpoint (averaged weights) that scores best on the selection scenes.
 
     The score rewards movement in the wanted directions and punishes failures and self-intersections
-    (`Movement.score`). Raises SetupError, LearningError.
+    (`Movement.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
     """
     training = ConditionedTraining(base, config)
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
@@ -332,10 +344,40 @@ def train_conditioned(
             continue
         marks.pop(0)
         policy = training.policy(averaged=True)
-        movement = movement_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
+        movement = _movement(policy, base, scenes)
         metrics = {"updates": updates, "transitions": training.transitions, **movement.summary()}
         history.append(metrics)
         on_progress(min(1.0, updates / config.updates), metrics)
         tried.append((policy, movement))
     policy, movement = max(tried, key=lambda entry: entry[1].score)
-    return ConditionedResult(policy, movement, training.transitions, history)
+    strength = strong_enough(policy, base, config)
+    if strength != 1.0:
+        policy = policy.stronger("farther", strength)
+        movement = _movement(policy, base, scenes)
+    return ConditionedResult(policy, strength, movement, training.transitions, history)
+
+
+def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Movement:
+    return movement_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
+
+
+def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedConfig) -> float:
+    """How many times full `farther` must be told for `strong_share` of the way, at most; 1 for what goes it by itself.
+
+    What a training makes of the same wants differs by chance (seed 2 stopped a tenth of the way before seeds 0 and 1);
+    told more than it learned from, it goes on smoothly. Only here, since elsewhere the possible is out of reach.
+    Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
+    """
+    scenes = scene_set(config.setup, config.strong_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    driven = drives_of(base, scenes)
+    possible = best_possible(scenes)
+    farther = preference_weights({"farther": 1.0})
+    kept = 1.0
+    for strength in config.strengths:
+        drives = drives_of(policy.stronger("farther", strength).at(farther), scenes)
+        if drives.success.mean() < config.strong_success:
+            break
+        kept = strength
+        if Movement(driven, {"farther": drives}, possible).shares["farther"] >= config.strong_share:
+            break
+    return kept

@@ -138,10 +138,11 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
         commit=source_commit(),
         config=config.as_dict(),
         scenes={
-            "select": describe(Purpose.SELECT, config.selection_scenes, config.seed),
+            "select": describe(Purpose.SELECT, max(config.selection_scenes, config.strong_scenes), config.seed),
             "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
         },
-        results=movement_of(told, Policy.load(base_path), scenes).report() | {"selection": result.selection.summary()},
+        results=movement_of(told, Policy.load(base_path), scenes).report()
+        | {"selection": result.selection.summary(), "strength": result.strength},
         parents={f"{config.setup}/base": file_sha256(base_path)},
         departures=[DEPARTURES[key] for key in ("conditioned", "progress_conditioned", "environments", "average")],
         notes=["`told` and `moved`: each objective alone at full strength; `neutral`: nothing wanted."],

@@ -36,6 +36,14 @@ def test_the_ensembles_queries_can_be_asked_instead() -> None:
     assert benchmark_wants("study_room", config=config)["rows"][0]["told"]
 
 
-def test_unknown_oracles_are_refused() -> None:
+def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
+    config = WantsConfig(oracles=("smoothest",), query_seeds=(5,), choose="information", pool=8, answers=3, scenes=20)
+    row = benchmark_wants("study_room", config=config)["rows"][0]
+    assert row["dominant_found"]
+
+
+def test_unknown_oracles_and_ways_of_choosing_are_refused() -> None:
     with pytest.raises(LearningError, match="telepath"):
         benchmark_wants("study_room", config=WantsConfig(oracles=("telepath",)))
+    with pytest.raises(LearningError, match="by_dice"):
+        benchmark_wants("study_room", config=WantsConfig(choose="by_dice"))

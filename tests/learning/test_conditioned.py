@@ -17,6 +17,7 @@ from backend.learning.conditioned_training import (
     ConditionedResult,
     ConditionedTraining,
     sample_weights,
+    strong_enough,
     train_conditioned,
 )
 from backend.learning.errors import LearningError
@@ -48,6 +49,8 @@ TINY = ConditionedConfig(
     n_envs=32,
     checkpoints=2,
     selection_scenes=12,
+    strong_scenes=12,
+    strong_share=-10.0,
 )
 
 
@@ -86,6 +89,26 @@ def test_folding_equals_the_full_network(base: Policy) -> None:
         np.testing.assert_allclose(seen[:, :polar] @ plain[0] + plain[1], through, atol=1e-5)
         for whole, kept in zip(full[2:], plain[2:], strict=True):
             np.testing.assert_array_equal(whole, kept)
+
+
+def test_a_stronger_policy_needs_to_be_told_less(trained: ConditionedResult) -> None:
+    half, whole = preference_weights({"farther": 0.5, "smoother": 1}), preference_weights({"farther": 1, "smoother": 1})
+    stronger = trained.policy.stronger("farther", 2.0)
+    assert stronger.at(half).digest() == trained.policy.at(whole).digest() != stronger.at(whole).digest()
+    assert stronger.scales[0] == 2 * trained.policy.scales[0]
+    assert stronger.scales[1:] == trained.policy.scales[1:]
+
+
+@pytest.mark.parametrize(
+    ("share", "success", "strength"),
+    [(-10.0, 0.0, 1.0), (10.0, 0.0, 1.5), (10.0, 1.01, 1.0)],
+    ids=["goes far enough", "never far enough", "too many failures"],
+)
+def test_farther_is_made_as_strong_as_asked(
+    trained: ConditionedResult, base: Policy, share: float, success: float, strength: float
+) -> None:
+    config = replace(TINY, strong_share=share, strong_success=success)
+    assert strong_enough(trained.policy, base, config) == strength
 
 
 def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) -> None:
@@ -195,7 +218,10 @@ def test_training_tells_what_moved_and_comes_out_the_same_again(base: Policy, tr
     assert set(trained.selection.shares) == set(NAMES)
     assert max(entry["score"] for entry in trained.history) == pytest.approx(trained.selection.score)
     assert train_conditioned(base, TINY).policy.digest() == trained.policy.digest()
-    assert train_conditioned(base, replace(TINY, seed=1)).policy.digest() != trained.policy.digest()
+    other = train_conditioned(base, replace(TINY, seed=1, strong_share=10.0, strong_success=0.0))
+    assert other.policy.digest() != trained.policy.digest()
+    assert (trained.strength, other.strength) == (1.0, 1.5)
+    assert other.policy.scales[0] == 1.5 * STAKES["study_room"].scales[0]
 
 
 def test_settings_that_cannot_work_are_refused(base: Policy, tiny_base: BaseResult) -> None:
