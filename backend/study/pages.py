@@ -9,6 +9,7 @@ import re
 from typing import Any
 
 from backend.study import walks
+from backend.study.personalisation import train_stage
 from backend.study.planning import Step
 from backend.study.protocol import POINT, FrozenProtocol
 from backend.study.schema_blocks import Viewing
@@ -36,7 +37,7 @@ def payload_of(
     if kind in DRAWN_KINDS:
         return drawing_payload(step)
     if kind in ("wait", "guess"):
-        return {}  # their words are the same in every study: the catalogues'
+        return {"learns_from": "paths" if train_stage(frozen.protocol).job == "demonstrations" else "answers"}
     if kind == "attention":
         return {"instructed": step["instructed"]}
     if kind in ("questionnaire", "comprehension"):

@@ -192,7 +192,7 @@ def personalisation_of(walker: Walker) -> str | None:
 def test_who_comes_back_before_the_robots_are_learned_waits_for_them(walker: Walker):
     come_back(walker)
     walker.submit("instruction_2", {})
-    assert walker.view.kind == "wait"
+    assert (walker.view.kind, walker.view.payload) == ("wait", {"learns_from": "paths"})
     assert not settled(walker)
     trained(walker, older=True)
     assert settled(walker)

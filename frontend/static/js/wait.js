@@ -17,7 +17,7 @@ export function readyWait(step, say) {
     const percent = Math.floor(furthest * 100);
     bar.value = percent;
     share.textContent = say("share", { percent });
-    const words = say(job.done ? "wait.done" : furthest > 0 ? "wait.running" : "wait.queued");
+    const words = furthest > 0 && !job.done ? (now.dataset.running ?? "") : say(job.done ? "wait.done" : "wait.queued");
     if (now.textContent !== words) now.textContent = words;
   };
 }
