@@ -1,11 +1,11 @@
 """Pre-training of the conditioned policy: TD3 on the core reward plus what each episode's imagined person wants.
 
-The policy itself lives in `conditioned.py`, how one is chosen and finished in `conditioned_recipe.py`. All ours (spec
-06, recipe A).
+The policy itself lives in `conditioned.py`. All ours (spec 06, recipe A).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -13,15 +13,19 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from backend.learning.conditioned import ConditionedPolicy
+from backend.learning.base import OnProgress, no_progress
+from backend.learning.conditioned import ConditionedPolicy, settings
 from backend.learning.errors import LearningError
 from backend.learning.mirroring import ACTION_SIGNS, mirror_of
+from backend.learning.movement import Movement, best_possible, drives_of, movement_of
 from backend.learning.networks import use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
+from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3 import Batch, Td3Agent, Td3Config
-from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, step_terms, worth
-from backend.simulation.fast import FastEngine, StartPool
+from backend.learning.vocabulary import MIRRORED, NAMES, OPPOSITES, SIZE, preference_weights, step_terms, worth
+from backend.simulation.fast import FastEngine
+from backend.simulation.scene import Scene
 from backend.simulation.setups import Setup, SetupError, get_setup
 
 Floats = NDArray[np.float32]
@@ -59,38 +63,12 @@ STAKES = {
 }
 
 
-FINISHING_SEED = 10_000  # added to a training's seed when it goes on
-
-
 MIXTURES = {
     "farther_smoother": {"farther": 1.0, "smoother": 0.5},
     "slower_clearance": {"slower_near_person": 1.0, "clearance": 0.7},
     "left_faster": {"person_on_left": 1.0, "faster": 1.0},
 }
 """Wants whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
-
-
-@dataclass(frozen=True)
-class Finish:
-    """Going on from the chosen checkpoint, also in scenes where it got stuck, which are driven without noise.
-
-    A deterministic policy can shuttle in front of furniture until its time is up. Exploration's noise ends that, so the
-    critic thinks as well of such states as of the start (in the room: -20 instead of some hundreds below) and nothing
-    is learned from them. stuck_envs: environments that start in these scenes, beside the usual ones. tried: settings
-    of the wants, full `farther` for the first `tried_farther`, each driven through `scenes_each` training scenes to
-    find them: timeouts, and drives with `crossings` self-intersections or more. stakes: crossing is dearer; `farther`
-    is worth more, since what is learned about getting stuck takes from it.
-    """
-
-    stakes: Stakes
-    updates: int = 16_000
-    learning_rate: float = 3e-4
-    checkpoints: int = 2
-    stuck_envs: int = 12
-    tried: int = 20
-    tried_farther: int = 3
-    scenes_each: int = 1_500
-    crossings: int = 4
 
 
 @dataclass(frozen=True)
@@ -126,7 +104,6 @@ class ConditionedConfig:
     strengths: tuple[float, ...] = (1.0, 1.125, 1.25, 1.375, 1.5)  # it is told so many times: the first that does
     strong_scenes: int = 2_000  # the selection scenes and more of their set, in which that is measured
     strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
-    finish: Finish | None = None
 
     @property
     def at_stake(self) -> Stakes:
@@ -136,43 +113,33 @@ class ConditionedConfig:
     def as_dict(self) -> dict[str, Any]:
         return asdict(replace(self, stakes=self.at_stake))
 
-    @property
-    def finishing(self) -> ConditionedConfig | None:
-        """The configuration of the training that finishes, with scenes of its own; None where there is none."""
-        if self.finish is None:
-            return None
-        return replace(
-            self,
-            seed=self.seed + FINISHING_SEED,
-            stakes=self.finish.stakes,
-            updates=self.finish.updates,
-            learning_rate=self.finish.learning_rate,
-            checkpoints=self.finish.checkpoints,
-        )
-
 
 CONFIGS = {
     "open_field": ConditionedConfig("open_field"),
     # A robot that looks further ahead waits less: half as many timeouts (tuning scenes). More scenes and checkpoints
-    # to choose from, since what goes wrong in the room is rare: circling in one drive of a thousand. Tried without
-    # success against that: starts where drives got stuck, with noise; a cost of changing the turn; correlated noise.
-    "study_room": ConditionedConfig(
-        "study_room",
-        gamma=0.995,
-        updates=60_000,
-        checkpoints=8,
-        selection_scenes=600,
-        finish=Finish(
-            replace(
-                STAKES["study_room"],
-                scales=(26.0, *STAKES["study_room"].scales[1:]),
-                self_intersection=-30.0,
-                time=0.8,
-            )
-        ),
-    ),
+    # to choose from, since what goes wrong in the room is rare: before furniture one drive in six hundred shuttles until
+    # its time is up. Exploration's noise ends such a loop, so the critic thinks of it as of a start (-20; in truth some
+    # hundreds below) and nothing is learned from it. Tried, going on from here for 16,000 updates: crossing five times
+    # as dear, noise correlated in time, half of the environments without noise: all as before. A third of the
+    # environments without noise in scenes where it got stuck: a tenth of the self-intersections, but the way to the
+    # ceiling 71 instead of 88 %, and 2 % timeouts; with `farther` dearer than before, 96 % success.
+    "study_room": ConditionedConfig("study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600),
 }
 """How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
+
+
+@dataclass(frozen=True)
+class ConditionedResult:
+    """The selected policy, how it moved on the selection scenes (optimistic: it was chosen there), the history.
+
+    strength: how many times what it learned as full `farther` it is told now (`strong_enough`).
+    """
+
+    policy: ConditionedPolicy
+    strength: float
+    selection: Movement
+    transitions: int
+    history: list[dict[str, float]]
 
 
 def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generator) -> Floats:
@@ -193,14 +160,12 @@ def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generato
     return weights
 
 
-def training_engine(
-    setup: Setup, stakes: Stakes, n_envs: int, *, seed: int, pool: StartPool | None = None
-) -> FastEngine:
+def training_engine(setup: Setup, stakes: Stakes, n_envs: int, *, seed: int) -> FastEngine:
     """Environments of the setup with the stakes' rewards for how an episode goes, without wants, time and turning."""
     core = replace(
         setup.reward, goal=stakes.goal, collision=stakes.collision, self_intersection=stakes.self_intersection
     )
-    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=stakes.progress, pool=pool)
+    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=stakes.progress)
 
 
 class Drawn(NamedTuple):
@@ -242,13 +207,9 @@ class WantsBuffer(ReplayBuffer):
 
 
 class ConditionedTraining:
-    """The training loop as an object: one `vector_step` drives every environment once and updates some times.
+    """The training loop as an object: one `vector_step` drives every environment once and updates some times."""
 
-    It begins as the base policy, in whose replay buffer wants are told that had no part in the drives, or goes on from
-    a policy that was trained before, in fresh drives of its own.
-    """
-
-    def __init__(self, base: Policy, config: ConditionedConfig, start: ConditionedPolicy | None = None) -> None:
+    def __init__(self, base: Policy, config: ConditionedConfig) -> None:
         use_one_thread()
         _check(base, config)
         self.config = config
@@ -257,18 +218,15 @@ class ConditionedTraining:
         self.shape = replace(base.shape, task_inputs=polar + SIZE)
         td3 = Td3Config(config.gamma, config.batch_size, config.learning_rate, config.tau)
         self.agent = Td3Agent(self.shape, td3, seed=config.seed)
-        self.agent.actor.load_arrays(list(start.actor) if start else _with_weight_inputs(base.actor, polar))
-        self.agent.critic.load_arrays(list(start.critic) if start else _with_weight_inputs(base.critic, polar))
+        self.agent.actor.load_arrays(_with_weight_inputs(base.actor, polar))
+        self.agent.critic.load_arrays(_with_weight_inputs(base.critic, polar))
         self.agent.synchronise_targets()
         self._average = self.agent.actor.flat.clone()
         self._random = np.random.default_rng([config.seed, 9])
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self._mirror = mirror_of(self.setup)
         self.buffer = WantsBuffer(config.buffer_size, self.setup)
-        if start is None:
-            self._explore_with(base)
-        else:
-            self._explore_on()
+        self._explore_with(base)
         engine = training_engine(self.setup, config.at_stake, config.n_envs, seed=config.seed + 1)
         self._explorer = Explorer(engine, noise=config.exploration, seed=config.seed + 1)
         self._wants = sample_weights(config.n_envs, config, self._random)
@@ -283,24 +241,11 @@ class ConditionedTraining:
             self.buffer.driven_by = sample_weights(n_envs, config, self._random)
             explorer.step(base.act, self.buffer)
 
-    def _explore_on(self) -> None:
-        """Fill the buffer with as many drives of the policy as it is."""
-        config, n_envs = self.config, 256
-        engine = training_engine(self.setup, config.at_stake, n_envs, seed=config.seed)
-        explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
-        wants = sample_weights(n_envs, config, self._random)
-        for _ in range(-(-config.base_transitions // n_envs)):
-            self.buffer.driven_by = wants
-            explorer.step(lambda o: self.agent.act(self.told(o, wants)), self.buffer)
-            ended = engine.dones
-            if ended.any():
-                wants[ended] = sample_weights(int(ended.sum()), config, self._random)
-
     def vector_step(self) -> None:
         """One step of all environments, each by its own wants, then `updates_per_step` updates."""
         config, engine = self.config, self._explorer.engine
         self.buffer.driven_by = self._wants
-        self._explorer.step(lambda o: self.agent.act(self.told(o, self._wants)), self.buffer)
+        self._explorer.step(lambda o: self.agent.act(self._told(o, self._wants)), self.buffer)
         self.transitions += config.n_envs
         ended = engine.dones
         if ended.any():
@@ -334,14 +279,14 @@ class ConditionedTraining:
         done[turned] *= ACTION_SIGNS
         wants[turned] = wants[turned][:, MIRRORED]
         return Batch(
-            torch.from_numpy(self.told(seen, wants)),
+            torch.from_numpy(self._told(seen, wants)),
             actions,
             rewards + torch.from_numpy(judged),
-            torch.from_numpy(self.told(then, wants)),
+            torch.from_numpy(self._told(then, wants)),
             continues,
         )
 
-    def told(self, observations: Floats, weights: Floats) -> Floats:
+    def _told(self, observations: Floats, weights: Floats) -> Floats:
         """What the conditioned networks read: task part, weights, lidar."""
         polar = self.setup.polar_size
         return np.concatenate([observations[:, :polar], weights, observations[:, polar:]], axis=1)
@@ -379,3 +324,64 @@ def _check(base: Policy, config: ConditionedConfig) -> None:
         )
     if not 1 <= config.checkpoints <= config.updates:
         raise LearningError(f"checkpoints = {config.checkpoints}: between 1 and updates ({config.updates})")
+
+
+def train_conditioned(
+    base: Policy, config: ConditionedConfig, on_progress: OnProgress = no_progress
+) -> ConditionedResult:
+    """Train from the base policy, then keep the checkpoint (averaged weights) that scores best on the selection scenes.
+
+    The score rewards movement in the wanted directions and punishes failures and self-intersections
+    (`Movement.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
+    """
+    training = ConditionedTraining(base, config)
+    scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    marks = [round(config.updates * (2 / 3 + (k + 1) / config.checkpoints / 3)) for k in range(config.checkpoints)]
+    history: list[dict[str, float]] = []
+    tried: list[tuple[ConditionedPolicy, Movement]] = []
+    while marks:
+        training.vector_step()
+        updates = training.agent.updates
+        if updates < marks[0]:
+            if updates % (100 * config.updates_per_step) == 0:
+                on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
+            continue
+        marks.pop(0)
+        policy = training.policy(averaged=True)
+        movement = _movement(policy, base, scenes)
+        metrics = {"updates": updates, "transitions": training.transitions, **movement.summary()}
+        history.append(metrics)
+        on_progress(min(1.0, updates / config.updates), metrics)
+        tried.append((policy, movement))
+    policy, movement = max(tried, key=lambda entry: entry[1].score)
+    strength = strong_enough(policy, base, config)
+    if strength != 1.0:
+        policy = policy.stronger("farther", strength)
+        movement = _movement(policy, base, scenes)
+    return ConditionedResult(policy, strength, movement, training.transitions, history)
+
+
+def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Movement:
+    return movement_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
+
+
+def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedConfig) -> float:
+    """How many times full `farther` must be told for `strong_share` of the way, at most; 1 for what goes it by itself.
+
+    What a training makes of the same wants differs by chance (seed 2 stopped a tenth of the way before seeds 0 and 1);
+    told more than it learned from, it goes on smoothly. Only here, since elsewhere the possible is out of reach.
+    Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
+    """
+    scenes = scene_set(config.setup, config.strong_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    driven = drives_of(base, scenes)
+    possible = best_possible(scenes)
+    farther = preference_weights({"farther": 1.0})
+    kept = 1.0
+    for strength in config.strengths:
+        drives = drives_of(policy.stronger("farther", strength).at(farther), scenes)
+        if drives.success.mean() < config.strong_success:
+            break
+        kept = strength
+        if Movement(driven, {"farther": drives}, possible).shares["farther"] >= config.strong_share:
+            break
+    return kept

@@ -17,8 +17,7 @@ import numpy as np
 from backend.learning.artefacts import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.conditioned import ConditionedPolicy, settings
-from backend.learning.conditioned_recipe import ConditionedResult, train_conditioned
-from backend.learning.conditioned_training import CONFIGS, ConditionedConfig
+from backend.learning.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.ensemble import EnsembleConfig, train_ensemble
 from backend.learning.evaluate import evaluate_policy
 from backend.learning.movement import movement_of

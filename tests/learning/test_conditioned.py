@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from backend.learning.base import BaseResult
 from backend.learning.conditioned import ConditionedPolicy, settings
-from backend.learning.conditioned_recipe import (
+from backend.learning.conditioned_training import (
+    STAKES,
+    ConditionedConfig,
     ConditionedResult,
-    FinishingTraining,
-    finish,
+    ConditionedTraining,
+    sample_weights,
     strong_enough,
     train_conditioned,
 )
-from backend.learning.conditioned_training import STAKES, ConditionedConfig, ConditionedTraining, Finish, sample_weights
 from backend.learning.errors import LearningError
 from backend.learning.mirroring import ACTION_SIGNS, mirror_of
 from backend.learning.policy import Policy, PolicyError
@@ -221,26 +222,6 @@ def test_training_tells_what_moved_and_comes_out_the_same_again(base: Policy, tr
     assert other.policy.digest() != trained.policy.digest()
     assert (trained.strength, other.strength) == (1.0, 1.5)
     assert other.policy.scales[0] == 1.5 * STAKES["study_room"].scales[0]
-
-
-def test_finishing_goes_on_where_the_policy_got_stuck(base: Policy, trained: ConditionedResult) -> None:
-    stakes = replace(TINY.at_stake, self_intersection=-30.0)
-    going_on = Finish(
-        stakes, updates=16, checkpoints=1, stuck_envs=4, tried=2, tried_farther=1, scenes_each=20, crossings=0
-    )
-    config = replace(TINY, finish=going_on)
-    training = FinishingTraining(base, config, trained.policy)
-    before = training.buffer.size
-    for _ in range(3):
-        training.vector_step()
-    assert training.buffer.size == before + 3 * (TINY.n_envs + 4)
-    assert training.transitions == 3 * (TINY.n_envs + 4)
-    finished = finish(trained.policy, base, config)
-    assert [entry["updates"] for entry in finished.history] == [16]
-    assert finished.policy.digest() != trained.policy.digest()
-    assert finish(trained.policy, base, TINY).policy.digest() == trained.policy.digest()
-    with pytest.raises(LearningError, match="stuck nowhere"):
-        FinishingTraining(base, replace(config, finish=replace(going_on, tried=1, crossings=9)), trained.policy)
 
 
 def test_settings_that_cannot_work_are_refused(base: Policy, tiny_base: BaseResult) -> None:

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from backend.learning.conditioned import ConditionedPolicy
-from backend.learning.conditioned_recipe import train_conditioned
-from backend.learning.conditioned_training import STAKES, ConditionedConfig
+from backend.learning.conditioned_training import STAKES, ConditionedConfig, train_conditioned
 from backend.learning.errors import LearningError
 from backend.learning.movement import Drives
 from backend.learning.policy import Policy
