@@ -1,0 +1,55 @@
+"""The tables, all of them; import them from here. Nothing here knows the web or how studies run.
+
+Times are UTC, timezone-aware. Ids are random UUID hex unless said otherwise. JSON columns hold plain data whose
+shape is documented beside them and in docs/data-dictionary.md. After a change here draft the next revision:
+`python -m backend.store.migrations "what changes"`; tests compare the newest revision with what stands here.
+"""
+
+from __future__ import annotations
+
+from backend.store.models.asked import MARKS, Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
+from backend.store.models.base import Base, UtcDateTime, new_id, utc_now
+from backend.store.models.lab import Audit, Note, Setting, SignIn, User
+from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobMetric
+from backend.store.models.studies import (
+    Erasing,
+    Participant,
+    ProtocolVersion,
+    RecruitingId,
+    Session,
+    Study,
+    Tombstone,
+    protocol_digest,
+)
+
+__all__ = [
+    "MARKS",
+    "Artefact",
+    "ArtefactAnswer",
+    "ArtefactParent",
+    "Audit",
+    "Base",
+    "Erasing",
+    "Event",
+    "Job",
+    "JobMetric",
+    "Note",
+    "Participant",
+    "ProblemReport",
+    "ProtocolVersion",
+    "RecruitingId",
+    "Response",
+    "Session",
+    "Setting",
+    "SignIn",
+    "StrokeRow",
+    "Study",
+    "Tombstone",
+    "TrajectoryRow",
+    "Trial",
+    "User",
+    "UtcDateTime",
+    "new_id",
+    "protocol_digest",
+    "utc_now",
+]
