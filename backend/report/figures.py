@@ -272,12 +272,13 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         quiet(ax)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+    own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if any("own" in test for test in tests) else ""
     caption = (
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what "
         f"was assumed, with 95 % Wilson intervals. Assumed: {told(assumed.item)} is rated {assumed.effect:g} standard "
-        f"deviations higher under {told(assumed.condition)}; {assumed.first_choice:.0%} rank it first for "
-        f"{told(assumed.ranking)}; the same query gets the same answer in {assumed.consistency:.0%}; the own policy is "
-        f"preferred in {assumed.own:.0%}. Dotted line: {WANTED:.0%}."
+        f"deviations higher under {told(assumed.condition)}; {100 * assumed.first_choice:.0f} % rank it first for "
+        f"{told(assumed.ranking)}; the same query gets the same answer in {100 * assumed.consistency:.0f} %{own}. "
+        f"Dotted line: {100 * WANTED:.0f} %."
     )
     return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])
 
