@@ -22,7 +22,7 @@ from typing import IO, Any
 import structlog
 
 from backend.settings import Settings
-from backend.store.database import Database
+from backend.store.database import Database, DatabaseBusy
 from backend.store.models import Job, utc_now
 
 POLL_S = 0.2
@@ -215,7 +215,8 @@ def _watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) ->
             return None
         if (utc_now() - beat).total_seconds() >= HEARTBEAT_S:
             beat = utc_now()
-            with database.transaction() as s:
+            # Where others write for long, the next sign of life will do; a training must not be lost for it.
+            with contextlib.suppress(DatabaseBusy), database.transaction() as s:
                 job = s.get(Job, job_id)
                 if job is not None:
                     job.heartbeat_at = beat
