@@ -76,10 +76,6 @@ def test_a_participant_draws_watches_and_keeps(
         x, reach = scene.start.x, scene.goal.x - scene.start.x
         return [(x + reach * u, bend_m * math.sin(math.pi * u)) for u in along]
 
-    drag(page, arc(scene.person.pose.y)[9:])
-    expect(hint).to_contain_text("begins 2.0 m away from the robot. Please begin at the green ring", timeout=60_000)
-    screenshots(page, "drawing_begun_away")
-    # Begun at the ring, it is drawn anew, without clearing anything first.
     drag(page, arc(scene.person.pose.y))
     expect(hint).to_contain_text("would touch the person here", timeout=60_000)
     screenshots(page, "drawing_refused")
