@@ -307,3 +307,38 @@ def null_cohorts_command(
     if out is not None:
         _write(out, result)
     say(result, as_json)
+
+
+@commands.command("known-cohorts")
+@plain_errors
+def known_cohorts_command(
+    cohort: Annotated[
+        Path | None, typer.Option(help="YAML of what is put in; without it what `benchmark study` puts in.")
+    ] = None,
+    cohorts: Annotated[int, typer.Option(min=1)] = 500,
+    participants: Annotated[int, typer.Option(min=2)] = 31,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how often the analysis finds what was put into studies whose views differ, and anything else."""
+    from dataclasses import asdict, replace
+
+    from backend.report.cohorts import VIEWS_DIFFER, read_cohort
+    from backend.report.known_cohorts import known_cohorts
+    from backend.report.plan import AnalysisPlan
+
+    plan = AnalysisPlan()
+    made_of = replace(VIEWS_DIFFER if cohort is None else read_cohort(cohort), seed=seed)
+    result = {
+        "simulated": True,
+        "cohorts": cohorts,
+        "participants": participants,
+        "alpha": plan.alpha,
+        "correction": plan.correction,
+        "cohort": made_of.as_dict(),
+        "rates": [asdict(rate) for rate in known_cohorts(made_of, cohorts, participants, plan=plan)],
+    }
+    if out is not None:
+        _write(out, result)
+    say(result, as_json)

@@ -1,7 +1,7 @@
 """Benchmark: chapter 7's study by simulated participants over HTTP, then its report and its data set, there and back.
 
 What they were made with is known, so it also says what the report found of it, and what beside it. How sure such an
-answer is, one study does not tell: that is `benchmark null-cohorts`.
+answer is, one study does not tell: that are `benchmark known-cohorts` and `null-cohorts`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from backend.commands.loopback import loopback_server
-from backend.report.cohorts import Cohort
+from backend.report.cohorts import VIEWS_DIFFER, Cohort
 from backend.report.findings import Findings, analyse
 from backend.report.reading import read_study
 from backend.report.run import write_study_report
@@ -34,15 +34,6 @@ from backend.study.protocol import PROTOCOLS, freeze
 from backend.study.studies import create_study
 
 PROTOCOL = PROTOCOLS / "interface_study.yaml"
-VIEWS_DIFFER = Cohort(
-    ratings={"fun": {"immersive": 1.2}, "mental_effort": {"first_person": 1.2}},
-    first_choice={"usefulness": {"top_down": 0.75}},
-    consistency={"top_down": 0.95, "first_person": 0.9, "immersive": 0.9},
-    tastes={"top_down": "shortest", "first_person": "smoothest", "immersive": "min-human-distance"},
-)
-"""People whose views differ by construction."""
-
-
 def benchmark_study(
     *, participants: int = 31, seed: int = 0, tell: Callable[[str], None] = lambda words: None
 ) -> dict[str, Any]:

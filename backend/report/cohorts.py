@@ -83,6 +83,15 @@ class Cohort:
         return (1 - math.sqrt(2 * self.consistency.get(condition, self.steady) - 1)) / 2
 
 
+VIEWS_DIFFER = Cohort(
+    ratings={"fun": {"immersive": 1.2}, "mental_effort": {"first_person": 1.2}},
+    first_choice={"usefulness": {"top_down": 0.75}},
+    consistency={"top_down": 0.95, "first_person": 0.9, "immersive": 0.9},
+    tastes={"top_down": "shortest", "first_person": "smoothest", "immersive": "min-human-distance"},
+)
+"""People whose views differ by construction."""
+
+
 def as_rated(opinions: ArrayLike, points: int) -> NDArray[np.int64]:
     """1 to points, of opinions in standard deviations, of which one is a quarter of the scale: answers use all of it,
     few at the ends."""

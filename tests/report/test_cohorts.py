@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from backend.report.cohorts import (
     read_cohort,
 )
 from backend.report.findings import Findings
+from backend.report.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
 from backend.report.null_ratings import friedman_p, null_family
 from backend.report.plan import AnalysisPlan
 from backend.report.power import COMPARISONS, Assumed, Design, analysed, enough, null_cohorts, power
@@ -92,6 +94,18 @@ def test_null_cohorts_are_rejected_no_more_often_than_alpha() -> None:
     assert all(one.low <= 0.05 for one in rates.values())
     assert rates["Wilcoxon, immersive/top_down"].n == 400
     assert 0.02 < rates["Wilcoxon, immersive/top_down"].rate < 0.08
+
+
+def test_what_is_put_in_is_found_over_many_cohorts_and_nothing_else() -> None:
+    """A small version of `benchmark known-cohorts`."""
+    rates = {one.test: one for one in known_cohorts(DIFFERENT, 12, 31)}
+    assert all(rates[key].rate > 0.8 for key in ("fun", "boredom", "usefulness"))
+    assert all(rates[other].low <= 0.05 for other in (OTHER_ITEM, OTHER_RANKING, OTHER_PAIR))
+    blind = known_cohorts(replace(DIFFERENT, ratings={"fun": {"immersive": 0.01}}), 8, 31)[0]
+    assert blind.test == "fun"
+    assert blind.rate < 0.5
+    with pytest.raises(ValueError, match=r"ratings\.joy: known are"):
+        known_cohorts(replace(DIFFERENT, ratings={"joy": {}}), 1, 31)
 
 
 def test_ratings_alone_are_tested_as_the_analysis_tests_them() -> None:
