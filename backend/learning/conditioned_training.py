@@ -122,8 +122,8 @@ CONFIGS = {
     # truth some hundreds below) and nothing is learned from it. Tried, going on for 16,000 updates: crossing five times
     # as dear, noise correlated in time, half of the environments without noise: hardly fewer. A third of the
     # environments without noise in scenes where it got stuck: a tenth of the self-intersections, but 71 instead of 88 %
-    # of the way and 2 % timeouts; with `farther` dearer beside it (30, 26) a seventh and a third of them, 97.3 and 95.8 %
-    # success, and `faster` lost.
+    # of the way and 2 % timeouts; with `farther` dearer beside it (30; 26) a seventh and a third of them, 97.3 and
+    # 95.8 % success, the second with `faster` lost.
     "study_room": ConditionedConfig("study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600),
 }
 """How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
