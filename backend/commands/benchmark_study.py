@@ -1,7 +1,7 @@
 """Benchmark: chapter 7's study by simulated participants over HTTP, then its report and its data set, there and back.
 
 What they were made with is known, so it also says what the report found of it, and what beside it. How sure such an
-answer is, one study does not tell: that are `benchmark known-cohorts` and `null-cohorts`.
+answer is, one study does not tell: those are `benchmark known-cohorts` and `null-cohorts`.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ from backend.study.protocol import PROTOCOLS, freeze
 from backend.study.studies import create_study
 
 PROTOCOL = PROTOCOLS / "interface_study.yaml"
+
+
 def benchmark_study(
     *, participants: int = 31, seed: int = 0, tell: Callable[[str], None] = lambda words: None
 ) -> dict[str, Any]:
