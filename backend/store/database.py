@@ -1,4 +1,4 @@
-"""Opens the database and hands out transactions. The tables live in `models.py`, their history in `migrations`.
+"""Opens the database and hands out transactions. The tables live in `models`, their history in `migrations`.
 
 One way in for SQLite (a file, the default) and PostgreSQL (by URL): writers queue instead of deadlocking, and a commit
 that returned is on disk. Who waited in vain gets DatabaseBusy: nothing was stored, and asking again is safe.

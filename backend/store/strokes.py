@@ -1,6 +1,6 @@
 """Strokes on their way out of and back into the database: rows and files of a data set, and snapshots to learn from.
 
-What a stroke is stands in `models.py`, what its columns mean in `dataset.py`.
+What a stroke is stands in `models`, what its columns mean in `dataset.py`.
 
 A walk (`StrokeRow.walk`) is {"source": "walked", "times_s": [...], "poses": [[x m, y m, yaw rad], ...] as recorded,
 "spline": {...} as `Walk`, "beside": the drive that the participant walked beside (trajectory id), "simulated"} or

@@ -1,6 +1,5 @@
-"""What of a protocol is worth money: fixed completion codes and the addresses people return by. Hides both, in the
-file as it was written and in plain data. Who may see them is the API's, what is written
-without them `export.py`'s.
+"""What of a protocol is worth money: fixed completion codes and the addresses people return by. Hides both, in the file
+as it was written and in plain data. Who may see them is the API's, what is written without them `export.py`'s.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import yaml
 REMOVED = {"completion_code": "REMOVED", "return_url": "https://removed.invalid/"}
 """Key of a protocol -> what stands there in a data set; a protocol can be read with it."""
 RANDOM = "random"  # a completion code that everybody gets another one of
-_ANCHOR = re.compile(r"&\S+\s+")
+_ANCHOR = re.compile(r"(?:!\S*\s+)?(&\S+\s+)")  # behind a tag, if there is one
 
 
 def is_worth_money(field: str, value: object) -> bool:
@@ -29,7 +28,7 @@ def yaml_without(text: str, instead: Mapping[str, str] = REMOVED) -> str:
         written = text[begin:end]
         anchor = _ANCHOR.match(written)
         line_end = "\n" if written.endswith("\n") else ""
-        text = f'{text[:begin]}{anchor.group() if anchor else ""}"{instead[key]}"{line_end}{text[end:]}'
+        text = f'{text[:begin]}{anchor.group(1) if anchor else ""}"{instead[key]}"{line_end}{text[end:]}'
     return text
 
 

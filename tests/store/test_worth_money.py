@@ -12,7 +12,7 @@ screen_out: {text: sorry.md, completion_code: stages}
 stages:
   - debriefing:
       text: end.md
-      completion_code: &code 'CODE-77'   # paid
+      completion_code: !!str &code 'CODE-77'   # paid
       return_url: "https://example.org/?cc=CODE-77"
   - debriefing: {text: end.md, completion_code: *code}
   - debriefing: {text: end.md, completion_code: random, return_url: null}
@@ -22,7 +22,7 @@ stages:
 def test_only_the_values_themselves_are_replaced() -> None:
     hidden = yaml_without(PROTOCOL)
     assert hidden == PROTOCOL.replace("completion_code: stages}", 'completion_code: "REMOVED"}').replace(
-        "&code 'CODE-77'", '&code "REMOVED"'
+        "!!str &code 'CODE-77'", '&code "REMOVED"'
     ).replace('"https://example.org/?cc=CODE-77"', '"https://removed.invalid/"')
     assert yaml.safe_load(hidden) == data_without(yaml.safe_load(PROTOCOL))
     assert yaml_without(hidden) == hidden  # so that a data set that was imported is exported to the same bytes

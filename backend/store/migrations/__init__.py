@@ -1,1 +1,1 @@
-"""Alembic's scripts: how the tables came to be what `models.py` says. A released file is never edited."""
+"""Alembic's scripts: how the tables came to be what `models` says. A released file is never edited."""

@@ -1,4 +1,4 @@
-"""`python -m backend.store.migrations "what changes"`: drafts the next revision from what `models.py` says now.
+"""`python -m backend.store.migrations "what changes"`: drafts the next revision from what `models` says now.
 
 Read the draft before you commit it: Alembic sees neither triggers nor renamed columns.
 """
