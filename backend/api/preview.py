@@ -15,11 +15,13 @@ from backend.api.dependencies import Db, House, TheHouse, contact, house, page
 from backend.api.drafts import find_draft
 from backend.api.lab import LabRefusal, lab_language
 from backend.api.replay_stages import replays
+from backend.api.roles import Right
 from backend.api.session_view import leads_to, next_kind
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
 from backend.store.query_sets import query_sets_here
+from backend.store.worth_money import REMOVED
 from backend.study.machine import StepView
 from backend.study.pages import payload_of
 from backend.study.planning import Step, make_plan
@@ -144,6 +146,9 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
     query_set = frozen.protocol.query_set
     shown = step["kind"] in ON_STAGE and query_set is not None
     query = example_query(house(request).files, query_set or "") if shown else None
+    payload = payload_of(frozen, step, language, completion_code=EXAMPLE_CODE)
+    if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE):
+        payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
     return page(
         request,
         "lab/preview.html",
@@ -153,7 +158,7 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
             key=step["key"],
             index=number - 1,
             total=len(steps),
-            payload=payload_of(frozen, step, language, completion_code=EXAMPLE_CODE),
+            payload=payload,
         ),
         next_kind=next_kind(steps, number - 1),
         leads_to=leads_to(steps, number - 1),

@@ -14,7 +14,7 @@ from backend.study.revising import revise_study
 from backend.study.studies import create_study
 from backend.study.versions import newest_protocol
 from tests.api.lab_house import csrf
-from tests.study.small_protocol import CROSSED, small_protocol
+from tests.study.small_protocol import CROSSED, DEBRIEFING, small_protocol
 from tests.study.walking import twenty_queries
 
 ABOUT = {"questionnaire": {"use": "about", "time_limit_s": 60}}
@@ -32,7 +32,8 @@ EVERYTHING = [
 
 
 @pytest.fixture
-def study(lab_house: House, tmp_path: Path) -> Study:
+def study(lab_house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
+    monkeypatch.setitem(DEBRIEFING["debriefing"], "return_url", "https://example.org/?cc=BACK-88")
     folder = tmp_path / "protocols"
     folder.mkdir()
     keys = {"query_set": str(twenty_queries(folder)), "assignment": {"scheme": "latin_square"}}
@@ -103,3 +104,15 @@ def test_what_is_worth_money_is_shown_to_who_may_take_it(lab: TestClient, as_rol
     seen = as_role("viewer").get(page).text
     assert "SORRY-77" not in seen
     assert "completion_code: &#34;•••&#34;" in seen
+
+
+def test_nor_does_the_preview_of_the_last_page_tell_the_way_back(
+    lab: TestClient, lab_house: House, as_role, study: Study
+):
+    with lab_house.database.session() as s:
+        last = len(preview_steps(newest_protocol(s, s.get_one(Study, study.id))[1]))
+    page = f"/lab/studies/{study.id}/preview/{last}"
+    assert "cc=BACK-88" in lab.get(page).text
+    viewer = as_role("viewer")
+    assert "https://removed.invalid/" in viewer.get(page).text
+    assert not any("BACK-88" in viewer.get(shown).text for shown in (page, f"/lab/studies/{study.id}/protocol"))
