@@ -20,10 +20,10 @@ def returns_along(
     length = len(rewards)
     first = np.arange(length)
     last = np.minimum(first + steps, length) - 1
-    discounts = gamma ** np.arange(length + 1.0)
-    sums = np.concatenate([[0.0], np.cumsum(rewards * discounts[:-1])])
-    found = (sums[last + 1] - sums[first]) / discounts[first]
-    continues = np.where(trajectory.dones[last], 0.0, discounts[last - first])
+    found = np.zeros(length)
+    for ahead in range(min(steps, length)):
+        found[: length - ahead] += rewards[ahead:] * np.float64(gamma**ahead)
+    continues = np.where(trajectory.dones[last], 0.0, gamma ** (last - first))
     return found.astype(np.float32), trajectory.next_observations[last], continues.astype(np.float32)
 
 

@@ -63,6 +63,13 @@ def test_one_step_at_a_time_is_what_was_driven(slow_ones) -> None:
     assert (continues == ~drive.dones).all()
 
 
+def test_far_along_a_drive_little_is_as_exact_as_at_its_beginning(slow_ones) -> None:
+    drive = slow_ones[0].trajectory
+    rewards, _, continues = returns_along(drive, np.ones(len(drive.rewards)), 2, 1e-9)
+    assert rewards == pytest.approx(np.ones(len(drive.rewards)))
+    assert continues[:-2] == pytest.approx(np.full(len(drive.rewards) - 2, 1e-9))
+
+
 def test_along_a_drive_it_is_what_the_buffer_stores(slow_ones) -> None:
     drive = slow_ones[0].trajectory
     paid = drive.rewards + np.arange(len(drive.rewards)) % 3
