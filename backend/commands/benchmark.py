@@ -317,7 +317,7 @@ def known_cohorts_command(
     ] = None,
     cohorts: Annotated[int, typer.Option(min=1)] = 500,
     participants: Annotated[int, typer.Option(min=2)] = 31,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    seed: Annotated[int | None, typer.Option(min=0, help="Default: the cohort's own.")] = None,
     out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -329,7 +329,8 @@ def known_cohorts_command(
     from backend.report.plan import AnalysisPlan
 
     plan = AnalysisPlan()
-    made_of = replace(VIEWS_DIFFER if cohort is None else read_cohort(cohort), seed=seed)
+    made_of = VIEWS_DIFFER if cohort is None else read_cohort(cohort)
+    made_of = made_of if seed is None else replace(made_of, seed=seed)
     result = {
         "simulated": True,
         "cohorts": cohorts,

@@ -272,7 +272,8 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         quiet(ax)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
-    own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if any("own" in test for test in tests) else ""
+    compared = any("own against" in test for test in tests)
+    own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
     caption = (
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what "
         f"was assumed, with 95 % Wilson intervals. Assumed: {told(assumed.item)} is rated {assumed.effect:g} standard "

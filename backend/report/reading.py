@@ -123,7 +123,7 @@ def _choice(trial: Row, answer: Row, session: Row) -> Choice:
         second=trial["trajectory_b"],
         chosen=trial["trajectory_a"] if answer["choice"] == "a" else trial["trajectory_b"],
         decision_s=answer["decision_s"],
-        device=answer["device"] or session["device"] or {},
+        device=(session if answer["device"] is None else answer)["device"] or {},
     )
 
 

@@ -71,6 +71,8 @@ def test_a_choice_whose_time_was_over_is_none_and_its_mark_no_rating() -> None:
     data = tidy("Study", "1", {}, "", FILES, tables)
     assert [(one.query, one.chosen) for one in data.choices] == [("1", "a")]
     assert data.choices[0].device == {"pointer": "fine"}  # of the session, where a data set does not tell
+    tables["responses"][0]["device"] = {}  # given before any page told of a device
+    assert tidy("Study", "1", {}, "", FILES, tables).choices[0].device == {}
     assert [(one.item, one.value) for one in data.ratings] == [("sus_1", 4)]
     scale = data.items
     assert [one.key for one in scale] == [one.key for one in SCALES["sus"].items]
