@@ -1,20 +1,24 @@
-"""A house with studies that a participant can join, for the tests of their pages."""
+"""A house with studies that a participant can join, and the first steps of one, for the tests of their pages."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
+from fastapi.testclient import TestClient
+from sqlalchemy import select
 
-from backend.api.application import build_house
+from backend.api.application import build_house, create_application
 from backend.api.dependencies import House
 from backend.settings import Settings
+from backend.store.models import Event, Study
 from tests.study import walking
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder with studies of twenty queries; copied by every test."""
     folder = tmp_path_factory.mktemp("furnished")
@@ -29,3 +33,41 @@ def house(furnished: Path, tmp_path: Path, database_of: Callable[[Path], str]) -
     found = build_house(Settings(data=data, database_url=database_of(data), _env_file=None))
     yield found
     found.database.close()
+
+
+@pytest.fixture
+def client(house: House) -> Iterator[TestClient]:
+    here = ("127.0.0.1", 50_000)
+    with TestClient(create_application(house), follow_redirects=False, client=here) as client:
+        yield client
+
+
+@pytest.fixture
+def link(house: House) -> str:
+    with house.database.session() as s:
+        return s.scalars(select(Study.recruiting_token).where(Study.name == "Short")).one()
+
+
+@pytest.fixture
+def token(client: TestClient, link: str) -> str:
+    """A person's session, joined the way the welcome page does it."""
+    answered = client.post(f"/join/{link}", data={"language": "en", "device": '{"width": 1024, "webgl": true, "x": 1}'})
+    assert answered.status_code == 303
+    return answered.headers["location"].removeprefix("/p/")
+
+
+def submit(client, token, key, value, request_id=None):
+    body = {"request_id": request_id or uuid4().hex, "value": value, "client_time": "2026-11-21T10:00:00Z"}
+    return client.post(f"/api/session/{token}/steps/{key}", json=body)
+
+
+def to_first_trial(client, token):
+    for key in ("information", "consent", "demographics", "instruction"):
+        answered = submit(client, token, key, walking.VALUES[key])
+        assert answered.json()["accepted"] is True, answered.text
+    return answered.json()
+
+
+def logged(house, code):
+    with house.database.session() as s:
+        return [e for e in s.scalars(select(Event).where(Event.kind == "refused")) if e.data["code"] == code]

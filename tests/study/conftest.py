@@ -12,8 +12,10 @@ from sqlalchemy import select
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Study
+from backend.study.studies import create_study
 from tests.study import walking
-from tests.study.walking import Walker
+from tests.study.small_protocol import small_protocol
+from tests.study.walking import GIVEN, Walker
 
 
 @pytest.fixture(scope="session")
@@ -51,3 +53,18 @@ def full_study(database: Database) -> Study:
 @pytest.fixture
 def walker(database: Database, files: ArtefactStore, study: Study) -> Walker:
     return Walker(database, files, study)
+
+
+@pytest.fixture
+def walk(tmp_path, database, files, twenty_queries):
+    """Opens a study with these stages and joins it; the walker stands after the consent."""
+
+    def opened(*stages, consent=GIVEN, **keys) -> Walker:
+        frozen = small_protocol(tmp_path, list(stages), query_set=str(twenty_queries), **keys)
+        with database.transaction() as s:
+            study = create_study(s, files, frozen, name="Small", created_by=None)
+        walker = Walker(database, files, study)
+        walker.submit("consent", consent)
+        return walker
+
+    return opened

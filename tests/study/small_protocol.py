@@ -97,6 +97,10 @@ DEBRIEFING = {"debriefing": {"text": "debriefing.md", "completion_code": "random
 VIEWS = ["top_down", "first_person", "immersive"]
 BLOCK = {"block": {"view": "top_down", "trials": [{"queries": {"count": 2}}]}}
 CROSSED = {"block": {"each": VIEWS, "trials": [{"queries": {"count": 3}}]}}
+ABOUT = {"questionnaire": {"use": "about"}}
+RATING = {"questionnaire": {"use": "rating"}}
+QUIZ = {"comprehension": {"use": "quiz", "attempts": 2, "text": "instruction.md"}}
+COME_BACK = {"appointment": {"text": "come_back.md", "after_days": 2, "within_days": 9}}
 
 
 def write_files(folder: Path) -> None:

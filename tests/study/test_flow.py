@@ -1,54 +1,20 @@
-"""The rest of what a protocol may ask for, through the real state machine: checks, skips, limits, appointments."""
+"""Who meets what of a protocol, through the real state machine: checks, skips, quotas, consent."""
 
 from __future__ import annotations
 
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Participant, Response, Session, Study, Trial
+from backend.store.models import Event, Participant, Study
 from backend.study import machine
-from backend.study.appointments import end_of
-from backend.study.links import next_token, token_hash
 from backend.study.protocol import ProtocolError
 from backend.study.refusals import Refused
-from backend.study.sessions import acting
-from backend.study.studies import create_study
-from tests.study.small_protocol import BLOCK, CROSSED, VIEWS, small_protocol
-from tests.study.walking import Walker
-
-CONSENT = {"given": True, "version": "1"}
-QUIZ = {"comprehension": {"use": "quiz", "attempts": 2, "text": "instruction.md"}}
-ABOUT = {"questionnaire": {"use": "about"}}
-RATING = {"questionnaire": {"use": "rating"}}
-
-
-@pytest.fixture
-def walk(tmp_path, database, files, twenty_queries):
-    """Opens a study with these stages and joins it; the walker stands after the consent."""
-
-    def opened(*stages, consent=CONSENT, **keys) -> Walker:
-        frozen = small_protocol(tmp_path, list(stages), query_set=str(twenty_queries), **keys)
-        with database.transaction() as s:
-            study = create_study(s, files, frozen, name="Small", created_by=None)
-        walker = Walker(database, files, study)
-        walker.submit("consent", consent)
-        return walker
-
-    return opened
-
-
-def row(walker, model=Session):
-    with walker.database.session() as s:
-        return s.scalars(select(model).where(model.id == walker.session.id)).one()
+from tests.study.small_protocol import ABOUT, BLOCK, COME_BACK, CROSSED, QUIZ, RATING, VIEWS, small_protocol
+from tests.study.walking import GIVEN, Walker, answer, session_row
 
 
 def kinds(walker):
-    return [step["kind"] for step in row(walker).plan]
-
-
-def answer(walker, key):
-    with walker.database.session() as s:
-        return s.scalars(select(Response).where(Response.step_key == key)).one()
+    return [step["kind"] for step in session_row(walker).plan]
 
 
 # ---- comprehension and attention -------------------------------------------------------------------------------------
@@ -71,7 +37,7 @@ def test_who_never_understands_leaves_kindly_with_a_code(walk):
     walker = walk(QUIZ, BLOCK, screen_out={"text": "sorry.md", "completion_code": "SORRY-1"})
     walker.submit("comprehension.1", {"replay": "yes"})
     walker.submit("comprehension.2", {"replay": "yes"})
-    session = row(walker)
+    session = session_row(walker)
     assert (session.state, session.ended_because, session.completion_code) == (
         "screened_out",
         "comprehension",
@@ -186,83 +152,12 @@ def test_a_full_quota_ends_the_session_and_drop_outs_give_their_place_back(walk,
         study = s.get_one(Study, first.session.study_id)
     second, third = (Walker(database, files, study) for _ in range(2))
     for walker in (second, third):
-        walker.submit("consent", CONSENT)
+        walker.submit("consent", GIVEN)
     second.submit("about", {"age": 30, "gender": "woman"})
-    assert row(second).ended_because == "quota"
+    assert session_row(second).ended_because == "quota"
     first.do(machine.withdraw, now=first.now)
     third.submit("about", {"age": 30, "gender": "woman"})
-    assert row(third).state == "active"
-
-
-# ---- limits and view rules -------------------------------------------------------------------------------------------
-
-
-def test_time_for_a_choice_ends_by_the_servers_clock(walk):
-    walker = walk({"block": {**BLOCK["block"], "viewing": {"choice_limit_s": 10}}})
-    walker.watch("block.01")
-    assert walker.view.payload["choice_limit_s"] == 10
-    walker.later(4)
-    with pytest.raises(Refused, match="still time"):
-        walker.submit("block.01", {"timed_out": True})
-    walker.later(7)
-    with pytest.raises(Refused) as no:
-        walker.submit("block.01", {"choice": "a"})
-    assert no.value.code == "too_late"
-    walker.submit("block.01", {"timed_out": True})
-    assert answer(walker, "block.01").value == {"timed_out": True}
-    assert walker.view.key == "block.02"
-
-
-def test_a_questionnaires_time_hands_in_what_is_there_but_not_before_it_is_over(walk):
-    walker = walk({"questionnaire": {"use": "rating", "time_limit_s": 60}}, BLOCK)
-    with pytest.raises(Refused) as no:
-        walker.submit("rating", {"ease": 3, "timed_out": True})
-    assert no.value.code == "too_early"
-    walker.later(61)
-    walker.submit("rating", {"ease": 3, "timed_out": True})
-    assert answer(walker, "rating").value == {"ease": 3, "timed_out": True}
-
-
-def test_a_break_takes_as_long_as_the_protocol_says(walk):
-    walker = walk({"break": {"text": "pause.md", "at_least_s": 30}}, BLOCK)
-    assert walker.view.payload == {"title": "pause", "text": "Words about pause.", "at_least_s": 30}
-    walker.later(10)
-    with pytest.raises(Refused) as no:
-        walker.submit("break", {})
-    assert no.value.code == "too_early"
-    walker.later(20)
-    walker.submit("break", {})
-    assert walker.view.kind == "trial"
-
-
-def test_a_pair_is_watched_again_as_often_as_allowed_and_never_by_default(walk):
-    walker = walk({"block": {**BLOCK["block"], "viewing": {"replays": 1}}})
-    walker.watch("block.01")
-    play = walker.do(machine.watch_again, "block.01", now=walker.now)
-    assert play.label == "A"
-    with pytest.raises(Refused):
-        walker.submit("block.01", {"choice": "a"})
-    for drive in ("a", "b"):
-        walker.later(30)
-        play = walker.do(machine.drive_seen, "block.01", drive, play.playback_id, now=walker.now)
-    with pytest.raises(Refused) as no:
-        walker.do(machine.watch_again, "block.01", now=walker.now)
-    assert no.value.code == "no_replay"
-    walker.submit("block.01", {"choice": "a"})
-    with walker.database.session() as s:
-        assert s.scalars(select(Trial.replays).where(Trial.step_key == "block.01")).one() == 1
-
-
-def test_an_early_choice_is_possible_once_b_has_begun_where_the_protocol_says_so(walk):
-    walker = walk({"block": {**BLOCK["block"], "viewing": {"early_choice": True}}})
-    play = walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
-    with pytest.raises(Refused):
-        walker.submit("block.01", {"choice": "a"})
-    walker.later(30)
-    walker.do(machine.drive_seen, "block.01", "a", play.playback_id, now=walker.now)
-    walker.later(1.5)
-    walker.submit("block.01", {"choice": "a"})
-    assert answer(walker, "block.01").decision_s == 1.5
+    assert session_row(third).state == "active"
 
 
 # ---- consent ---------------------------------------------------------------------------------------------------------
@@ -271,7 +166,7 @@ def test_an_early_choice_is_possible_once_b_has_begun_where_the_protocol_says_so
 def test_every_answer_names_its_consent_and_purposes_are_no_unless_ticked(walk):
     words = {"training": {"en": "Learn from it?"}, "open_data": {"en": "Publish it?"}}
     consent = {"consent": {"text": "consent.md", "version": "1", "purposes": words}}
-    walker = walk(ABOUT, BLOCK, consent_stage=consent, consent={**CONSENT, "purposes": {"open_data": True}})
+    walker = walk(ABOUT, BLOCK, consent_stage=consent, consent={**GIVEN, "purposes": {"open_data": True}})
     walker.submit("about", {"age": 30})
     agreed = answer(walker, "consent")
     assert agreed.consent_id is None
@@ -289,7 +184,7 @@ def test_who_does_not_let_us_learn_is_shown_no_policy(walk):
     for key in ("block.01", "block.02"):
         walker.watch(key)
         walker.submit(key, {"choice": "a"})
-    assert row(walker).personalisation == "no_consent"
+    assert session_row(walker).personalisation == "no_consent"
     assert walker.view.kind == "debriefing"
 
 
@@ -306,72 +201,7 @@ def test_a_ranking_has_every_option_once(walk, given):
     assert answer(walker, "order").value == {"useful": VIEWS[::-1]}
 
 
-# ---- appointments ----------------------------------------------------------------------------------------------------
-
-COME_BACK = {"appointment": {"text": "come_back.md", "after_days": 2, "within_days": 9}}
-
-
-def test_a_later_appointment_has_its_own_link_and_window(walk, database, files):
-    walker = walk(ABOUT, COME_BACK, BLOCK)
-    walker.submit("about", {"age": 30})
-    with acting(walker.database, walker.token, request="look", now=walker.now) as (s, session):
-        view = machine.current(s, session)
-    assert (view.kind, row(walker).state) == ("appointment", "completed")
-    code = view.payload["return_code"]
-    assert view.payload["return_path"] == f"/p/{code}"
-    assert token_hash(code.lower().replace("-", " ")) == token_hash(code)
-    walker.token, first = code.lower(), walker.token
-    assert next_token(first) == code
-    walker.later(3600 * 24)
-    with acting(walker.database, walker.token, request="look", now=walker.now) as (s, session):
-        assert machine.current(s, session, now=walker.now).kind == "too_soon"
-        later = session
-    walker.session = later
-    with pytest.raises(Refused) as no:
-        walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
-    assert no.value.code == "too_soon"
-    walker.later(3600 * 24 + 1)
-    walker.watch("block.01")
-    walker.submit("block.01", {"choice": "a"})
-    walker.watch("block.02")
-    walker.submit("block.02", {"choice": "a"})
-    second = row(walker)
-    assert (second.state, second.appointment, second.assignment) == ("completed", 2, walker.session.assignment)
-    assert walker.view.kind == "debriefing"
-    with database.session() as s:
-        assert len(set(s.scalars(select(Response.consent_id).where(Response.session_id == second.id)))) == 1
-
-
-def test_an_appointment_that_was_missed_is_over_and_its_place_free(walk):
-    walker = walk(ABOUT, COME_BACK, BLOCK)
-    walker.submit("about", {"age": 30})
-    walker.token = next_token(walker.token)
-    walker.later(3600 * 24 * 9 + 60)
-    with pytest.raises(Refused) as no:
-        walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
-    assert no.value.code == "expired"
-
-
-def test_a_later_appointment_begins_with_what_its_person_is_asked(walk):
-    walker = walk(
-        ABOUT, COME_BACK, {**RATING, "when": {"questionnaire": "about", "item": "gender", "is": "woman"}}, BLOCK
-    )
-    walker.submit("about", {"age": 30})
-    walker.token = next_token(walker.token)
-    walker.later(3600 * 24 * 2)
-    with acting(walker.database, walker.token, request="look", now=walker.now) as (s, session):
-        view = machine.current(s, session, now=walker.now)
-    assert (view.key, view.trial["phase"]) == ("block.01", "ready")
-
-
-def test_who_withdraws_leaves_the_later_appointment_too(walk, database):
-    walker = walk(ABOUT, COME_BACK, BLOCK)
-    walker.submit("about", {"age": 30})
-    walker.do(machine.withdraw, now=walker.now)
-    with database.session() as s:
-        mine = s.scalars(select(Session).where(Session.participant_id == walker.session.participant_id)).all()
-    assert {session.state for session in mine} == {"withdrawn"}
-    assert [end_of(session) for session in sorted(mine, key=lambda one: one.appointment)] == [3, 6]
+# ---- what ends, and what does not fit --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

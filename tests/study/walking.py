@@ -6,11 +6,13 @@ from collections.abc import Callable
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from sqlalchemy import select
+
 from backend.learning.queries import QuerySet
 from backend.learning.shipped import load_queries
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.models import Session, Study, utc_now
+from backend.store.models import Response, Session, Study, utc_now
 from backend.study import machine
 from backend.study.joining import join_study
 from backend.study.protocol import freeze_text
@@ -30,6 +32,8 @@ VALUES = {
     "instruction": {},
     "train.interface_items": dict.fromkeys(ITEMS, 4),
 }
+GIVEN = {"given": True, "version": "1"}
+"""The answer to the consent of `small_protocol.py`."""
 
 
 def twenty_queries(folder: Path) -> Path:
@@ -103,3 +107,15 @@ class Walker:
                 self.submit(view.key, {"choice": "a"})
             else:
                 self.submit(view.key, VALUES[view.key])
+
+
+def session_row(walker: Walker) -> Session:
+    """The walker's session as it stands in the database."""
+    with walker.database.session() as s:
+        return s.get_one(Session, walker.session.id)
+
+
+def answer(walker: Walker, key: str) -> Response:
+    """The one answer to that step."""
+    with walker.database.session() as s:
+        return s.scalars(select(Response).where(Response.step_key == key)).one()

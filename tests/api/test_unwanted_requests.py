@@ -1,0 +1,103 @@
+"""What participants' routes do not take: dead links, forged tokens, too much, too often, what no table can hold."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import pytest
+from limits import parse
+from sqlalchemy import select
+
+from backend.api import participant, participant_requests, recruiting
+from backend.api.throttle import LARGEST_BODY
+from backend.store.export import export_study
+from backend.store.models import ProblemReport, RecruitingId, Study
+from tests.api.participant_house import logged
+
+
+@contextmanager
+def limited_to(monkeypatch, module, name, limit):
+    with monkeypatch.context() as patched:
+        patched.setattr(module, name, parse(limit))
+        yield
+
+
+def test_links_that_lead_nowhere_fill_no_log_and_shut_nobody_out(client, house, link, token, monkeypatch):
+    with limited_to(monkeypatch, participant_requests, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
+        answers = [client.get(f"/api/session/guess-{k}").status_code for k in range(3)]
+        answers += [client.get(f"/{where}/guess").status_code for where in ("join", "p", "api/session")]
+        assert answers == [404] * 3 + [429] * 3
+        assert len(logged(house, "unknown")) == 3
+        assert client.get(f"/join/{link}").status_code == 200  # somebody else behind the same address
+        assert client.get(f"/p/{token}").status_code == 200
+
+
+def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, house, link, token, monkeypatch):
+    def noticed():
+        return client.post(f"/api/session/{token}/events", json={"kind": "viewed", "data": {}}).status_code
+
+    with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):
+        answers = [client.post(f"/join/{link}", data={"language": "en"}).status_code for _ in range(2)]
+    with limited_to(monkeypatch, participant, "EVENTS_PER_SESSION", "2 per 1 minute"):
+        answers += [noticed() for _ in range(3)]
+    assert answers == [303, 303, 204, 204, 429]
+    with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):
+        assert client.post(f"/join/{link}", data={"language": "en"}).status_code == 429
+    assert not logged(house, "too_many")
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_body_that_is_too_large_is_not_read(client, token, declared):
+    content = b"x" * (LARGEST_BODY + 1)
+    path = f"/api/session/{token}/problem"
+    answered = client.post(path, content=content if declared else iter([content[:1000], content[1000:]]))
+    assert (answered.status_code, answered.json()["error"]["code"]) == (413, "too_large")
+
+
+def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, house, link, token, tmp_path):
+    """JSON lets them in: JavaScript cuts an emoji in two, Python reads NaN."""
+    odd = {"content-type": "application/json"}
+    broken = b'"caf\\u00e9 \\ud83d \\u0000"'
+    told = b'{"kind": "script_error", "data": {"message": %b, "\\ud83d": NaN}}' % broken
+    assert client.post(f"/api/session/{token}/events", content=told, headers=odd).status_code == 204
+    problem = client.post(f"/api/session/{token}/problem", content=b'{"text": %b}' % broken, headers=odd)
+    assert problem.status_code == 204
+    bot = b'{"simulated": true, "oracle": {"name": %b}, "device": {"scheme": %b}}' % (broken, broken)
+    assert client.post(f"/join/{link}", content=bot, headers=odd).status_code == 201
+    form = {"language": "en", "device": '{"scheme": "\\ud83d", "pixel_ratio": NaN}', "PROLIFIC_PID": "id\0"}
+    assert client.post(f"/join/{link}", data=form).status_code == 303
+    with house.database.session() as s:
+        study = s.scalars(select(Study.id).where(Study.recruiting_token == link)).one()
+        assert s.scalars(select(ProblemReport)).one().text == "café ?"
+        assert s.scalars(select(RecruitingId)).one().external_id == "id"
+    export_study(house.database, house.files, study, tmp_path / "out")
+    events = (tmp_path / "out" / "events.csv").read_text(encoding="utf-8")
+    assert "café ? " in events
+    assert "NaN" not in events
+
+
+@pytest.mark.parametrize(
+    ("method", "path"),
+    [
+        ("get", ""),
+        ("get", "/stream"),
+        ("get", "/trial-data"),
+        ("post", "/steps/information"),
+        ("post", "/trials/block.01/start"),
+        ("post", "/pause"),
+        ("post", "/withdraw"),
+        ("post", "/problem"),
+    ],
+)
+def test_a_forged_token_opens_nothing_and_is_logged(client, house, method, path):
+    body = {"json": {"request_id": "12345678"}} if method == "post" else {}
+    answered = getattr(client, method)(f"/api/session/forged-token{path}", **body)
+    assert answered.status_code == 404
+    assert answered.json()["error"]["code"] == "unknown"
+    assert logged(house, "unknown")
+
+
+def test_a_forged_page_is_a_kind_refusal(client):
+    answered = client.get("/p/forged-token", headers={"Accept-Language": "de"})
+    assert answered.status_code == 404
+    assert answered.headers["content-type"].startswith("text/html")
