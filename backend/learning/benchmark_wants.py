@@ -134,7 +134,7 @@ def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> l
         return preferences
     differences = differences_of(queries)
     posterior = Posterior.prior(queries[0].scene.setup)
-    unused = np.random.default_rng(0)  # nothing is drawn by the other strategies
+    unused = np.random.default_rng(0)  # one query by the other strategies depends on no chance
     left = list(range(len(queries)))
     given = []
     for _ in range(config.answers):

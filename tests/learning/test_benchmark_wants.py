@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from backend.learning.benchmark_wants import WantsConfig, benchmark_wants
+from backend.learning.benchmark_wants import WantsConfig, _answers, _queries, benchmark_wants
+from backend.learning.choosing import information_bits
 from backend.learning.errors import LearningError
+from backend.learning.oracles import make_oracle
+from backend.learning.posterior import Posterior
 from backend.learning.shipped import load_conditioned
+from backend.learning.varied_queries import differences_of
 
 
 def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
@@ -39,7 +43,13 @@ def test_the_ensembles_queries_can_be_asked_instead() -> None:
 def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
     config = WantsConfig(oracles=("smoothest",), query_seeds=(5,), choose="information", pool=8, answers=3, scenes=20)
     row = benchmark_wants("study_room", config=config)["rows"][0]
-    assert row["dominant_found"]
+    assert (row["oracle"], row["query_seed"]) == ("smoothest", 5)
+    queries = _queries("study_room", config, 5)
+    given = _answers(make_oracle("smoothest", seed=5), queries, config)
+    bits = information_bits(Posterior.prior("study_room"), differences_of(queries))
+    best = queries[int(bits.argmax())]
+    assert {id(given[0].chosen), id(given[0].rejected)} == {id(best.trajectory_a), id(best.trajectory_b)}
+    assert len({id(one.chosen) for one in given}) == 3
 
 
 def test_unknown_oracles_and_ways_of_choosing_are_refused() -> None:
