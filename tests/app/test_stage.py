@@ -235,8 +235,9 @@ def test_nothing_that_is_sent_tells_the_goal(house: StageHouse, visit: Visit, mo
         order = json.loads(source.removeprefix("window.desirePath.run(").removesuffix(")"))
         assert set(order) <= {
             *("type", "camera", "meshes", "robots", "person", "stands", "walk", "start", "sharpness"),
-            *("playback_id", "label", "label_s", "hold_s", "tracks"),
+            *("playback_id", "label", "label_s", "hold_s", "tracks", "paper"),
         }
+        assert order.get("paper") is None  # a pair of dots says where a path was to end
 
 
 def test_a_hidden_tab_interrupts_the_drive(house: StageHouse, visit: Visit) -> None:

@@ -51,7 +51,7 @@ def state(database, walker):
 def test_nobody_goes_on_before_the_job_has_ended(waiting):
     assert not settle(waiting)
     assert waiting.view.key == "train.wait"
-    assert waiting.view.payload == {}  # nothing that unblinds
+    assert waiting.view.payload == {"learns_from": "answers"}  # nothing that unblinds
     with pytest.raises(Refused) as no:
         waiting.submit("train.wait", {})
     assert no.value.code == "still_waiting"
