@@ -14,10 +14,11 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from datetime import datetime
 from enum import IntEnum, StrEnum
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeVar
 
 import structlog
 
@@ -27,10 +28,13 @@ from backend.store.models import Job, utc_now
 
 POLL_S = 0.2
 HEARTBEAT_S = 2.0
+WRITE_TRIES = 10  # at the start and the end of a job, each with the database's own patience
 KILL_AFTER_S = 3.0  # from asking the group to end to killing it
 FINAL_STATES = ("succeeded", "failed", "cancelled")
 LOG_TAIL_BYTES = 2_000
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA")}
+
+T = TypeVar("T")
 
 log = structlog.get_logger("desirepath.jobs")
 
@@ -149,6 +153,17 @@ class Standing:
             end_group(process)
 
 
+def patiently(write: Callable[[], T]) -> T:
+    """What `write` returns, called again where others write for long: a training must not be lost for a line about it.
+
+    Raises DatabaseBusy when `WRITE_TRIES` turns were waited for in vain.
+    """
+    for _ in range(WRITE_TRIES - 1):
+        with contextlib.suppress(DatabaseBusy):
+            return write()
+    return write()
+
+
 def is_instant(job: Job) -> bool:
     """Does somebody in a session wait for what takes a second?"""
     return job.session_id is not None and job.params.get("recipe") == "instant"
@@ -166,7 +181,7 @@ def run_attempt(
 
     The process stands in `running` under the job's id for as long as it works. Instant jobs get the standing one.
     """
-    instant = _begin(database, job_id, number)
+    instant = patiently(lambda: _begin(database, job_id, number))
     if isinstance(instant, Outcome):
         return instant
     process = standing.take(job_id) if instant else start_process(settings, job_id)
@@ -181,7 +196,8 @@ def run_attempt(
             end_group(process)
         if instant:
             standing.give_back(process)
-    return _outcome(database, settings, job_id, process.returncode if code is None else code)
+    code = process.returncode if code is None else code
+    return patiently(lambda: _outcome(database, settings, job_id, code))
 
 
 def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
@@ -268,13 +284,16 @@ def _outcome(database: Database, settings: Settings, job_id: str, code: int) -> 
 
 def conclude(database: Database, job_id: str, outcome: str) -> None:
     """Write the final state of a job whose attempts are used up."""
-    if outcome != Outcome.CRASHED:
-        return
-    with database.transaction() as s:
-        job = s.get(Job, job_id)
-        if job is not None and job.state not in FINAL_STATES:
-            job.error = f"{job.error or ''} It was tried again once and died again.".strip()
-            finish(job, "failed")
+
+    def write() -> None:
+        with database.transaction() as s:
+            job = s.get(Job, job_id)
+            if job is not None and job.state not in FINAL_STATES:
+                job.error = f"{job.error or ''} It was tried again once and died again.".strip()
+                finish(job, "failed")
+
+    if outcome == Outcome.CRASHED:
+        patiently(write)
 
 
 def finish(job: Job, state: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import functools
 import os
 import sys
 import threading
@@ -23,7 +24,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import get_kind
-from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file
+from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
 from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -69,19 +70,23 @@ def do(settings: Settings, job_id: str) -> ExitCode:
         except Exception as problem:
             traceback.print_exc()
             progress.flush()
-            return _fail(database, job_id, problem)
+            return patiently(functools.partial(_fail, database, job_id, problem))
         progress.flush()
         print(f"done in {time.monotonic() - began:.1f} s", flush=True)
-        with database.transaction() as s:
-            row = s.get(Job, job_id)
-            if row is not None and row.state not in FINAL_STATES:
-                if row.state == "cancelling":
-                    finish(row, "cancelled")
-                else:
-                    row.result = result
-                    finish(row, "succeeded")
-                    _measure_later(s, row)
+        patiently(lambda: _keep(database, job_id, result))
         return ExitCode.DONE
+
+
+def _keep(database: Database, job_id: str, result: dict[str, object]) -> None:
+    with database.transaction() as s:
+        row = s.get(Job, job_id)
+        if row is not None and row.state not in FINAL_STATES:
+            if row.state == "cancelling":
+                finish(row, "cancelled")
+            else:
+                row.result = result
+                finish(row, "succeeded")
+                _measure_later(s, row)
 
 
 def _load() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from backend.jobs import process
 from backend.store import database as stored
-from backend.store.database import Database
+from backend.store.database import Database, DatabaseBusy
 from backend.store.models import Job
 from backend.store.outbox import enqueue_job
 
@@ -32,3 +32,18 @@ def test_a_training_is_not_lost_because_others_keep_writing(tmp_path: Path, monk
         assert process._watch(database, job, training) == 0
     with database.session() as s:
         assert s.get_one(Job, job).heartbeat_at is None
+
+
+def test_the_line_about_a_jobs_end_is_written_when_the_others_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    turns = iter([DatabaseBusy("busy"), DatabaseBusy("busy"), None])
+
+    def write() -> str:
+        if problem := next(turns):
+            raise problem
+        return "written"
+
+    assert process.patiently(write) == "written"
+    monkeypatch.setattr(process, "WRITE_TRIES", 2)
+    turns = iter([DatabaseBusy("busy"), DatabaseBusy("busy"), None])
+    with pytest.raises(DatabaseBusy):
+        process.patiently(write)
