@@ -187,7 +187,7 @@ def paths_page(
         chosen = the_participant(s, study, participant) if participant else None
         who = _who(who, chosen)
         counts = places_of(s, study, who, chosen)
-        opened = _opened(counts, place, s.get(StrokeRow, watch) if watch else None) if counts else []
+        opened = _opened(counts, place, s.get(StrokeRow, watch) if watch else None)
         controllers = controllers_of(s, files, study, who)
         places = _places(s, files, study, who, chosen, opened, controllers)
         attempts = attempts_of(s, study, who)

@@ -284,16 +284,13 @@ def _outcome(database: Database, settings: Settings, job_id: str, code: int) -> 
 
 def conclude(database: Database, job_id: str, outcome: str) -> None:
     """Write the final state of a job whose attempts are used up."""
-
-    def write() -> None:
-        with database.transaction() as s:
-            job = s.get(Job, job_id)
-            if job is not None and job.state not in FINAL_STATES:
-                job.error = f"{job.error or ''} It was tried again once and died again.".strip()
-                finish(job, "failed")
-
-    if outcome == Outcome.CRASHED:
-        patiently(write)
+    if outcome != Outcome.CRASHED:
+        return
+    with database.transaction() as s:
+        job = s.get(Job, job_id)
+        if job is not None and job.state not in FINAL_STATES:
+            job.error = f"{job.error or ''} It was tried again once and died again.".strip()
+            finish(job, "failed")
 
 
 def finish(job: Job, state: str) -> None:

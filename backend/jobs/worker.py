@@ -18,7 +18,7 @@ import structlog
 from sqlalchemy import select
 
 from backend.jobs.engine import Engine, EngineState, Queue
-from backend.jobs.process import FINAL_STATES, Standing, conclude, end_group, finish, is_instant, run_attempt
+from backend.jobs.process import FINAL_STATES, Standing, conclude, end_group, finish, is_instant, patiently, run_attempt
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, check_writable
@@ -61,7 +61,7 @@ class Worker:
             attempt=lambda job_id, number: run_attempt(
                 self._database, settings, job_id, number, self._running, self._standing
             ),
-            conclude=lambda job_id, outcome: conclude(self._database, job_id, outcome),
+            conclude=lambda job_id, outcome: patiently(lambda: conclude(self._database, job_id, outcome)),
         )
 
     def run(self, stopping: threading.Event) -> None:

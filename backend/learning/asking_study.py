@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.choosing import PARTICLES, STRATEGIES, next_query
+from backend.learning.choosing import PARTICLES, STRATEGIES, asked_in_turn
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import wilson
 from backend.learning.oracles import HELD_OUT, TASTES, TUNING, Habits, make_oracle
@@ -118,10 +118,9 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
             order = random.permutation(len(tested.differences))
             test = order[: round(len(order) * config.test_share)]
             open_ones = list(order[len(test) :] if which == 0 else random.permutation(len(differences)))
-            posterior = Posterior.prior(tested.queries.setup, config.posterior)
-            for asked in range(config.answers):
-                best = open_ones.pop(next_query(posterior, differences[open_ones], strategy, random).index)
-                posterior = posterior.updated(differences[best], bool(answers[best]))
+            prior = Posterior.prior(tested.queries.setup, config.posterior)
+            turns = asked_in_turn(prior, differences, answers, open_ones, config.answers, strategy, random)
+            for asked, (_, posterior) in enumerate(turns):
                 accuracy[repetition, asked] = _agreement(posterior, tested.differences[test], truth[test])
                 found[repetition, asked] = posterior.dominant() in TASTES[oracle].wants[:1]
         curves.append(

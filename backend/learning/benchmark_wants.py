@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.benchmark_align import FIRST_QUERY_SEED, LONGEST_DRIVE_S
-from backend.learning.choosing import STRATEGIES, next_query
+from backend.learning.choosing import STRATEGIES, asked_in_turn
 from backend.learning.conditioned import ConditionedPolicy, settings
 from backend.learning.errors import LearningError
 from backend.learning.evaluate import mean_estimate, wilson
@@ -132,16 +132,11 @@ def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> l
     preferences = oracle.answer(queries)
     if config.choose == "random":
         return preferences
-    differences = differences_of(queries)
-    posterior = Posterior.prior(queries[0].scene.setup)
+    answers = [one.chosen is query.trajectory_a for one, query in zip(preferences, queries, strict=True)]
+    prior, numbers = Posterior.prior(queries[0].scene.setup), range(len(queries))
     unused = np.random.default_rng(0)  # one query by the other strategies depends on no chance
-    left = list(range(len(queries)))
-    given = []
-    for _ in range(config.answers):
-        k = left.pop(next_query(posterior, differences[left], config.choose, unused).index)
-        posterior = posterior.updated(differences[k], preferences[k].chosen is queries[k].trajectory_a)
-        given.append(preferences[k])
-    return given
+    turns = asked_in_turn(prior, differences_of(queries), answers, numbers, config.answers, config.choose, unused)
+    return [preferences[k] for k, _ in turns]
 
 
 def _rows(

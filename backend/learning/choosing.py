@@ -6,7 +6,7 @@ active preference learning, joint over a batch so that it holds no two queries t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -73,6 +73,27 @@ def next_query(posterior: Posterior, differences: Doubles, strategy: str, random
     """
     index = choose_queries(posterior, differences, 1, strategy, random)[0]
     return NextQuery(index, float(information_bits(posterior, differences[index : index + 1])[0]))
+
+
+def asked_in_turn(
+    posterior: Posterior,
+    differences: Doubles,
+    answers: Sequence[bool] | NDArray[np.bool_],
+    candidates: Sequence[int],
+    count: int,
+    strategy: str,
+    random: np.random.Generator,
+) -> Iterator[tuple[int, Posterior]]:
+    """Ask `count` of the candidates one after the other, each chosen on what the answers before it have told.
+
+    differences: (n, 7) A minus B of all queries. answers: whether A is preferred, of all. Yields each query's number
+    and the posterior after its answer. Raises LearningError as `next_query`.
+    """
+    left = list(candidates)
+    for _ in range(count):
+        k = left.pop(next_query(posterior, differences[left], strategy, random).index)
+        posterior = posterior.updated(differences[k], bool(answers[k]))
+        yield k, posterior
 
 
 def choose_queries(

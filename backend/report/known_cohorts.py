@@ -49,10 +49,10 @@ def _found(findings: Findings, cohort: Cohort, alpha: float) -> set[str]:
     told: set[str] = set()
     for one in findings.items:
         shifts = cohort.ratings.get(one.item.key)
+        if one.test.significant(alpha):
+            told.add(OTHER_ITEM if shifts is None else one.item.key)
         if shifts is None:
-            told |= {OTHER_ITEM} if one.test.significant(alpha) else set()
             continue
-        told |= {one.item.key} if one.test.significant(alpha) else set()
         for (first, second), test in zip(combinations(CONDITIONS, 2), one.pairs, strict=False):  # none: not significant
             if shifts.get(first, 0.0) == shifts.get(second, 0.0) and test.significant(alpha):
                 told.add(OTHER_PAIR)
