@@ -7,26 +7,26 @@ episodes begin in `placement.py`; how a controller is judged in `judging.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
 
 from backend.analysis.metrics import success_rate
 from backend.demonstrations.demonstration import AUGMENTED, Demonstration, augmented
 from backend.demonstrations.judging import KINDS, judge, unseen_scenes
 from backend.demonstrations.placement import Placements
 from backend.demonstrations.returns import ReturnsBuffer, returns_along
+from backend.learning.backprop import Floats
 from backend.learning.base import OnProgress, no_progress, policy_of
 from backend.learning.networks import use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, concatenate
 from backend.learning.scene_sets import Purpose
 from backend.learning.shape import FAST_HEADS, NetworkShape
-from backend.learning.td3 import Batch, Td3Agent, Td3Config
+from backend.learning.td3 import ActorTerm, Batch, Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory
@@ -103,17 +103,19 @@ def demonstration_batch(demonstrations: Sequence[Demonstration], config: Demonst
     )
 
 
-def cloning_term(demonstrated: Tensor, rl_weight: float, bc_weight: float) -> Callable[[Tensor, Tensor], Tensor]:
-    """The actor's behavioural-cloning term: bc_weight / rl_weight * sum_i ||pi(s_i) - a_i||^2 (equations 2.4, 2.5).
+def cloning_term(demonstrated: Floats, rl_weight: float, bc_weight: float) -> ActorTerm:
+    """Behavioural cloning, the gradient of bc_weight / rl_weight * sum_i ||pi(s_i) - a_i||^2 (equations 2.4, 2.5).
 
     demonstrated (d, 2): actions of the last d observations of the batch; the others are left alone. Relative to the
     RL gradient's weight, because only the ratio of the two matters to Adam.
     """
-    share = bc_weight / rl_weight
+    share = np.float32(bc_weight / rl_weight)
     first = -len(demonstrated)
 
-    def term(_: Tensor, actions: Tensor) -> Tensor:
-        return share * ((actions[first:] - demonstrated) ** 2).sum()
+    def term(_: Floats, actions: Floats) -> Floats:
+        gradient = np.zeros_like(actions)
+        gradient[first:] = 2 * share * (actions[first:] - demonstrated)
+        return gradient
 
     return term
 
@@ -195,7 +197,7 @@ class DemonstrationTraining:
             rows = torch.randint(len(self._demonstrated.rewards), (config.batch_each,), generator=self._sampler)
             shown = Batch(*(part.index_select(0, rows) for part in self._demonstrated))
             bc = config.bc_weight[late]
-            term = cloning_term(shown.actions, config.rl_weight[late], bc) if bc > 0 else None
+            term = cloning_term(shown.actions.numpy(), config.rl_weight[late], bc) if bc > 0 else None
             self.agent.update(concatenate(explored, shown), term)
 
     def policy(self, *, averaged: bool = False) -> Policy:

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
 import torch
-from torch import Tensor
 
 from backend.analysis.metrics import collision_rate, success_rate
+from backend.learning.backprop import Floats
 from backend.learning.networks import use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer
@@ -30,13 +31,17 @@ OnProgress = Callable[[float, dict[str, float]], None]
 """(fraction done in [0, 1], metrics by name); called from the training loop, must return quickly."""
 
 
-def calm_loss(actions: Tensor, weight: float) -> Tensor:
-    """What turning costs the actor: weight * mean a_w^2 over actions (n, 2). Ours; without it policies wobble.
+def calm_gradient(actions: Floats, weight: float) -> Floats:
+    """Gradient (n, 2) of what turning costs the actor: weight * mean a_w^2 over actions (n, 2).
+
+    Ours; without it policies wobble.
 
     In the actor's loss, not in the reward: it acts directly where the critic cannot tell small turns apart, and it
     leaves what the critic has learned of the core reward as it is.
     """
-    return weight * (actions[:, TURNING] ** 2).mean()
+    gradient = np.zeros_like(actions)
+    gradient[:, TURNING] = 2 * np.float32(weight) / len(actions) * actions[:, TURNING]
+    return gradient
 
 
 def no_progress(fraction: float, metrics: dict[str, float]) -> None:
@@ -116,7 +121,7 @@ class BaseTraining:
             return
         self.agent.set_learning_rate(self._learning_rate())
         calm = self._calm_weight()
-        term = (lambda _, actions: calm_loss(actions, calm)) if calm > 0 else None
+        term = (lambda _, actions: calm_gradient(actions, calm)) if calm > 0 else None
         for _ in range(config.updates_per_step):
             self.agent.update(self.buffer.sample(config.batch_size, self._sampler), term)
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from backend.analysis.metrics import action_diversity, success_rate
 from backend.learning.backprop import move_towards
@@ -74,18 +73,21 @@ class EnsembleResult:
     base_buffer_sha256: str
 
 
-def goal_modulation(goal_distance_m: Tensor) -> Tensor:
+def goal_modulation(goal_distance_m: Floats) -> Floats:
     """alpha(d_g) = d_g / 8 + 1/4: far from the goal members may differ, near it they all should arrive."""
-    return goal_distance_m / 8 + 0.25
+    return goal_distance_m / np.float32(8) + np.float32(0.25)
 
 
-def diversity_loss(actions: Tensor, others: Sequence[Tensor], goal_distance_m: Tensor, kappa: float) -> Tensor:
-    """Equation 6.2 for one member: L_i = -(kappa / |A|^2) alpha(d_g) sum_{j != i} ||a_i - a_j||^2, batch mean.
+def diversity_gradient(actions: Floats, others: Sequence[Floats], goal_distance_m: Floats, kappa: float) -> Floats:
+    """The gradient (n, 2), at member i's actions, of equation 6.2, batch mean:
 
-    actions: (n, 2) of member i, with gradient. others: (n, 2) each, of the other members, constants for member i.
+    L_i = -(kappa / |A|^2) alpha(d_g) sum_{j != i} ||a_i - a_j||^2. actions: (n, 2) of member i. others: (n, 2) each, of
+    the other members, constants for member i. goal_distance_m: (n,).
     """
-    apart = torch.stack([((actions - other) ** 2).sum(1) for other in others]).sum(0)
-    return -(kappa / ACTION_SIZE**2) * (goal_modulation(goal_distance_m) * apart).mean()
+    apart = len(others) * actions - np.sum(others, axis=0)
+    scale = -2 * kappa / ACTION_SIZE**2 / len(actions)
+    gradient: Floats = np.float32(scale) * goal_modulation(goal_distance_m)[:, None] * apart
+    return gradient
 
 
 def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
@@ -206,8 +208,8 @@ def _update_member(
     distance_scale_m: float,
     config: EnsembleConfig,
 ) -> None:
-    def term(observations: Tensor, actions: Tensor) -> Tensor:
-        others = [torch.from_numpy(other.act(observations.numpy())) for other in agents if other is not agent]
-        return diversity_loss(actions, others, observations[:, 0] * distance_scale_m, config.kappa)
+    def term(observations: Floats, actions: Floats) -> Floats:
+        others = [other.act(observations) for other in agents if other is not agent]
+        return diversity_gradient(actions, others, observations[:, 0] * np.float32(distance_scale_m), config.kappa)
 
     agent.update(buffer.sample(config.batch_size, sampler), term)

@@ -29,8 +29,10 @@ from backend.learning.backprop import (
 from backend.learning.networks import Parameters
 from backend.learning.shape import NetworkShape
 
-ActorTerm = Callable[[Tensor, Tensor], Tensor]
-"""(observations (n, obs), this actor's actions (n, 2)) -> scalar that is added to the actor's loss."""
+ActorTerm = Callable[[Floats, Floats], Floats]
+"""(observations (n, obs), this actor's actions (n, 2)) -> gradient (n, 2), at these actions, of what an algorithm adds
+
+to the actor's loss; in closed form, as everything here."""
 
 
 @dataclass(frozen=True)
@@ -91,19 +93,18 @@ def critic_gradients(batch: Batch, targets: Floats, critic: Weights, gradients: 
 
 
 def actor_gradients(
-    observations: Tensor, actor: Weights, critic: Weights, gradients: Weights, term: ActorTerm | None = None
+    observations: Floats, actor: Weights, critic: Weights, gradients: Weights, term: ActorTerm | None = None
 ) -> None:
     """Write the gradients of -mean Q_1(s, pi(s)), plus a term on the actions where an algorithm has one (eq. 6.3)."""
-    seen = features(observations.numpy(), actor)
+    seen = features(observations, actor)
     through = head(seen.joined, actor[4:7])
     actions = np.tanh(through.output)
-    judged = features(observations.numpy(), critic, actions)
+    judged = features(observations, critic, actions)
     width = seen.joined.shape[1]
     minus_mean = np.full((len(actions), 1), -1 / len(actions), dtype=np.float32)
     at_actions = input_gradient(minus_mean, head(judged.joined, critic[4:7]), critic[4:7], slice(width, None))
     if term is not None:
-        varied = torch.from_numpy(actions).requires_grad_(True)
-        at_actions += torch.autograd.grad(term(observations, varied), varied)[0].numpy()
+        at_actions += term(observations, actions)
     at_output = at_actions * (1 - actions * actions)
     at_first = head_backward(at_output, seen.joined, through, actor[4:7], gradients[4:7])
     features_backward(at_first @ actor[4][0].T, seen, actor, gradients)
@@ -171,7 +172,8 @@ class Td3Agent:
         self.updates += 1
         if self.updates % self.config.policy_delay:
             return
-        actor_gradients(batch.observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
+        observations = batch.observations.numpy()
+        actor_gradients(observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
         _step(self._actor_optimiser, self.actor)
         tau = np.float32(self.config.tau)
         move_towards(self.actor_target.flat.numpy(), self.actor.flat.numpy(), tau)

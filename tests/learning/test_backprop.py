@@ -63,18 +63,22 @@ def test_critic_gradients_are_those_of_the_loss(shape: NetworkShape) -> None:
 @pytest.mark.parametrize("with_term", [False, True])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
 def test_actor_gradients_are_those_of_the_loss(shape: NetworkShape, with_term: bool) -> None:
-    def term(observations: Tensor, actions: Tensor) -> Tensor:
+    def added(observations: Tensor, actions: Tensor) -> Tensor:
         return (observations[:, :1] * actions**3).sum()
+
+    def term(observations: np.ndarray, actions: np.ndarray) -> np.ndarray:
+        return observations[:, :1] * 3 * actions**2
 
     actor, critic = networks(shape)
     batch = random_batch(shape)
-    actor_gradients(batch.observations, actor.weights, critic.weights, actor.gradients, term if with_term else None)
+    observations = batch.observations.numpy()
+    actor_gradients(observations, actor.weights, critic.weights, actor.gradients, term if with_term else None)
     assert actor.grad is not None
     ours = actor.grad.numpy().copy()
     actor.zero_grad()
     actions = actor_forward(batch.observations, actor.layers)
     loss = -critic_forward(batch.observations, actions, critic.frozen(), n_heads=1)[0].mean()
-    torch.autograd.backward(loss + term(batch.observations, actions) if with_term else loss)
+    torch.autograd.backward(loss + added(batch.observations, actions) if with_term else loss)
     assert_equal_gradients(ours, actor.grad)
 
 

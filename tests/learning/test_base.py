@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from backend.analysis.metrics import success_rate, timeout_rate
-from backend.learning.base import BaseConfig, BaseResult, BaseTraining, calm_loss, train_base
+from backend.learning.base import BaseConfig, BaseResult, BaseTraining, calm_gradient, train_base
 from backend.learning.replay import collect
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import evaluate
@@ -63,8 +63,10 @@ def test_turning_costs_only_in_the_calm_updates() -> None:
         weights.append(training._calm_weight())
     assert weights[:2] == [0, 0]
     assert 0 < weights[2] < weights[3] == weights[4] == training.config.calm_weight
-    actions = torch.tensor([[0.3, -1.0], [-1.0, 0.5]])
-    assert float(calm_loss(actions, 0.2)) == pytest.approx(0.2 * (1 + 0.25) / 2)
+    actions = torch.tensor([[0.3, -1.0], [-1.0, 0.5]]).requires_grad_(True)
+    torch.autograd.backward(0.2 * (actions[:, 1] ** 2).mean())
+    assert actions.grad is not None
+    assert calm_gradient(actions.detach().numpy(), 0.2).tolist() == actions.grad.tolist()
 
 
 def test_the_learning_rate_falls_in_the_second_half_and_again_in_the_calm_updates() -> None:
