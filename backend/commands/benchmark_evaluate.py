@@ -32,8 +32,8 @@ def benchmark_evaluate(*, setup: str = "open_field", episodes: int = 2_000) -> d
     return {
         "setup": setup,
         "episodes": episodes,
-        "evaluate": _fastest(lambda: evaluate(policy.act, chosen, drawn)),
-        "flow_field": _fastest(lambda: flow_files([(f"{setup}/base", policy.act)], chosen, shown)),
+        "evaluate": _fastest(lambda: evaluate(policy.driver, chosen, drawn)),
+        "flow_field": _fastest(lambda: flow_files([(f"{setup}/base", policy.driver)], chosen, shown)),
         "flow_field_scene_seed": shown.seed,
         "threads": 1,
     }

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
-from backend.simulation.fast import ActFunction, FastEngine, Floats, act_on, rollout
+from backend.simulation.driving import ActFunction, Driver, act_on, begin
+from backend.simulation.fast import FastEngine, Floats, rollout
 from backend.simulation.scene import Pose, Scene, SceneError
 from backend.simulation.scenes import check_scene, scene_to_row
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
@@ -190,7 +191,7 @@ def free_cells(scene: Scene, grid: Grid) -> Flags:
     )
 
 
-def flow_field(act: ActFunction, setup: Setup, scene: Scene, *, cell_m: float = CELL_M) -> FlowField:
+def flow_field(act: ActFunction | Driver, setup: Setup, scene: Scene, *, cell_m: float = CELL_M) -> FlowField:
     """The policy's flow field in one scene, all cells at once.
 
     Settling: in every free cell, first facing the goal, the robot follows the angular command alone. Its observation
@@ -199,7 +200,7 @@ def flow_field(act: ActFunction, setup: Setup, scene: Scene, *, cell_m: float = 
     the range of the last WINDOW_STEPS counts; a robot that never reverses within them turns round and has no heading.
     The goal ends nothing while settling. The speed is the forward command of a robot that stands there with its
     settled heading. Roll-outs begin standing with that heading (facing the goal where there is none), in every free
-    cell outside the goal, and end as an episode does.
+    cell outside the goal, and end as an episode does. A driver that remembers settles by what it does without memory.
 
     Raises SetupError where scene and setup differ, SceneError for a bad scene, ValueError for a bad cell size.
     """
@@ -229,7 +230,7 @@ def flow_field(act: ActFunction, setup: Setup, scene: Scene, *, cell_m: float = 
 
 
 def _settled(
-    act: ActFunction, setup: Setup, scene: Scene, places: Doubles, facing: Doubles
+    act: ActFunction | Driver, setup: Setup, scene: Scene, places: Doubles, facing: Doubles
 ) -> tuple[Doubles, Doubles, Doubles]:
     """Heading, oscillation (rad) and speed (m/s) of robots at places (n, 2): (n,) each, NaN where one never settles."""
     n = len(places)
@@ -277,7 +278,7 @@ def _settled(
 
 
 def _driven(
-    act: ActFunction, setup: Setup, scene: Scene, grid: Grid, poses: Doubles
+    act: ActFunction | Driver, setup: Setup, scene: Scene, grid: Grid, poses: Doubles
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
     """Drive from every pose (n, 3) to the end: outcomes (n,) and how often each cell was entered (rows, columns)."""
     counts = np.zeros(grid.shape[0] * grid.shape[1], dtype=np.int64)
@@ -290,9 +291,10 @@ def _driven(
     np.add.at(counts, cells, 1)
     points = max(1, math.ceil(setup.limits.v_max * CONTROL_DT_S / (grid.cell_m / PATH_POINTS_PER_CELL)))
     actions = np.zeros((n, 2), dtype=np.float32)
+    steer = begin(act, n)
     while not engine.dones.all():
         running = np.flatnonzero(~engine.dones)
-        actions[running] = act_on(act, engine.observations[running])
+        actions[running] = steer(engine.observations[running], running)
         before = engine.poses[running, :2].copy()
         engine.step(actions)
         step = engine.poses[running, :2] - before
@@ -350,6 +352,8 @@ def spread_starts(scene: Scene, count: int) -> list[Scene]:
     return chosen
 
 
-def drives_from(acts: Mapping[str, ActFunction], setup: Setup, starts: Sequence[Scene]) -> dict[str, list[Trajectory]]:
+def drives_from(
+    acts: Mapping[str, ActFunction | Driver], setup: Setup, starts: Sequence[Scene]
+) -> dict[str, list[Trajectory]]:
     """Every policy, by name, from every start: one trajectory per start, in order."""
     return {name: rollout(setup, act, starts) for name, act in acts.items()}

@@ -17,7 +17,7 @@ import numpy as np
 
 from backend.explain import flow_field as flow
 from backend.explain.flow_words import ENGLISH, Words
-from backend.simulation.fast import ActFunction
+from backend.simulation.driving import ActFunction, Driver
 from backend.simulation.scene import Scene
 from backend.simulation.setups import Setup
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -32,7 +32,7 @@ class FigureFiles:
 
 
 def flow_files(
-    policies: Sequence[tuple[str, ActFunction]],
+    policies: Sequence[tuple[str, ActFunction | Driver]],
     setup: Setup,
     scene: Scene,
     *,
@@ -74,7 +74,7 @@ def flow_files(
 
 
 def starts_files(
-    policies: Mapping[str, ActFunction], setup: Setup, scene: Scene, *, starts: int, words: Words = ENGLISH
+    policies: Mapping[str, ActFunction | Driver], setup: Setup, scene: Scene, *, starts: int, words: Words = ENGLISH
 ) -> FigureFiles:
     """All named policies from the same starts in one scene: trajectories.png, .svg and .csv."""
     from backend.explain import drawing  # matplotlib is slow to import

@@ -365,7 +365,7 @@ def _comparisons(
     rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
     different: list[tuple[Trajectory, Trajectory]] = []
     alike: list[tuple[Trajectory, Trajectory]] = []
-    drives = [rollout(setup, policy.act, scenes) for policy, _ in (rival, own)]
+    drives = [rollout(setup, policy.driver, scenes) for policy, _ in (rival, own)]
     for of_rival, of_own in zip(*drives, strict=True):
         if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
             (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))

@@ -35,6 +35,8 @@ DEPARTURES = {
     "weights beforehand is told those that the answers speak for.",
     "conditioned": "Not in the thesis: nine preference weights are further inputs of the policy; aligning it takes no "
     "training (recipe A of the specification).",
+    "recovery": "While a robot comes no nearer to its goal (6 s) the base policy drives, then the policy with nothing "
+    "wanted, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
     "progress_conditioned": "Its training adds +1 per metre of progress and a cost per step, and other rewards for "
     "goal, collision and self-intersection than the setup's (config: stakes); evaluation uses none of these.",
     "refine_instant": "Refinement searches what to tell the conditioned policy so that it serves those weights best, "

@@ -66,7 +66,7 @@ class _Driven:
 
     @classmethod
     def of(cls, policy: Policy, scenes: Sequence[Scene], tastes: Sequence[str]) -> _Driven:
-        trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.act, scenes)
+        trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.driver, scenes)
         return cls(Drives.of(trajectories), {name: TASTES[name].value(trajectories) for name in tastes})
 
 

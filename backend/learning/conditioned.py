@@ -36,7 +36,8 @@ class ConditionedPolicy(StoredPolicy):
 
     shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
     the weights enter come after those of the task part. scales: (9,) reward per step of each objective's step term at
-    full weight, as in training.
+    full weight, as in training. base: the base policy's actor, which frees a robot that is stuck, or empty: a robot
+    that has no such recovery.
     """
 
     setup: str
@@ -44,6 +45,7 @@ class ConditionedPolicy(StoredPolicy):
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...]
     scales: tuple[float, ...]
+    base: tuple[Floats, ...] = ()
 
     def __post_init__(self) -> None:
         setup = get_setup(self.setup)
@@ -55,17 +57,25 @@ class ConditionedPolicy(StoredPolicy):
         if len(self.scales) != SIZE:
             raise PolicyError(f"conditioned policy has {len(self.scales)} scales; there are {SIZE} objectives")
         check_networks(self.shape, self.actor, self.critic)
+        if self.base:
+            check_networks(self._told_shape, self.base, ())
+
+    @property
+    def _told_shape(self) -> NetworkShape:
+        return replace(self.shape, task_inputs=self.shape.task_inputs - SIZE)
 
     def at(self, weights: Floats) -> Policy:
         """The ordinary policy that drives by these preference weights (9,), critic included.
 
+        While it is stuck the base policy drives, then this one with nothing wanted, where the base policy is known.
         Exact: a constant input only moves the first task layer's bias. Raises LearningError for weights outside [0, 1]
         or of two opposites at once.
         """
         weights = check_weights(weights)
-        shape = replace(self.shape, task_inputs=self.shape.task_inputs - SIZE)
-        folded = [_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic)]
-        return Policy(self.setup, shape, *folded)
+        shape = self._told_shape
+        actor, critic = (_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic))
+        unmoved = _folded(self.actor, shape.task_inputs, np.zeros(SIZE, dtype=np.float32))
+        return Policy(self.setup, shape, actor, critic, (self.base, unmoved) if self.base else ())
 
     def stronger(self, objective: str, factor: float) -> Self:
         """The policy that does at full weight of this objective what this one does at `factor` times full weight.
@@ -87,15 +97,15 @@ class ConditionedPolicy(StoredPolicy):
             "objectives": list(NAMES),
             "scales": list(self.scales),
         }
-        return networks_to_bytes(meta, self.actor, self.critic)
+        return networks_to_bytes(meta, self.actor, self.critic, (self.base,) if self.base else ())
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
-        meta, actor, critic = networks_from_bytes(data, FORMAT)
+        meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
         if tuple(meta["objectives"]) != NAMES:
             raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
-        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, tuple(meta["scales"]))
+        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, tuple(meta["scales"]), *escapes)
 
 
 def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:

@@ -51,7 +51,7 @@ class Drives:
 def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
     """Drive every scene once to its end."""
     setup = get_setup(require_same(policy=policy.setup, **{f"scene {k}": s.setup for k, s in enumerate(scenes)}))
-    return Drives.of(rollout(setup, policy.act, scenes))
+    return Drives.of(rollout(setup, policy.driver, scenes))
 
 
 def best_possible(scenes: Sequence[Scene]) -> Doubles:

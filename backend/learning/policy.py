@@ -11,7 +11,8 @@ import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.shape import NetworkShape
+from backend.simulation.driving import ActFunction, Driver, RecoveringDriver, Recovery
 from backend.simulation.setups import SetupError, get_setup
 
 Floats = NDArray[np.float32]
@@ -45,11 +47,16 @@ def _check(sizes: list[tuple[int, int]], arrays: Sequence[Floats], what: str) ->
         raise PolicyError(f"policy field '{what}' holds NaN or infinite weights; train again or take an earlier file")
 
 
-def networks_to_bytes(meta: Mapping[str, object], actor: Sequence[Floats], critic: Sequence[Floats]) -> bytes:
+def networks_to_bytes(
+    meta: Mapping[str, object],
+    actor: Sequence[Floats],
+    critic: Sequence[Floats],
+    escapes: Sequence[Sequence[Floats]] = (),
+) -> bytes:
     """NPZ without pickled objects; the same meta and weights always give the same bytes."""
     arrays: dict[str, NDArray[Any]] = {"meta": np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8)}
-    arrays |= {f"actor_{k:02d}": array for k, array in enumerate(actor)}
-    arrays |= {f"critic_{k:02d}": array for k, array in enumerate(critic)}
+    named = {"actor": actor, "critic": critic} | {f"escape{n}": escape for n, escape in enumerate(escapes)}
+    arrays |= {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)}
     out = io.BytesIO()
     np.savez_compressed(out, allow_pickle=False, **arrays)
     return out.getvalue()
@@ -70,6 +77,7 @@ class StoredNetworks(NamedTuple):
     meta: dict[str, Any]
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...]
+    escapes: tuple[tuple[Floats, ...], ...]
 
 
 def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
@@ -79,10 +87,11 @@ def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
         raise PolicyError(f"policy format {found!r}; what is read here is {needed!r}")
     with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
         meta = json.loads(arrays["meta"].tobytes())
-        names = sorted(arrays.files)
-        actor = tuple(arrays[name] for name in names if name.startswith("actor_"))
-        critic = tuple(arrays[name] for name in names if name.startswith("critic_"))
-    return StoredNetworks(meta, actor, critic)
+        layers: dict[str, list[Floats]] = {}
+        for name in sorted(arrays.files):
+            layers.setdefault(name.rpartition("_")[0], []).append(arrays[name])
+    escapes = tuple(tuple(layers[name]) for name in layers if name.startswith("escape"))
+    return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), escapes)
 
 
 class StoredPolicy(ABC):
@@ -118,13 +127,15 @@ class Policy(StoredPolicy):
     """A deterministic actor of one setup.
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
-    critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06).
+    critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06). escapes:
+    other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
     """
 
     setup: str
     shape: NetworkShape
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...] = ()
+    escapes: tuple[tuple[Floats, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if self.shape.observation_size != get_setup(self.setup).observation_size:
@@ -133,6 +144,16 @@ class Policy(StoredPolicy):
                 f"gives {get_setup(self.setup).observation_size}"
             )
         check_networks(self.shape, self.actor, self.critic)
+        for escape in self.escapes:
+            check_networks(self.shape, escape, ())
+
+    @cached_property
+    def driver(self) -> ActFunction | Driver:
+        """What drives whole episodes: `act`, with a recovery where the policy has escapes."""
+        if not self.escapes:
+            return self.act
+        others = [Policy(self.setup, self.shape, escape).act for escape in self.escapes]
+        return RecoveringDriver(get_setup(self.setup), self.act, others)
 
     def act(self, observations: Floats) -> Floats:
         """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1].
@@ -166,7 +187,7 @@ class Policy(StoredPolicy):
 
     def without_critic(self) -> Policy:
         """The actor alone: all that driving needs."""
-        return Policy(self.setup, self.shape, self.actor)
+        return replace(self, critic=())
 
     def manifest(self) -> dict[str, object]:
         """What a foreign program needs to run the exported policy: inputs in order with units, outputs with scaling."""
@@ -202,16 +223,20 @@ class Policy(StoredPolicy):
             "control_rate_hz": 5,
             "bearing_range_rad": [-math.pi, math.pi],
             "network": self.shape.as_dict(),
+            "recovery": asdict(Recovery())
+            | {"escapes": len(self.escapes), "exported": "the usual actor alone; the .npz holds the escapes, too"}
+            if self.escapes
+            else None,
             "policy_sha256": self.digest(),
         }
 
     def to_bytes(self) -> bytes:
         """NPZ without pickled objects; the same policy always gives the same bytes."""
         meta = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
-        return networks_to_bytes(meta, self.actor, self.critic)
+        return networks_to_bytes(meta, self.actor, self.critic, self.escapes)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
-        meta, actor, critic = networks_from_bytes(data, FORMAT)
-        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic)
+        meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
+        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, escapes)

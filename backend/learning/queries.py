@@ -224,7 +224,7 @@ def generate_queries(
     of_scenes: list[list[Query]] = []
     for first in range(0, config.max_scenes, config.scenes_per_round):
         round_scenes = scenes[first : first + config.scenes_per_round]
-        drives = [rollout(setup, member.act, round_scenes) for member in members]
+        drives = [rollout(setup, member.driver, round_scenes) for member in members]
         for row in range(len(round_scenes)):
             filtered["scenes"] += 1
             found = _queries_in_scene([drive[row] for drive in drives], config, random, filtered)
@@ -270,7 +270,7 @@ def segment_queries(
 ) -> list[tuple[Trajectory, Trajectory]]:
     """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy drives in different scenes."""
     setup = get_setup(base.setup)
-    pool = rollout(setup, base.act, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
+    pool = rollout(setup, base.driver, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
     long_enough = [drive for drive in pool if len(drive.actions) >= segment_steps]
     if len(long_enough) < 2:
         raise LearningError(f"segment_steps = {segment_steps}: fewer than two of {pool_scenes} drives are that long")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 
 from backend.learning.policy import Policy
 from backend.learning.td3 import Batch
+from backend.simulation.driving import ActFunction
 from backend.simulation.fast import FastEngine
 from backend.simulation.setups import get_setup
 
 Floats = NDArray[np.float32]
-ActFunction = Callable[[Floats], Floats]
 """observations (n, obs) float32 -> actions (n, 2) float32 in [-1, 1]."""
 
 

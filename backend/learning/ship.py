@@ -144,7 +144,11 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
         results=movement_of(told, Policy.load(base_path), scenes).report()
         | {"selection": result.selection.summary(), "strength": result.strength},
         parents={f"{config.setup}/base": file_sha256(base_path)},
-        departures=[DEPARTURES[key] for key in ("conditioned", "progress_conditioned", "environments", "average")],
+        departures=[
+            DEPARTURES[key]
+            for key in ("conditioned", "progress_conditioned", "environments", "average")
+            + (("recovery",) if config.recovery else ())
+        ],
         notes=["`told` and `moved`: each objective alone at full strength; `neutral`: nothing wanted."],
     )
     card.save(card_path(path))

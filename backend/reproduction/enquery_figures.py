@@ -243,7 +243,7 @@ def _dots(ax: Axes, rows: Sequence[TableRow]) -> None:
 
 def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts: Sequence[Scene]) -> Picture:
     """Figures 6.3 and 6.7: several policies from the same starts."""
-    drives = drives_from({told: policy.act for told, policy in policies.items()}, get_setup(SETUP), starts)
+    drives = drives_from({told: policy.driver for told, policy in policies.items()}, get_setup(SETUP), starts)
     rows: Rows = [
         {
             "policy": told,
@@ -268,7 +268,7 @@ def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts
 def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: Policy, scene: Scene) -> Picture:
     """Figures 6.5 and 6.6: raw against aligned, as flow fields with their difference."""
     setup = get_setup(SETUP)
-    fields = flow_field(base.act, setup, scene), flow_field(aligned.act, setup, scene)
+    fields = flow_field(base.driver, setup, scene), flow_field(aligned.driver, setup, scene)
     apart = difference(*fields)
     rows: Rows = [
         {"policy": told, **dict(zip(COLUMNS, values, strict=True))}

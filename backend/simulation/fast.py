@@ -15,18 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
+from backend.simulation.driving import ActFunction, ActionError, Driver, begin
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import ScenePool, check_scene, row_columns, row_to_scene, scene_to_row, scenes_to_rows
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Floats = NDArray[np.float32]
-ActFunction = Callable[[Floats], Floats]
-"""(n, obs) float32 observations -> (n, 2) float32 actions in [-1, 1]. Called with the rows still running."""
-
-
-class ActionError(ValueError):
-    """Actions of the wrong shape, or not numbers."""
 
 
 def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
@@ -279,23 +274,16 @@ class FastEngine:
         return self._state.paths[i, : self._state.steps[i] + 1].copy()
 
 
-def act_on(act: ActFunction, observations: Floats) -> Floats:
-    """The actions of a policy, checked for shape. Raises ActionError."""
-    actions = np.asarray(act(observations), dtype=np.float32)
-    if actions.shape != (len(observations), 2):
-        raise ActionError(f"the policy gave actions of shape {actions.shape} for {len(observations)} observations")
-    return actions
-
-
 def rollout(
-    setup: Setup, act: ActFunction, scenes: Sequence[Scene], *, max_steps: int | None = None
+    setup: Setup, act: ActFunction | Driver, scenes: Sequence[Scene], *, max_steps: int | None = None
 ) -> list[Trajectory]:
     """Drive every scene once with one policy: one full trajectory per scene, in order.
 
     max_steps: stop earlier than the setup's limit; the outcome of what is cut off is RUNNING.
     """
     limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
-    return _drive_all(setup, lambda _, observations, __: act_on(act, observations), scenes, limit)
+    steer = begin(act, len(scenes))
+    return _drive_all(setup, lambda _, observations, running: steer(observations, running), scenes, limit)
 
 
 def replay(setup: Setup, scenes: Sequence[Scene], actions: Sequence[Floats]) -> list[Trajectory]:
@@ -389,16 +377,17 @@ class EpisodeTable:
         return len(self.outcome)
 
 
-def evaluate(act: ActFunction, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
+def evaluate(act: ActFunction | Driver, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
     """Drive every scene once to its end and keep the numbers, not the trajectories."""
     if not scenes:
         raise ValueError("scenes: none given; evaluation needs at least one")
     engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
     actions = np.zeros((len(scenes), 2), dtype=np.float32)
     total = np.zeros(len(scenes), dtype=np.float64)
+    steer = begin(act, len(scenes))
     while not engine.dones.all():
         running = np.flatnonzero(~engine.dones)
-        actions[running] = act_on(act, engine.observations[running])
+        actions[running] = steer(engine.observations[running], running)
         engine.step(actions)
         total += engine.rewards
     return EpisodeTable(

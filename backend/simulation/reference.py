@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
-from backend.simulation.fast import ActFunction, ActionError, EpisodeTable, Floats, act_on, rules_of, table_of
+from backend.simulation.driving import ActFunction, ActionError, Driver, begin
+from backend.simulation.fast import EpisodeTable, Floats, rules_of, table_of
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import check_scene, scene_to_row
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
@@ -305,7 +306,7 @@ class ReferenceEngine:
 
 def rollout_reference(
     setup: Setup,
-    act: ActFunction,
+    act: ActFunction | Driver,
     scenes: Sequence[Scene],
     *,
     drive_mode: DriveMode = "velocity",
@@ -319,8 +320,9 @@ def rollout_reference(
             engine.reset(scene)
             poses, observations = [engine.pose.copy()], [engine.observation]
             actions, rewards, dones = [], [], []
+            steer, alone = begin(act, 1), np.zeros(1, dtype=np.int64)
             while not engine.done and engine.steps < limit:
-                action = np.clip(act_on(act, engine.observation[None])[0], -1.0, 1.0)
+                action = np.clip(steer(engine.observation[None], alone)[0], -1.0, 1.0)
                 engine.step(action)
                 poses.append(engine.pose.copy())
                 observations.append(engine.observation)
@@ -347,7 +349,7 @@ def rollout_reference(
 
 
 def evaluate_reference(
-    act: ActFunction, setup: Setup, scenes: Sequence[Scene], *, drive_mode: DriveMode = "velocity"
+    act: ActFunction | Driver, setup: Setup, scenes: Sequence[Scene], *, drive_mode: DriveMode = "velocity"
 ) -> EpisodeTable:
     """As `fast.evaluate`, in PyBullet. Raises ValueError for no scenes."""
     return table_of(rollout_reference(setup, act, scenes, drive_mode=drive_mode))

@@ -111,6 +111,17 @@ def test_farther_is_made_as_strong_as_asked(
     assert strong_enough(trained.policy, base, config) == strength
 
 
+def test_a_stuck_robot_is_freed_by_the_base_policy_then_by_nothing_wanted(base: Policy) -> None:
+    untrained = ConditionedTraining(base, replace(TINY, recovery=True)).policy(averaged=False)
+    assert not ConditionedTraining(base, TINY).policy(averaged=False).at(settings()["farther"]).escapes
+    told = ConditionedPolicy.from_bytes(untrained.to_bytes()).at(settings()["farther"])
+    seen = FastEngine(get_setup("study_room"), 16, seed=5).observations
+    for escape in told.escapes:
+        np.testing.assert_array_equal(Policy(told.setup, told.shape, escape).act(seen), base.act(seen))
+    assert len(told.escapes) == 2
+    assert told.without_critic().escapes == told.escapes
+
+
 def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) -> None:
     path = tmp_path / "conditioned.npz"
     trained.policy.save(path)

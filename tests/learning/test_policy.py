@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,8 @@ from backend.learning.sb3 import policy_of_sb3
 from backend.learning.shape import THESIS_HEADS, NetworkShape
 from backend.learning.shipped import load_policy
 from backend.learning.td3 import Td3Config
-from backend.simulation.fast import FastEngine
+from backend.simulation.fast import FastEngine, evaluate
+from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
 
 
@@ -64,6 +66,24 @@ def test_storage_gives_the_same_policy_and_the_same_bytes(policy: Policy, tmp_pa
     again = Policy.load(tmp_path / "p.npz")
     assert again.digest() == policy.digest()
     np.testing.assert_array_equal(again.act(seen_by(policy)), policy.act(seen_by(policy)))
+
+
+def test_escapes_are_stored_and_drive_only_while_the_robot_is_stuck(tmp_path: Path) -> None:
+    base = load_policy("study_room/base")
+    still = (*base.actor[:-1], np.array([-9, 0], dtype=np.float32))
+    stuck = Policy(base.setup, base.shape, (*(np.zeros_like(array) for array in still[:-1]), still[-1]))
+    freed = replace(stuck, escapes=(base.actor,))
+    freed.save(tmp_path / "freed.npz")
+    again = Policy.load(tmp_path / "freed.npz")
+    assert again.digest() == freed.digest() != stuck.digest()
+    scenes = draw_scenes(get_setup(base.setup), range(40, 60))
+    assert evaluate(stuck.driver, get_setup(base.setup), scenes).success.sum() == 0
+    assert evaluate(again.driver, get_setup(base.setup), scenes).success.sum() > 0
+    np.testing.assert_array_equal(freed.act(seen_by(freed)), stuck.act(seen_by(stuck)))
+    assert freed.manifest()["recovery"]
+    assert stuck.manifest()["recovery"] is None
+    with pytest.raises(PolicyError, match="'actor'"):
+        replace(stuck, escapes=(base.actor[:-1],))
 
 
 def test_the_other_setup_is_refused(policy: Policy) -> None:

@@ -11,8 +11,9 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from backend.simulation.benchmark import benchmark_simulate
+from backend.simulation.driving import ActionError
 from backend.simulation.environments import FastVecEnv, NavigationEnv
-from backend.simulation.fast import ActionError, FastEngine
+from backend.simulation.fast import FastEngine
 from backend.simulation.reference import ReferenceEngine
 from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import SETUPS, STUDY_ROOM

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from backend.simulation import kernels
-from backend.simulation.fast import ActionError, FastEngine, evaluate, raw_ranges, rollout, table_of
+from backend.simulation.driving import ActionError
+from backend.simulation.fast import FastEngine, evaluate, raw_ranges, rollout, table_of
 from backend.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
 from backend.simulation.scenes import draw_scene, draw_scenes, scene_to_row
 from backend.simulation.setups import OPEN_FIELD, PREFERENCE_SETUPS, SETUPS, STUDY_ROOM, Setup, SetupError
