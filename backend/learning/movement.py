@@ -16,12 +16,21 @@ from numpy.typing import NDArray
 
 from backend.learning.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
 from backend.learning.policy import Policy
-from backend.learning.vocabulary import CLEARANCE_CAP_M, MEASURES, NAMES, OBJECTIVES, gains, measures
-from backend.simulation.fast import rollout
+from backend.learning.vocabulary import (
+    CLEARANCE_CAP_M,
+    MEASURES,
+    NAMES,
+    OBJECTIVES,
+    gains,
+    measures,
+    near_person_m,
+)
+from backend.simulation.driving import begin
+from backend.simulation.fast import FastEngine
 from backend.simulation.kernels import surface_distance
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import scene_to_row
-from backend.simulation.setups import ROBOT_RADIUS_M, get_setup, require_same
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup, require_same
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
@@ -48,10 +57,64 @@ class Drives:
         return np.asarray(self.outcome == Outcome.SUCCESS)
 
 
+class Course:
+    """Scenes that one policy after another drives, each once to its end: checked and set up only once."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        """Raises SetupError for scenes of several setups, ValueError for none."""
+        if not scenes:
+            raise ValueError("scenes: none given; a course needs at least one")
+        self.setup = require_same(**{f"scene {k}": scene.setup for k, scene in enumerate(scenes)})
+        self._engine = FastEngine(get_setup(self.setup), len(scenes), auto_reset=False, scenes=scenes)
+        self._starts = self._engine.poses.copy()
+        self._people = np.array([(scene.person.pose.x, scene.person.pose.y) for scene in scenes])
+
+    def drive(self, policy: Policy) -> Drives:
+        """What `Drives.of` would say of the trajectories, which nobody keeps here. Raises SetupError."""
+        require_same(policy=policy.setup, scenes=self.setup)
+        engine, n = self._engine, len(self._starts)
+        engine.start_at(self._starts)
+        steer = begin(policy.driver, n)
+        actions = np.zeros((n, 2), dtype=np.float32)
+        apart, speeds = [], []
+        nearest, side = self._person()
+        while not engine.dones.all():
+            running = np.flatnonzero(~engine.dones)
+            actions[running] = steer(engine.observations[running], running)
+            before = engine.poses[running, :2].copy()
+            engine.step(actions)
+            distance, bearing = self._person()
+            nearer = distance < nearest
+            nearest, side = np.where(nearer, distance, nearest), np.where(nearer, bearing, side)
+            speed = np.zeros(n)
+            speed[running] = np.linalg.norm(engine.poses[running, :2] - before, axis=1) / CONTROL_DT_S
+            ended = np.full(n, np.inf)
+            ended[running] = distance[running]
+            apart.append(ended)
+            speeds.append(speed)
+        distances = np.stack(apart)
+        near = distances <= near_person_m(distances.min(0))
+        measured = [
+            engine.min_human_distance,
+            np.sin(side),
+            np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
+            engine.path_length,
+            engine.accumulated_angle,
+            (np.stack(speeds) * near).sum(0) / near.sum(0),
+            engine.steps * CONTROL_DT_S,
+        ]
+        return Drives(engine.outcomes.copy(), np.stack(measured, axis=1), engine.self_intersections.copy())
+
+    def _person(self) -> tuple[Doubles, Doubles]:
+        """(n,) each: how far the person is (m), and their bearing (rad, of any turn)."""
+        poses = self._engine.poses
+        offsets = self._people - poses[:, :2]
+        return np.linalg.norm(offsets, axis=1), np.arctan2(offsets[:, 1], offsets[:, 0]) - poses[:, 2]
+
+
 def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
-    """Drive every scene once to its end."""
-    setup = get_setup(require_same(policy=policy.setup, **{f"scene {k}": s.setup for k, s in enumerate(scenes)}))
-    return Drives.of(rollout(setup, policy.driver, scenes))
+    """Drive every scene once to its end. Raises SetupError."""
+    return Course(scenes).drive(policy)
 
 
 def best_possible(scenes: Sequence[Scene]) -> Doubles:
@@ -192,8 +255,9 @@ _OUTCOMES = {"success": Outcome.SUCCESS, "collision": Outcome.COLLISION, "timeou
 
 def movement_of(told: Mapping[str, Policy], base: Policy, scenes: Sequence[Scene]) -> Movement:
     """Drive all policies through the same scenes."""
+    course = Course(scenes)
     return Movement(
-        drives_of(base, scenes),
-        {name: drives_of(policy, scenes) for name, policy in told.items()},
+        course.drive(base),
+        {name: course.drive(policy) for name, policy in told.items()},
         best_possible(scenes),
     )

@@ -173,9 +173,14 @@ def _near_person(trajectory: Trajectory) -> tuple[float, float]:
     distances = np.linalg.norm(offsets, axis=1)
     nearest = int(distances.argmin())
     bearing = math.atan2(offsets[nearest, 1], offsets[nearest, 0]) - poses[nearest, 2]
-    near = distances[1:] <= max(NEAR_PERSON_M, distances[1:].min() + NEAREST_BAND_M)
+    near = distances[1:] <= near_person_m(distances[1:].min())
     speeds = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / trajectory.dt
     return math.sin(bearing), float(speeds[near].mean())
+
+
+def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
+    """How far from the person a robot counts as near them, by how near it ever comes: speed_near_person is of there."""
+    return np.maximum(NEAR_PERSON_M, nearest_m + NEAREST_BAND_M)
 
 
 def typical_differences(setup: str) -> Doubles:

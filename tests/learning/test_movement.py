@@ -7,13 +7,15 @@ import math
 import numpy as np
 import pytest
 
+from backend.learning.conditioned import settings
 from backend.learning.evaluate import evaluate_policy
-from backend.learning.movement import Drives, Movement, best_possible, drives_of, movement_of
+from backend.learning.movement import Course, Drives, Movement, best_possible, drives_of, movement_of
 from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.shipped import load_policy
+from backend.learning.shipped import load_conditioned, load_policy
 from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES
+from backend.simulation.fast import rollout
 from backend.simulation.scene import Person, Pose, Scene
-from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS
+from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 
 
@@ -72,6 +74,20 @@ def test_no_drive_betters_what_is_possible(setup: str) -> None:
         room = objective.sign * (limits[:, k] - driven.measured[:, objective.measure])
         spare = SETUPS[setup].goal_radius_m if objective.name == "farther" else 1e-3  # the ceiling is the goal's centre
         assert room[driven.success].min() > -spare, objective.name
+
+
+@pytest.mark.parametrize("setup", PREFERENCE_SETUPS)
+def test_a_course_measures_what_the_trajectories_would(setup: str) -> None:
+    scenes = scene_set(setup, 60, purpose=Purpose.SELECT, seed=78)
+    policies = [load_conditioned(f"{setup}/conditioned").at(settings()[told]) for told in ("farther", "neutral")]
+    course = Course(scenes)
+    for policy in (*policies, policies[0]):  # a course is the same however often it was driven
+        driven, expected = course.drive(policy), Drives.of(rollout(SETUPS[setup], policy.driver, scenes))
+        assert np.array_equal(driven.outcome, expected.outcome)
+        assert np.array_equal(driven.self_intersections, expected.self_intersections)
+        np.testing.assert_allclose(driven.measured, expected.measured, rtol=2e-4, atol=2e-3)
+    with pytest.raises(SetupError, match="policy"):
+        course.drive(load_policy("open_field/base" if setup == "study_room" else "study_room/base"))
 
 
 def test_drives_are_those_of_evaluation() -> None:
