@@ -140,6 +140,11 @@ def head(joined: Floats, layers: Weights) -> Head:
     return Head(first, second, second @ layers[2][0] + layers[2][1])
 
 
+def _to_inputs(gradient: Floats, weight: Floats) -> Floats:
+    """gradient (n, outputs) @ weight (inputs, outputs).T; NumPy's own product is five times as slow for one output."""
+    return gradient * weight.T if weight.shape[1] == 1 else gradient @ weight.T
+
+
 def head_backward(gradient: Floats, joined: Floats, seen: Head, layers: Weights, gradients: Weights) -> Floats:
     """From the loss's gradient (n, outputs) to its gradient at the first hidden layer's input sums (n, width).
 
@@ -147,7 +152,7 @@ def head_backward(gradient: Floats, joined: Floats, seen: Head, layers: Weights,
     """
     np.matmul(seen.second.T, gradient, out=gradients[2][0])
     gradient.sum(0, out=gradients[2][1])
-    at_second: Floats = gradient @ layers[2][0].T
+    at_second = _to_inputs(gradient, layers[2][0])
     relu_backward(at_second, seen.second, gradients[1][1])
     np.matmul(seen.first.T, at_second, out=gradients[1][0])
     at_first: Floats = at_second @ layers[1][0].T
@@ -159,7 +164,7 @@ def head_backward(gradient: Floats, joined: Floats, seen: Head, layers: Weights,
 def input_gradient(gradient: Floats, seen: Head, layers: Weights, columns: slice) -> Floats:
     """The gradient (n, columns) at some of a head's inputs, from that at its output; no weight's is wanted."""
     unused = np.empty(layers[1][1].size, dtype=np.float32)
-    at_second: Floats = gradient @ layers[2][0].T
+    at_second = _to_inputs(gradient, layers[2][0])
     relu_backward(at_second, seen.second, unused)
     at_first: Floats = at_second @ layers[1][0].T
     relu_backward(at_first, seen.first, np.empty(layers[0][1].size, dtype=np.float32))

@@ -6,6 +6,7 @@ Thesis 6.4.1. What the ensemble is for (queries) lives in `queries.py`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,19 +15,18 @@ import torch
 from numpy.typing import NDArray
 
 from backend.analysis.metrics import action_diversity, success_rate
-from backend.learning.backprop import move_towards
+from backend.learning.backprop import Floats, Weights, move_towards
 from backend.learning.base import OnProgress, no_progress, policy_of
 from backend.learning.errors import LearningError
-from backend.learning.networks import use_one_thread
+from backend.learning.networks import Parameters, use_one_thread
 from backend.learning.policy import Policy
 from backend.learning.replay import Explorer, ReplayBuffer, collect
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.shape import ACTION_SIZE
-from backend.learning.td3 import Td3Agent, Td3Config
+from backend.learning.td3 import Td3Agent, Td3Config, act
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same
 
-Floats = NDArray[np.float32]
 OnMembers = Callable[[int, list[Policy]], None]
 """(steps done, the members as they are then, without critics)."""
 
@@ -101,6 +101,51 @@ def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
     return agent
 
 
+class _Member:
+    """A member while it learns: its learner, the running average of its actor, and its own environments, buffer and
+    random streams. `shown` is the actor that the others see, held as it is while they learn.
+    """
+
+    def __init__(self, k: int, base: Policy, start: ReplayBuffer, config: EnsembleConfig) -> None:
+        setup = get_setup(base.setup)
+        td3 = Td3Config(
+            gamma=config.gamma or setup.gamma,
+            batch_size=config.batch_size,
+            learning_rate=config.learning_rate,
+            tau=config.tau,
+        )
+        seed = config.seed * 1000 + k
+        self.config = config
+        self.agent = agent_of(base, td3, seed=seed)
+        self.average = self.agent.actor.flat.clone()
+        self.shown = Parameters(base.shape.actor_layers(), trainable=False)
+        self._buffer = ReplayBuffer(start.size + config.steps, setup.observation_size)
+        self._buffer.add_batch(start.filled())
+        engine = FastEngine(setup, config.n_envs, seed=seed + 100)
+        self._explorer = Explorer(engine, noise=config.exploration, seed=seed + 100)
+        self._sampler = torch.Generator().manual_seed(seed + 200)
+        self._distance_scale_m = np.float32(setup.distance_scale_m)
+
+    def interact(self) -> None:
+        """One step of its environments; from now on the others see its actor as it is now."""
+        self._explorer.step(self.agent.act, self._buffer)
+        self.shown.flat.copy_(self.agent.actor.flat)
+
+    def learn(self, others: Sequence[Weights]) -> None:
+        """As many updates as there are environments. Touches nothing that belongs to the other members."""
+
+        def term(observations: Floats, actions: Floats) -> Floats:
+            goal_distance_m = observations[:, 0] * self._distance_scale_m
+            return diversity_gradient(
+                actions, [act(observations, other) for other in others], goal_distance_m, self.config.kappa
+            )
+
+        share = np.float32(1 - self.config.average_decay)
+        for _ in range(self.config.n_envs):
+            self.agent.update(self._buffer.sample(self.config.batch_size, self._sampler), term)
+            move_towards(self.average.numpy(), self.agent.actor.flat.numpy(), share)
+
+
 def train_ensemble(
     base: Policy,
     config: EnsembleConfig | None = None,
@@ -108,59 +153,43 @@ def train_ensemble(
     *,
     marks: Sequence[int] = (),
     on_members: OnMembers = keep_no_members,
+    threads: int = 2,
 ) -> EnsembleResult:
     """Train all members side by side on the core reward, each on its own environments and buffer, then choose.
 
     Members oscillate: of each, the averaged weights at several checkpoints are candidates, and the candidates with
     enough success that together differ most are kept (`choose_candidates`).
     marks: numbers of steps (multiples of `n_envs`) at which `on_members` is given the members as they are then, neither
-    averaged nor chosen.
+    averaged nor chosen. threads: how many members learn at the same time; the result is the same for any number.
     """
     config = config or EnsembleConfig()
     if config.members < 2:
         raise LearningError(f"members = {config.members}: diversity needs at least 2")
     use_one_thread()
     setup = get_setup(require_same(base=base.setup))
-    td3 = Td3Config(
-        gamma=config.gamma or setup.gamma,
-        batch_size=config.batch_size,
-        learning_rate=config.learning_rate,
-        tau=config.tau,
-    )
-    agents = [agent_of(base, td3, seed=config.seed * 1000 + k) for k in range(config.members)]
-    averages = [agent.actor.flat.clone() for agent in agents]
     start = collect(base, config.base_transitions, noise=config.exploration, seed=config.seed)
-    buffers: list[ReplayBuffer] = []
-    explorers: list[Explorer] = []
-    for k in range(config.members):
-        buffer = ReplayBuffer(config.base_transitions + config.steps, setup.observation_size)
-        buffer.add_batch(start.filled())
-        buffers.append(buffer)
-        seed = config.seed * 1000 + 100 + k
-        explorers.append(Explorer(FastEngine(setup, config.n_envs, seed=seed), noise=config.exploration, seed=seed))
-    sampler = torch.Generator().manual_seed(config.seed)
+    members = [_Member(k, base, start, config) for k in range(config.members)]
+    others = [[other.shown.weights for other in members if other is not member] for member in members]
     candidates: list[list[Policy]] = []
     taken_at: list[int] = []
     done = 0
-    while done < config.steps:
-        for agent, explorer, buffer in zip(agents, explorers, buffers, strict=True):
-            explorer.step(agent.act, buffer)
-        for _ in range(config.n_envs):
-            for agent, buffer, average in zip(agents, buffers, averages, strict=True):
-                _update_member(agent, agents, buffer, sampler, setup.distance_scale_m, config)
-                move_towards(average.numpy(), agent.actor.flat.numpy(), np.float32(1 - config.average_decay))
-        done += config.n_envs
-        if done % (40 * config.n_envs) == 0:
-            on_progress(min(1.0, done / config.steps), {"steps": done})
-        if done in marks:
-            on_members(done, [policy_of(agent, setup.name).without_critic() for agent in agents])
-        if done >= config.steps * (len(candidates) + 1) / config.checkpoints:
-            taken_at.append(done)
-            candidates.append(
-                [policy_of(a, setup.name, mean).without_critic() for a, mean in zip(agents, averages, strict=True)]
-            )
+    with ThreadPoolExecutor(threads) as pool:
+        while done < config.steps:
+            for member in members:
+                member.interact()
+            for _ in pool.map(_Member.learn, members, others):
+                pass  # waits for all; what fails in one is raised here
+            done += config.n_envs
+            if done % (40 * config.n_envs) == 0:
+                on_progress(min(1.0, done / config.steps), {"steps": done})
+            if done in marks:
+                on_members(done, [policy_of(m.agent, setup.name).without_critic() for m in members])
+            if done >= config.steps * (len(candidates) + 1) / config.checkpoints:
+                taken_at.append(done)
+                candidates.append([policy_of(m.agent, setup.name, m.average).without_critic() for m in members])
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     success = np.array([[success_rate(evaluate(c.act, setup, scenes).outcome) for c in row] for row in candidates])
+    sampler = torch.Generator().manual_seed(config.seed)
     states = start.sample(1_000, sampler).observations.numpy()  # thesis 6.5.1.1: 1,000 states from the replay buffer
     actions = np.stack([np.stack([c.act(states) for c in row]) for row in candidates])
     chosen = choose_candidates(success, actions, config.min_success)
@@ -198,18 +227,3 @@ def choose_candidates(success: NDArray[np.float64], actions: Floats, min_success
             if np.max(gain) > current + 1e-9:
                 chosen[k], changed = best, True
     return chosen
-
-
-def _update_member(
-    agent: Td3Agent,
-    agents: Sequence[Td3Agent],
-    buffer: ReplayBuffer,
-    sampler: torch.Generator,
-    distance_scale_m: float,
-    config: EnsembleConfig,
-) -> None:
-    def term(observations: Floats, actions: Floats) -> Floats:
-        others = [other.act(observations) for other in agents if other is not agent]
-        return diversity_gradient(actions, others, observations[:, 0] * np.float32(distance_scale_m), config.kappa)
-
-    agent.update(buffer.sample(config.batch_size, sampler), term)

@@ -338,7 +338,7 @@ def train_base_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
 
 def train_ensemble_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     base = stored_policies(needs[0])[0]
-    result = train_ensemble(base, EnsembleConfig(**_tuples(params)))
+    result = train_ensemble(base, EnsembleConfig(**_tuples(params)), threads=1)  # pieces are made side by side
     return _with_policies(result.members, {"success_rates": result.success_rates, "diversity": result.diversity})
 
 
@@ -359,7 +359,7 @@ def sweep_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
         success.append([float((episodes(member, scenes).outcome == Outcome.SUCCESS).mean()) for member in members])
         diversity.append(action_diversity([member.act(states) for member in members]))
 
-    train_ensemble(base, config, marks=params["marks"], on_members=look)
+    train_ensemble(base, config, marks=params["marks"], on_members=look, threads=1)
     return Made({}, {"success_rates": np.array(success), "diversity": np.array(diversity)})
 
 

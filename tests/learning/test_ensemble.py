@@ -54,6 +54,15 @@ def test_members_differ_more_with_the_term_than_without(tiny_base: BaseResult) -
     assert with_term.base_buffer_sha256 == without.base_buffer_sha256
 
 
+def test_members_that_learn_at_the_same_time_become_what_they_become_one_after_the_other(tiny_base: BaseResult) -> None:
+    short = replace(TINY, steps=30, checkpoints=1)
+    one_by_one, at_once = (train_ensemble(tiny_base.policy, short, threads=threads) for threads in (1, 3))
+    for one, other in zip(one_by_one.members, at_once.members, strict=True):
+        for weights, same in zip(one.actor, other.actor, strict=True):
+            np.testing.assert_array_equal(weights, same)
+    assert one_by_one.diversity == at_once.diversity > 0
+
+
 def test_candidates_are_chosen_by_success_first_and_difference_second() -> None:
     success = np.array([[0.95, 0.5, 0.99], [0.97, 0.8, 0.50], [0.99, 0.7, 0.96]])
     actions = np.zeros((3, 3, 1, 2), dtype=np.float32)
