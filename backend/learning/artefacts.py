@@ -25,7 +25,8 @@ DEPARTURES = {
     "average": "The kept weights are the best of several checkpoints, as they are or averaged over recent updates, "
     "chosen on scenes that no reported number uses.",
     "ensemble_start": "Members start from a buffer regenerated from the base policy and the seed, not from the one of "
-    "its training.",
+    "its training. Each makes as many updates at a time as it has environments, apart meanwhile from the others as "
+    "they were before.",
     "ensemble_choice": "A member is the running average of its actor's weights at one of several checkpoints. Of those "
     "with enough success on the selection scenes the ones were kept that together differ most; the thesis keeps the "
     "last weights.",

@@ -43,7 +43,7 @@ class EnsembleConfig:
     members: int = 4
     kappa: float = 0.0625
     steps: int = 25_000  # interactions and updates of each member
-    n_envs: int = 25  # ours: environments of one member, stepped together; 25 updates follow
+    n_envs: int = 25  # ours: environments of one member, stepped together; then 25 updates, the others held
     gamma: float | None = None  # the setup's
     learning_rate: float = 3e-4  # ours
     tau: float = 0.005  # SB3's default
@@ -79,7 +79,7 @@ def goal_modulation(goal_distance_m: Floats) -> Floats:
 
 
 def diversity_gradient(actions: Floats, others: Sequence[Floats], goal_distance_m: Floats, kappa: float) -> Floats:
-    """The gradient (n, 2), at member i's actions, of equation 6.2, batch mean:
+    """The gradient (n, 2), at the actions of member i, of equation 6.2's batch mean.
 
     L_i = -(kappa / |A|^2) alpha(d_g) sum_{j != i} ||a_i - a_j||^2. actions: (n, 2) of member i. others: (n, 2) each, of
     the other members, constants for member i. goal_distance_m: (n,).
@@ -102,8 +102,9 @@ def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
 
 
 class _Member:
-    """A member while it learns: its learner, the running average of its actor, and its own environments, buffer and
-    random streams. `shown` is the actor that the others see, held as it is while they learn.
+    """A member while it learns, with environments, a buffer and random streams of its own.
+
+    average: running average of its actor's weights. shown: the actor that the others see, held while they learn.
     """
 
     def __init__(self, k: int, base: Policy, start: ReplayBuffer, config: EnsembleConfig) -> None:
