@@ -58,7 +58,7 @@ STAKES = {
     # A drive has a third of the open field's steps, so that the same wants need more per step to matter. Time and
     # turning are dear because robots that would rather not pass the person wait or circle.
     "study_room": Stakes(
-        scales=(19.0, 7.0, 15.0, 15.0, 16.0, 7.0, 6.0, 10.0, 5.0), goal=65.0, collision=-80.0, time=0.6, turning=1.0
+        scales=(24.0, 7.0, 15.0, 15.0, 16.0, 7.0, 6.0, 10.0, 5.0), goal=65.0, collision=-80.0, time=0.6, turning=1.0
     ),
 }
 
