@@ -20,7 +20,7 @@ from backend.learning.evaluate import wilson
 from backend.learning.oracles import HELD_OUT, TASTES, TUNING, Habits, make_oracle
 from backend.learning.posterior import Posterior, PosteriorConfig
 from backend.learning.queries import QuerySet
-from backend.learning.varied_queries import differences_of
+from backend.learning.spans import seen_in
 from backend.simulation.setups import require_same
 
 Doubles = NDArray[np.float64]
@@ -90,14 +90,14 @@ def asking_study(
 
 @dataclass(frozen=True)
 class _Measured:
-    """A query set and how its pairs differ, (n, 7)."""
+    """A query set and how its pairs differ, (n, spans, 7)."""
 
     queries: QuerySet
     differences: Doubles
 
     @classmethod
     def of(cls, queries: QuerySet) -> _Measured:
-        return cls(queries, differences_of(queries.queries))
+        return cls(queries, seen_in(queries.queries))
 
 
 def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: AskingConfig) -> list[dict[str, Any]]:
@@ -121,7 +121,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
             prior = Posterior.prior(tested.queries.setup, config.posterior)
             turns = asked_in_turn(prior, differences, answers, open_ones, config.answers, strategy, random)
             for asked, (_, posterior) in enumerate(turns):
-                accuracy[repetition, asked] = _agreement(posterior, tested.differences[test], truth[test])
+                accuracy[repetition, asked] = _agreement(posterior, tested.differences[test, 0], truth[test])
                 found[repetition, asked] = posterior.dominant() in TASTES[oracle].wants[:1]
         curves.append(
             {
@@ -137,7 +137,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
 
 
 def _agreement(posterior: Posterior, differences: Doubles, truth: Flags) -> float:
-    """Share of pairs that are predicted as the taste itself would answer."""
+    """Share of pairs that are predicted as the taste itself would answer. differences: (n, 7), of whole drives."""
     predicted = posterior.sample(PARTICLES).predict(differences) > 0.5
     return float((predicted == truth).mean())
 

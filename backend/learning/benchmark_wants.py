@@ -28,7 +28,8 @@ from backend.learning.queries import Query, QueryConfig, generate_queries
 from backend.learning.reward_weights import fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.shipped import load_conditioned, load_ensemble, load_policy
-from backend.learning.varied_queries import VariedConfig, differences_of, generate_varied_queries
+from backend.learning.spans import seen_in
+from backend.learning.varied_queries import VariedConfig, generate_varied_queries
 from backend.learning.vocabulary import NAMES
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Scene
@@ -135,7 +136,7 @@ def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> l
     answers = [one.chosen is query.trajectory_a for one, query in zip(preferences, queries, strict=True)]
     prior, numbers = Posterior.prior(queries[0].scene.setup), range(len(queries))
     unused = np.random.default_rng(0)  # one query by the other strategies depends on no chance
-    turns = asked_in_turn(prior, differences_of(queries), answers, numbers, config.answers, config.choose, unused)
+    turns = asked_in_turn(prior, seen_in(queries), answers, numbers, config.answers, config.choose, unused)
     return [preferences[k] for k, _ in turns]
 
 

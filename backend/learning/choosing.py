@@ -1,7 +1,8 @@
 """Which query to ask next: at random, where the particles disagree most, or where an answer tells most.
 
 What an answer then says lives in `posterior.py`. All ours (spec 06, "Beyond the thesis"); mutual information as in
-active preference learning, joint over a batch so that it holds no two queries that tell the same.
+active preference learning, joint over a batch so that it holds no two queries that tell the same. What an answer tells
+of the foremost want counts most: else queries about shares, care and mistakes come too early, and it stays in doubt.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ Doubles = NDArray[np.float64]
 Strategy = Literal["random", "disagreement", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 PARTICLES = 2_000  # of the posterior, drawn for choosing: 500 candidates take a few hundredths of a second
+OF_ALL = 0.3  # what a bit about everything not known yet is worth, besides a bit about which want is the foremost
 FUTURES = 64  # answers to the queries chosen so far, of which a batch takes the mean
 
 
@@ -53,7 +55,7 @@ class StoppingRule:
 def information_bits(posterior: Posterior, differences: Doubles) -> Doubles:
     """(n,) mutual information (bits) between the answer to each query and what is not known yet.
 
-    differences: (n, 7) measures of A minus those of B.
+    differences: (n, spans, 7) measures of A minus those of B.
     """
     few = posterior.sample(PARTICLES)
     chances = few.chances(differences)
@@ -67,7 +69,7 @@ def best_information(posterior: Posterior, differences: Doubles) -> float:
 
 
 def next_query(posterior: Posterior, differences: Doubles, strategy: str, random: np.random.Generator) -> NextQuery:
-    """The query to ask next, out of candidates whose measures differ by (n, 7) A minus B.
+    """The query to ask next, out of candidates whose measures differ by (n, spans, 7) A minus B.
 
     Raises LearningError for no candidates or an unknown strategy.
     """
@@ -86,8 +88,8 @@ def asked_in_turn(
 ) -> Iterator[tuple[int, Posterior]]:
     """Ask `count` of the candidates one after the other, each chosen on what the answers before it have told.
 
-    differences: (n, 7) A minus B of all queries. answers: whether A is preferred, of all. Yields each query's number
-    and the posterior after its answer. Raises LearningError as `next_query`.
+    differences: (n, spans, 7) A minus B of all queries. answers: whether A is preferred, of all. Yields each query's
+    number and the posterior after its answer. Raises LearningError as `next_query`.
     """
     left = list(candidates)
     for _ in range(count):
@@ -99,7 +101,7 @@ def asked_in_turn(
 def choose_queries(
     posterior: Posterior, differences: Doubles, count: int, strategy: str, random: np.random.Generator
 ) -> list[int]:
-    """`count` different queries out of candidates (n, 7), in the order of choice, before any of them is answered.
+    """`count` different queries out of candidates (n, spans, 7), in the order of choice, before any is answered.
 
     Greedy: the next one is best on average over answers that the particles expect to the ones chosen before, so what
     those would tell already counts no more. Raises LearningError for too few candidates or an unknown strategy.
@@ -113,13 +115,14 @@ def choose_queries(
     few = posterior.sample(PARTICLES)
     chances = few.chances(differences)
     entropies = _entropy_bits(chances)
+    foremost = few.weights.argmax(axis=1)
     futures = FUTURES if count > 1 else 1
     masses = np.full((futures, PARTICLES), 1 / PARTICLES, dtype=np.float32)
     truths = random.integers(PARTICLES, size=futures)
     chosen: list[int] = []
     while True:
         if strategy == "information":
-            worth = _information(masses, chances, entropies)
+            worth = _about_foremost(masses, chances, foremost) + OF_ALL * _information(masses, chances, entropies)
         else:
             worth = _disagreement(masses, chances)
         worth[chosen] = -np.inf
@@ -136,6 +139,20 @@ def _information(masses: Floats, chances: Floats, entropies: Floats) -> Doubles:
     """(n,) H[E p] - E H[p], averaged over the rows of masses (futures, particles)."""
     bits: Doubles = (_entropy_bits(masses @ chances) - masses @ entropies).mean(axis=0, dtype=np.float64)
     return np.maximum(bits, 0.0)
+
+
+def _about_foremost(masses: Floats, chances: Floats, foremost: NDArray[np.int64]) -> Doubles:
+    """(n,) mutual information with which objective is the foremost, averaged over the rows of masses.
+
+    foremost: (particles,) that objective of each.
+    """
+    bits = _entropy_bits(masses @ chances)
+    for objective in np.unique(foremost):
+        of = foremost == objective
+        share = np.maximum(masses[:, of].sum(axis=1, keepdims=True), 1e-12)
+        bits -= share * _entropy_bits(masses[:, of] @ chances[of] / share)
+    mean: Doubles = bits.mean(axis=0, dtype=np.float64)
+    return mean
 
 
 def _disagreement(masses: Floats, chances: Floats) -> Doubles:

@@ -7,7 +7,7 @@ reward models; they were tuned on the TUNING tastes only, the HELD_OUT ones were
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,10 @@ from backend.analysis.metrics import min_human_distance, path_length
 from backend.learning.errors import LearningError
 from backend.learning.preferences import Preference
 from backend.learning.queries import Query
+from backend.learning.spans import beginning
 from backend.learning.vocabulary import MEASURES, NAMES, gains, measures, typical_differences
 from backend.simulation.setups import get_setup, require_same
-from backend.simulation.trajectory import Outcome, Trajectory
+from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
 Value = Callable[[Sequence[Trajectory]], Doubles]
@@ -106,23 +107,6 @@ HELD_OUT: dict[str, Taste] = {
 }
 TASTES = TUNING | HELD_OUT
 ORACLES = (*TASTES, "random")
-
-
-def beginning(drive: Trajectory, seconds: float) -> Trajectory:
-    """The first `seconds` of a drive, at least one step; the whole drive where it is shorter."""
-    steps = max(1, round(seconds / drive.dt))
-    if steps >= len(drive.actions):
-        return drive
-    return replace(
-        drive,
-        outcome=Outcome.RUNNING,
-        poses=drive.poses[: steps + 1],
-        observations=drive.observations[:steps],
-        actions=drive.actions[:steps],
-        rewards=drive.rewards[:steps],
-        next_observations=drive.next_observations[:steps],
-        dones=drive.dones[:steps],
-    )
 
 
 @dataclass(frozen=True)

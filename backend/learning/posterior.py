@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
+from backend.learning.spans import SPANS_S
 from backend.learning.vocabulary import (
     MEASURES,
     NAMES,
@@ -40,7 +41,8 @@ class PosteriorConfig:
     wants: prior probability that somebody has one, two or three objectives; their shares are uniform on the simplex.
     rationality: a pair that differs by one typical difference is told apart with probability sigmoid(rationality);
     log-uniform in this range, from hardly at all to without fail. mistakes: mean of the exponential prior of the share
-    of answers that are given without looking, cut off at `most_mistakes`; half of these are wrong.
+    of answers that are given without looking, cut off at `most_mistakes`; half of these are wrong. spans: prior
+    probability that somebody judges each of SPANS_S, the whole drive or only its beginning.
     """
 
     particles: int = 20_000
@@ -50,6 +52,8 @@ class PosteriorConfig:
     rationality: tuple[float, float] = (0.5, 100.0)
     mistakes: float = 0.08
     most_mistakes: float = 0.5
+    spans: tuple[float, ...] = (0.8, 0.1, 0.1)
+    spans_carried_by: tuple[float, ...] = (0.5, 0.25, 0.25)  # share of the particles for each span
     least_effective: float = 0.1  # of the particles: below, they are drawn anew and moved
     moves: int = 4
     smallest_weight: float = 0.2  # a smaller preference weight (the largest is 1) is left out
@@ -72,8 +76,11 @@ class Posterior:
     """What is believed after some answers; `updated` gives the next one.
 
     weights: (n, 9) float32 >= 0, each particle's shares, summing to 1. rationality, mistakes: (n,) float32.
-    log_mass: (n,) float64, unnormalised. differences (answers, 7) and chosen (answers,) are what was learned from:
-    measures of A minus B in the setup's unit, and whether A was chosen.
+    span: (n,) which of SPANS_S it judges. log_mass: (n,) float64, unnormalised. differences (answers, spans, 7) and
+    chosen (answers,) are what was learned from: measures of A minus B in the setup's unit, of as much as each span
+    sees, and whether A was chosen.
+
+    Wherever differences are asked for, those of whole drives (n, 7) do: then all spans see the same.
     """
 
     setup: str
@@ -81,8 +88,9 @@ class Posterior:
     weights: Floats
     rationality: Floats
     mistakes: Floats
+    span: NDArray[np.int64]
     log_mass: Doubles
-    differences: Doubles = field(default_factory=lambda: np.zeros((0, len(MEASURES))))
+    differences: Doubles = field(default_factory=lambda: np.zeros((0, len(SPANS_S), len(MEASURES))))
     chosen: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     draws: int = 0
 
@@ -108,20 +116,24 @@ class Posterior:
         rationality = np.exp(low + (high - low) * (random.permutation(n) + 0.5) / n)
         cut = -math.expm1(-config.most_mistakes / config.mistakes)
         mistakes = -config.mistakes * np.log1p(-cut * (random.permutation(n) + 0.5) / n)
+        places = (random.permutation(n) + 0.5) / n
+        span = np.searchsorted(np.cumsum(config.spans_carried_by)[:-1], places)
+        rarer = np.log(np.divide(config.spans, config.spans_carried_by))
         return cls(
             setup,
             config,
             np.concatenate(weights),
             rationality.astype(np.float32),
             mistakes.astype(np.float32),
-            np.concatenate(log_mass),
+            span,
+            np.concatenate(log_mass) + rarer[span],
         )
 
     @classmethod
     def from_answers(
         cls, setup: str, differences: Doubles, choices: Sequence[bool], config: PosteriorConfig | None = None
     ) -> Posterior:
-        """The posterior after answers to pairs whose measures differ by (n, 7) A minus B; choices: was A chosen?
+        """The posterior after answers to pairs whose measures differ by (n, spans, 7) A minus B; choices: was A chosen?
 
         Raises LearningError if the numbers of both do not agree.
         """
@@ -133,8 +145,8 @@ class Posterior:
         return posterior
 
     def updated(self, difference: Doubles, a_chosen: bool) -> Posterior:
-        """The posterior after one more answer. difference: (7,) measures of A minus those of B."""
-        differences = np.concatenate([self.differences, np.asarray(difference, dtype=np.float64)[None]])
+        """The posterior after one more answer. difference: (spans, 7) measures of A minus those of B."""
+        differences = np.concatenate([self.differences, _by_span(np.asarray(difference, dtype=np.float64)[None])])
         chosen = np.append(self.chosen, a_chosen)
         likelihood = self.chances(differences[-1:])[:, 0]
         seen = np.log(likelihood if a_chosen else 1 - likelihood, dtype=np.float64)
@@ -166,20 +178,31 @@ class Posterior:
         """Expected share of each objective, by name: what the answers were about."""
         return {name: float(share) for name, share in zip(NAMES, self.shares(), strict=True)}
 
+    def foremost(self) -> Doubles:
+        """(9,) probability of each objective to have the largest share; sums to 1."""
+        most = self.weights.argmax(axis=1)
+        probable: Doubles = np.bincount(most, weights=self.masses(), minlength=SIZE).astype(np.float64)
+        return probable
+
     def dominant(self) -> str:
-        """The objective with the largest expected share."""
-        return NAMES[int(self.shares().argmax())]
+        """The objective that most probably has the largest share.
+
+        Not the one with the largest expected share: a want that may be all or nothing has a large one, too.
+        """
+        return NAMES[int(self.foremost().argmax())]
 
     def predict(self, differences: Doubles) -> Doubles:
-        """(n,) probability that A is chosen from pairs whose measures differ by (n, 7)."""
+        """(n,) probability that A is chosen from pairs whose measures differ by (n, spans, 7).
+
+        Of differences of whole drives (n, 7): by somebody who looks at all of them.
+        """
         predicted: Doubles = self.masses() @ self.chances(differences)
         return predicted
 
     def entropy_bits(self) -> float:
         """How undecided it is which objective dominates: 0 if that is known, log2(9) = 3.2 if nothing is."""
-        most = self.weights.argmax(axis=1)
-        shares = np.bincount(most, weights=self.masses(), minlength=SIZE)
-        present = shares[shares > 0]
+        foremost = self.foremost()
+        present = foremost[foremost > 0]
         return float(-(present * np.log2(present)).sum())
 
     def sample(self, n: int) -> Posterior:
@@ -190,49 +213,81 @@ class Posterior:
             weights=self.weights[rows],
             rationality=self.rationality[rows],
             mistakes=self.mistakes[rows],
+            span=self.span[rows],
             log_mass=np.zeros(n),
         )
 
     def chances(self, differences: Doubles) -> Floats:
         """(particles, n) float32: each particle's probability that A is chosen."""
-        return choice_chances(self.weights, self.rationality, self.mistakes, self._gains(differences))
+        return _chances(self.weights, self.rationality, self.mistakes, self.span, self._gains(_by_span(differences)))
 
     def _gains(self, differences: Doubles) -> Floats:
-        return gains(np.atleast_2d(differences) / typical_differences(self.setup)).astype(np.float32)
+        """(spans, n, 9) of differences (n, spans, 7)."""
+        scaled = differences / typical_differences(self.setup)
+        return np.stack([gains(scaled[:, k]) for k in range(len(SPANS_S))]).astype(np.float32)
 
     def _rejuvenated(self) -> Posterior:
         """As many particles, of equal mass, each moved a few times by Metropolis steps that leave the posterior be."""
         random = np.random.default_rng([self.config.seed, 23, self.draws])
         n = len(self.weights)
         rows = _systematic(self.masses(), n, random)
-        weights, rationality, mistakes = self.weights[rows], self.rationality[rows], self.mistakes[rows]
+        state: dict[str, NDArray[Any]] = {
+            "weights": self.weights[rows],
+            "rationality": self.rationality[rows],
+            "mistakes": self.mistakes[rows],
+            "span": self.span[rows],
+        }
         seen = self._gains(self.differences) * np.where(self.chosen, 1, -1).astype(np.float32)[:, None]
+        prior_of_span = np.log(self.config.spans)
 
-        def log_likelihood(w: Floats, r: Floats, m: Floats) -> Doubles:
-            logs: Doubles = np.log(choice_chances(w, r, m, seen)).sum(axis=1, dtype=np.float64)
+        def log_likelihood(state: dict[str, NDArray[Any]]) -> Doubles:
+            logs: Doubles = np.log(_chances(**state, better=seen)).sum(axis=1, dtype=np.float64)
             return logs
 
-        now = log_likelihood(weights, rationality, mistakes)
+        now = log_likelihood(state)
         for move in range(self.config.moves):
-            proposed = _moved_weights(weights, random, self.config, swap=move % 2 == 1)
-            for w, (r, m), prior_ratio in (
-                (proposed, (rationality, mistakes), np.zeros(n)),
-                (None, *_moved_habits(rationality, mistakes, self.config, random)),
-            ):
-                w = weights if w is None else w
-                then = log_likelihood(w, r, m)
+            weights = _moved_weights(state["weights"], random, self.config, swap=move % 2 == 1)
+            (rationality, mistakes), favour = _moved_habits(
+                state["rationality"], state["mistakes"], self.config, random
+            )
+            span = random.integers(len(SPANS_S), size=n)
+            proposals: tuple[tuple[dict[str, NDArray[Any]], Doubles], ...] = (
+                ({"weights": weights}, np.zeros(n)),
+                ({"rationality": rationality, "mistakes": mistakes}, favour),
+                ({"span": span}, prior_of_span[span] - prior_of_span[state["span"]]),
+            )
+            for changes, prior_ratio in proposals:
+                then = log_likelihood(state | changes)
                 accepted = np.log(random.random(n)) < then - now + prior_ratio
-                weights = np.where(accepted[:, None], w, weights)
-                rationality, mistakes = np.where(accepted, r, rationality), np.where(accepted, m, mistakes)
+                for name, changed in changes.items():
+                    old = state[name]
+                    state[name] = np.where(accepted[:, None] if old.ndim == 2 else accepted, changed, old)
                 now = np.where(accepted, then, now)
         return replace(
             self,
-            weights=weights,
-            rationality=rationality,
-            mistakes=mistakes,
+            weights=state["weights"],
+            rationality=state["rationality"],
+            mistakes=state["mistakes"],
+            span=state["span"],
             log_mass=np.zeros(n),
             draws=self.draws + 1,
         )
+
+
+def _by_span(differences: Doubles) -> Doubles:
+    """(n, spans, 7) of differences (n, spans, 7), or (n, 7) of which every span sees the same."""
+    if differences.ndim == 3:
+        return differences
+    return np.repeat(differences[:, None], len(SPANS_S), axis=1)
+
+
+def _chances(weights: Floats, rationality: Floats, mistakes: Floats, span: NDArray[np.int64], better: Floats) -> Floats:
+    """(particles, n) of gains (spans, n, 9): `choice_chances` of as much as each particle judges."""
+    chances = np.empty((len(weights), better.shape[1]), dtype=np.float32)
+    for k, gained in enumerate(better):
+        of = span == k
+        chances[of] = choice_chances(weights[of], rationality[of], mistakes[of], gained)
+    return chances
 
 
 def choice_chances(weights: Floats, rationality: Floats, mistakes: Floats, better: Floats) -> Floats:

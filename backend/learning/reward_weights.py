@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from backend.learning.posterior import Posterior, PosteriorConfig, choice_chances, weights_of_shares
 from backend.learning.preferences import Preference, usable
 from backend.learning.reward_model import Reduction
+from backend.learning.spans import seen_differences
 from backend.learning.vocabulary import NAMES, gains, measures, step_terms, typical_differences
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
@@ -86,13 +87,12 @@ class WeightsRewardModel:
 
 
 def answers_of(preferences: Sequence[Preference]) -> tuple[str, Doubles]:
-    """The setup, and (n, 7) measures of each chosen drive minus those of the rejected one.
+    """The setup, and (n, spans, 7) measures of each chosen drive minus those of the rejected one.
 
     Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """
     setup, kept = usable(preferences)
-    judged = measures([drive for p in kept for drive in (p.chosen, p.rejected)])
-    return setup.name, judged[0::2] - judged[1::2]
+    return setup.name, seen_differences([(p.chosen, p.rejected) for p in kept])
 
 
 def fit_weights(preferences: Sequence[Preference], config: PosteriorConfig | None = None) -> WeightsRewardModel:

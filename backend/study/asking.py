@@ -47,7 +47,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class MeasuredQueries:
-    """A query set with what its trajectories measure: differences (n, 7) of first minus second, in its order.
+    """A query set with what its trajectories measure: differences (n, spans, 7) of first minus second, in its order.
 
     symmetry: the protocol's.
     """
@@ -163,13 +163,12 @@ def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study | Pr
     known = _measured.get((set_id, symmetry))
     if known is None:
         from backend.learning.queries import QuerySet
-        from backend.learning.vocabulary import measures
+        from backend.learning.spans import seen_in
 
         artefact, content = load_artefact(s, files, set_id, kind="query_set")
         queries = QuerySet.from_bytes(content).queries
-        of_all = measures([t for query in queries for t in (query.trajectory_a, query.trajectory_b)])
         stored = tuple(queries_of(s, files, set_id))
-        known = MeasuredQueries(artefact.setup, symmetry, stored, of_all[0::2] - of_all[1::2])
+        known = MeasuredQueries(artefact.setup, symmetry, stored, seen_in(queries))
         _measured[set_id, symmetry] = known
     return known
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from backend.learning.benchmark_wants import WantsConfig, _answers, _queries, benchmark_wants
-from backend.learning.choosing import information_bits
+from backend.learning.choosing import next_query
 from backend.learning.errors import LearningError
 from backend.learning.oracles import make_oracle
 from backend.learning.posterior import Posterior
 from backend.learning.shipped import load_conditioned
-from backend.learning.varied_queries import differences_of
+from backend.learning.spans import seen_in
 
 
 def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
@@ -46,8 +47,8 @@ def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
     assert (row["oracle"], row["query_seed"]) == ("smoothest", 5)
     queries = _queries("study_room", config, 5)
     given = _answers(make_oracle("smoothest", seed=5), queries, config)
-    bits = information_bits(Posterior.prior("study_room"), differences_of(queries))
-    best = queries[int(bits.argmax())]
+    first = next_query(Posterior.prior("study_room"), seen_in(queries), "information", np.random.default_rng(0))
+    best = queries[first.index]
     assert {id(given[0].chosen), id(given[0].rejected)} == {id(best.trajectory_a), id(best.trajectory_b)}
     assert len({id(one.chosen) for one in given}) == 3
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,7 +19,7 @@ from backend.learning.errors import LearningError
 from backend.learning.posterior import Posterior, PosteriorConfig
 from backend.learning.queries import QuerySet
 from backend.learning.varied_queries import balanced, describe_differences, drawn_wants
-from backend.learning.vocabulary import MEASURES, OPPOSITES, typical_differences
+from backend.learning.vocabulary import MEASURES, NAMES, OPPOSITES, typical_differences
 
 QUICK = PosteriorConfig(particles=4_000)
 PRIOR = Posterior.prior("study_room", QUICK)
@@ -43,6 +45,26 @@ def test_what_is_known_already_tells_little() -> None:
     posterior = Posterior.from_answers("study_room", only_distance[:20], [True] * 20, QUICK)
     before, after = (information_bits(p, only_distance[30:31])[0] for p in (PRIOR, posterior))
     assert after < 0.2 * before
+
+
+def test_which_want_is_the_foremost_is_asked_before_how_much_each_counts() -> None:
+    two = [NAMES.index("farther"), NAMES.index("smoother")]
+    shares = np.zeros((PRIOR.weights.shape[0], len(NAMES)), dtype=np.float32)
+    shares[:, two[0]] = np.linspace(0.3, 0.9, len(shares))
+    shares[:, two[1]] = 1 - shares[:, two[0]]
+    sure = np.full(len(shares), 50, np.float32)
+    known = replace(PRIOR, weights=shares, rationality=sure, log_mass=np.zeros(len(shares)))
+    typical = typical_differences("study_room")
+
+    def told_apart_at(share: float) -> np.ndarray:
+        difference = np.zeros(len(MEASURES))
+        difference[0], difference[4] = (1 - share) * typical[0], share * typical[4]
+        return difference
+
+    middle, even = told_apart_at(0.6), told_apart_at(0.5)  # half of the particles each way; the even one is foremost
+    candidates = np.stack([middle, even])
+    assert information_bits(known, candidates).argmax() == 0
+    assert next_query(known, candidates, "information", np.random.default_rng(0)).index == 1
 
 
 def test_a_batch_does_not_ask_the_same_twice() -> None:

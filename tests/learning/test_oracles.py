@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.oracles import HELD_OUT, TASTES, TUNING, beginning, make_oracle
+from backend.learning.oracles import HELD_OUT, TASTES, TUNING, make_oracle
 from backend.learning.queries import Query, QuerySet
+from backend.learning.spans import beginning
 from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES, measures
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from backend.learning.reward_model import (
     trajectory_reward,
 )
 from backend.learning.reward_weights import WeightsRewardModel, fit_weights
+from backend.learning.spans import SPANS_S
 from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES, OPPOSITES, typical_differences
 
 QUICK = PosteriorConfig(particles=4_000)
@@ -92,6 +95,30 @@ def test_before_any_answer_nothing_is_known() -> None:
     assert prior.entropy_bits() > 3.0
     after = Posterior.from_answers("open_field", *_farther("open_field", 15), QUICK)
     assert after.entropy_bits() < 1.0
+
+
+def test_the_foremost_want_is_the_probable_one_not_the_largest_mean() -> None:
+    shares = np.zeros((3, len(NAMES)), dtype=np.float32)
+    shares[:2, 0], shares[:2, 4], shares[2, 0] = 0.4, 0.6, 1.0
+    few = Posterior.prior("study_room", QUICK).sample(3)
+    doubtful = replace(few, weights=shares)
+    assert NAMES[int(doubtful.shares().argmax())] == NAMES[0]
+    assert doubtful.dominant() == NAMES[4]
+    assert doubtful.foremost() == pytest.approx([1 / 3, 0, 0, 0, 2 / 3, 0, 0, 0, 0])
+
+
+def test_somebody_who_looks_at_the_beginning_only_is_understood() -> None:
+    differences = np.stack([pairs(25, seed=k) for k in range(len(SPANS_S))], axis=1)  # beginnings tell otherwise
+    choices = (differences[:, 1, 2] > 0).tolist()  # clearance, of the first four seconds
+    posterior = Posterior.from_answers("study_room", differences, choices, QUICK)
+    assert posterior.dominant() == "clearance"
+    by_span = np.bincount(posterior.span, weights=posterior.masses(), minlength=len(SPANS_S))
+    assert by_span[1] > 0.8
+    fresh = np.stack([pairs(200, seed=10 + k) for k in range(len(SPANS_S))], axis=1)
+    assert ((posterior.predict(fresh) > 0.5) == (fresh[:, 1, 2] > 0)).mean() > 0.9  # what will be answered
+    assert ((posterior.predict(fresh[:, 0]) > 0.5) == (fresh[:, 0, 2] > 0)).mean() > 0.9  # what is wanted
+    whole = Posterior.from_answers("study_room", differences[:, 0], choices, QUICK)
+    assert np.bincount(whole.span, weights=whole.masses())[0] == pytest.approx(0.8, abs=0.08)
 
 
 def _farther(setup: str, n: int) -> tuple[np.ndarray, list[bool]]:

@@ -143,7 +143,7 @@ def test_studies_measure_their_queries_once(database, files, make_walker):
         study = s.get_one(Study, walker.session.study_id)
         measured = asking.measured_queries(s, files, study)
         assert asking.measured_queries(s, files, study) is measured
-    assert measured.differences.shape == (20, 7)
+    assert measured.differences.shape == (20, 3, 7)
     assert len(measured.queries) == 20
 
 
