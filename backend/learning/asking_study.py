@@ -2,7 +2,8 @@
 
 Who answers lives in `oracles.py`, what is chosen in `choosing.py`, what answers say in `posterior.py`. Everything here
 is simulated and says so; an oracle's answer to a query is drawn once per repetition, so that strategies differ in
-nothing but the choice.
+nothing but the choice. Every taste has answers and test queries of its own, so that means over tastes are of
+independent repetitions.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from backend.simulation.setups import require_same
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 T_95 = 1.96
+SEEDS_APART = 1_000_000  # more than a study has repetitions over all tastes
 
 HABITS: dict[str, Habits] = {
     "right": Habits(),
@@ -106,15 +108,17 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
     truth = make_oracle(oracle).advantages(tested.queries.queries) < 0
     seen = [make_oracle(oracle, **asdict(HABITS[habits])).advantages(one.queries.queries) for one in sets]
     curves = []
+    place = tuple(TASTES).index(oracle)
     ways = [(strategy, strategy, 0) for strategy in config.strategies] + [(PLAIN, "random", 1)] * (len(sets) - 1)
     for name, strategy, which in ways:
         differences = sets[which].differences
         accuracy = np.zeros((config.repetitions, config.answers))
         found = np.zeros((config.repetitions, config.answers), dtype=np.bool_)
         for repetition in range(config.repetitions):
-            answerer = make_oracle(oracle, **asdict(HABITS[habits]), seed=config.seed + 1 + repetition)
+            drawn = (place * config.repetitions + repetition) + 1
+            answerer = make_oracle(oracle, **asdict(HABITS[habits]), seed=SEEDS_APART * config.seed + drawn)
             answers = np.equal(answerer.decide(seen[which]), 0)
-            random = np.random.default_rng([config.seed, repetition, 41])
+            random = np.random.default_rng([config.seed, drawn, 41])
             order = random.permutation(len(tested.differences))
             test = order[: round(len(order) * config.test_share)]
             open_ones = list(order[len(test) :] if which == 0 else random.permutation(len(differences)))
@@ -157,10 +161,20 @@ def _shares(found: Flags) -> dict[str, list[float]]:
     }
 
 
+def _dominant_row(curves: Sequence[dict[str, Any]], answers: int, repetitions: int) -> dict[str, Any]:
+    """Over the tastes of the vocabulary, as `dominant_N`; null if there are none."""
+    name, found = f"dominant_{answers}", [curve["dominant"][answers - 1] for curve in curves if curve["dominant"]]
+    if not found:
+        return {name: None}
+    of_all = wilson(round(sum(found) * repetitions), repetitions * len(found))
+    return {name: float(np.mean(found)), f"{name}_low": of_all.low, f"{name}_high": of_all.high}
+
+
 def summarise(result: dict[str, Any]) -> dict[str, Any]:
     """The study in a few numbers, by habits and strategy, over the tuning and the held-out tastes apart.
 
-    dominant_15: mean share of repetitions in which 15 answers found it; accuracy: mean after 8, 15 and the last answer.
+    dominant_15: share of repetitions in which 15 answers found it, with its Wilson interval over all of them; accuracy:
+    mean after 8, 15 and the last answer, with the 95 % interval for these very tastes.
     """
     rows = []
     last = result["config"]["answers"]
@@ -176,8 +190,10 @@ def summarise(result: dict[str, Any]) -> dict[str, Any]:
                     continue
                 row: dict[str, Any] = {"oracles": split, "habits": habits, "strategy": strategy}
                 for n in sorted({min(8, last), min(15, last), last}):
-                    row[f"accuracy_{n}"] = float(np.mean([curve["accuracy"][n - 1] for curve in of]))
-                found = [curve["dominant"][min(15, last) - 1] for curve in of if curve["dominant"]]
-                row[f"dominant_{min(15, last)}"] = float(np.mean(found)) if found else None
+                    mean = float(np.mean([curve["accuracy"][n - 1] for curve in of]))
+                    halves = np.array([curve["accuracy"][n - 1] - curve["low"][n - 1] for curve in of])
+                    half = float(np.sqrt(np.square(halves).sum()) / len(of))
+                    row |= {f"accuracy_{n}": mean, f"accuracy_{n}_low": mean - half, f"accuracy_{n}_high": mean + half}
+                row |= _dominant_row(of, min(15, last), result["config"]["repetitions"])
                 rows.append(row)
     return {"simulated": True, "setup": result["setup"], "repetitions": result["config"]["repetitions"], "rows": rows}

@@ -123,7 +123,12 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
         c for c in result["curves"] if c["oracle"] == "min-human-distance" and c["strategy"] == "information"
     )
     assert distance["accuracy"][-1] > 0.8
-    assert {row["strategy"] for row in summarise(result)["rows"]} == {"random", "information"}
+    rows = summarise(result)["rows"]
+    assert {row["strategy"] for row in rows} == {"random", "information"}
+    for row in rows:
+        assert row["accuracy_6_low"] <= row["accuracy_6"] <= row["accuracy_6_high"]
+        assert (row["dominant_6"] is None) == (row["oracles"] == "held_out")
+        assert row["dominant_6"] is None or row["dominant_6_low"] <= row["dominant_6"] <= row["dominant_6_high"]
 
 
 def test_another_set_asked_at_random_is_tested_on_the_same_queries(study_queries: QuerySet) -> None:
