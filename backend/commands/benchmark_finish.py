@@ -52,6 +52,7 @@ def benchmark_finish(*, participants: int = 10, oracle: str = "min-human-distanc
 
     instant_s and refined_s: median and slowest over the participants, from the last answer to the end of the job.
     shown_at_once: for how many the instant policy passed its gate; takes_over: for how many the refinement was better.
+    errors: what those say that failed.
     no_comparison_rate: share for whom nothing could be shown within the protocol's patience, the minutes of the
     questionnaire not counted. Raises FinishBenchmarkError.
     """
@@ -189,6 +190,7 @@ def _summary(ended: list[list[Job]], patience_s: float) -> dict[str, Any]:
         "shown_at_once": sum(_shows(job) for job in instant),
         "takes_over": sum(_shows(job) for job in refined),
         "failed": sum(job.state != "succeeded" for job in (*instant, *refined)),
+        "errors": sorted({job.error for job in (*instant, *refined) if job.error}),
         "no_comparison_rate": 1 - sum(in_time) / len(in_time),
         "patience_s": patience_s,
     }
