@@ -28,7 +28,7 @@ from backend.learning.policy import Policy
 from backend.learning.posterior import PosteriorConfig
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, flaw, look_alike
-from backend.learning.refine import refine, refine_config
+from backend.learning.refine import PLACES, RefineConfig, refine
 from backend.learning.reward_interface import InterfaceConfig, fit_interface
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import (
@@ -132,7 +132,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         config=made.config,
         results={"gate": gate, **made.results},
         parents=[*parents, *made.parents],
-        scenes={"gate": describe(Purpose.GATE, params.gate_scenes, params.seed), **made.scenes},
+        scenes={"gate": describe(Purpose.GATE, made.gate.scenes, params.seed), **made.scenes},
         departures=made.departures,
     )
     context.progress(0.93)
@@ -175,7 +175,7 @@ def _instant(context: JobContext, params: AlignParams, base: Policy, model: Rewa
     """Recipe A: the conditioned policy at the weights that the answers speak for. No training."""
     artefact, conditioned, weights = _told(context, params, base, model)
     policy = conditioned.at(weights).without_critic()
-    gate = check_gate(policy, base, align_config(params, base.setup))
+    gate = check_gate(policy, base, align_config(params))
     return _Made(
         policy=policy,
         gate=gate,
@@ -189,24 +189,21 @@ def _instant(context: JobContext, params: AlignParams, base: Policy, model: Rewa
 
 
 def _refine(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
-    """Recipe B behind recipe A: train the conditioned policy on, by what this person wants. Shown if it is better."""
+    """Behind recipe A: search what else to tell the conditioned policy, and where. Shown if it is better."""
     artefact, conditioned, weights = _told(context, params, base, model)
-    config = align_config(params, base.setup)
+    config = search_config(params)
     refined = refine(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
     return _Made(
         policy=refined.policy,
         gate=refined.gate,
         may_be_shown=refined.takes_over,
-        config={
-            **config.as_dict(),
-            "preference_weights": _by_name(weights),
-            "replay_sha256": refined.replay_sha256,
-        },
+        config={**config.as_dict(), "preference_weights": _by_name(weights)},
         results={
             "better_than_instant": refined.score.as_dict(),
+            "wanted_better_than_instant": refined.wanted.as_dict(),
             "takes_over": refined.takes_over,
-            "told": _by_name(refined.told),
-            "chosen_checkpoint": refined.chosen,
+            "told": dict(zip(PLACES, map(_by_name, refined.told), strict=True)),
+            "chosen": refined.chosen,
             "history": refined.history,
         },
         parents=[(artefact, "conditioned")],
@@ -235,7 +232,7 @@ def _by_name(weights: NDArray[np.float32]) -> dict[str, float]:
 
 def _train(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
     """Recipe B, or the thesis's."""
-    config = align_config(params, base.setup)
+    config = align_config(params)
     aligned = learn_policy(base, model, config, context.progress.part(0.03, 0.9))
     return _Made(
         policy=aligned.policy,
@@ -255,14 +252,26 @@ def _usual_model(params: AlignParams) -> str:
     return "mlp" if params.recipe == "thesis" else "linear"
 
 
-def align_config(params: AlignParams, setup: str) -> AlignConfig:
+def search_config(params: AlignParams) -> RefineConfig:
+    """How the instant policy is refined, with what the parameters change. Raises LearningError for a reward weight."""
+    if params.reward_weight is not None:
+        raise LearningError(
+            f"reward_weight = {params.reward_weight}: from the conditioned policy no reward is trained by"
+        )
+    usual = RefineConfig()
+    return replace(
+        usual,
+        seed=params.seed,
+        tried=params.updates or usual.tried,
+        gate_scenes=max(params.gate_scenes, usual.gate_scenes),
+        gate_min_success=params.gate_least_success,
+        gate_max_loss=params.gate_most_loss,
+    )
+
+
+def align_config(params: AlignParams) -> AlignConfig:
     """The recipe's configuration with what the parameters change."""
-    if params.recipe == "thesis":
-        config = thesis_config(seed=params.seed)
-    elif params.start == "conditioned":
-        config = refine_config(setup, seed=params.seed)
-    else:
-        config = AlignConfig(seed=params.seed)
+    config = thesis_config(seed=params.seed) if params.recipe == "thesis" else AlignConfig(seed=params.seed)
     changes: dict[str, Any] = {
         "gate_scenes": params.gate_scenes,
         "gate_min_success": params.gate_least_success,

@@ -40,9 +40,9 @@ DEPARTURES = {
     "wanted, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
     "progress_conditioned": "Its training adds +1 per metre of progress and a cost per step, and other rewards for "
     "goal, collision and self-intersection than the setup's (config: stakes); evaluation uses none of these.",
-    "refine_instant": "Refinement searches what to tell the conditioned policy so that it serves those weights best, "
-    "then trains on from there by the rewards of its training; it is shown only where it is better on scenes that "
-    "served nothing else.",
+    "refine_instant": "Refinement searches what else to tell the conditioned policy, and where (along with how far "
+    "goal and person are), so that its ways grow shorter at what is wanted; it is shown only where it is better on "
+    "scenes that served nothing else. Nothing is trained.",
     "varied": "Pairs are drives of a conditioned policy at drawn preference weights instead of two ensemble members, "
     "chosen so that measures vary and vary independently.",
     "refine": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, the "

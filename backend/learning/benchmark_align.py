@@ -25,7 +25,7 @@ from backend.learning.oracles import TASTES, make_oracle
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
 from backend.learning.queries import QueryConfig, generate_queries
-from backend.learning.refine import refine, refine_config
+from backend.learning.refine import RefineConfig, refine
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import fit_linear
 from backend.learning.reward_weights import fit_weights
@@ -34,6 +34,7 @@ from backend.learning.shipped import load_conditioned, load_ensemble, load_polic
 from backend.learning.vocabulary import NAMES
 
 Floats = NDArray[np.float32]
+Config = AlignConfig | RefineConfig
 FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
 FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
 LONGEST_DRIVE_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
@@ -41,38 +42,46 @@ LONGEST_DRIVE_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and 
 
 @dataclass(frozen=True)
 class Made:
-    """What followed the last answer. told: more keys of the result."""
+    """What followed the last answer. told: more keys of the result. refinement: the instant policy and what became of
+    it, whether that takes over or not.
+    """
 
     policy: Policy
     told: dict[str, Any] = field(default_factory=dict)
+    refinement: tuple[Policy, Policy] | None = None
 
 
-def instant(setup: str, preferences: list[Preference], config: AlignConfig) -> Made:
+def instant(setup: str, preferences: list[Preference], config: Config) -> Made:
     """Recipe A: the posterior after all answers, its weights folded into the conditioned policy."""
     del config  # nothing is trained
     weights = fit_weights(preferences).preference_weights()
     return Made(load_conditioned(f"{setup}/conditioned").at(weights), {"wants": _named(weights)})
 
 
-def refined(setup: str, preferences: list[Preference], config: AlignConfig) -> Made:
-    """Recipe B from the instant policy, which stays where the refinement is not better on the gate's scenes."""
-    use_one_thread()
+def refined(setup: str, preferences: list[Preference], config: Config) -> Made:
+    """The refinement of the instant policy, which stays where that is not better on the gate's scenes."""
+    if not isinstance(config, RefineConfig):
+        raise LearningError(f"config = {config}: mode refine needs a RefineConfig")
     weights = fit_weights(preferences).preference_weights()
     conditioned = load_conditioned(f"{setup}/conditioned")
     result = refine(conditioned, weights, load_policy(f"{setup}/base"), config)
     told = {
         "wants": _named(weights),
-        "told": _named(result.told),
+        "told": result.told.tolist(),
         "takes_over": result.takes_over,
+        "wanted": result.wanted.as_dict(),
         "score": result.score.as_dict(),
         "gate": asdict(result.gate),
-        "chosen_checkpoint": result.chosen,
+        "chosen": result.chosen,
     }
-    return Made(result.policy if result.takes_over else conditioned.at(weights), told)
+    instantly = conditioned.at(weights)
+    return Made(result.policy if result.takes_over else instantly, told, (instantly, result.policy))
 
 
-def from_base(setup: str, preferences: list[Preference], config: AlignConfig) -> Made:
+def from_base(setup: str, preferences: list[Preference], config: Config) -> Made:
     """Recipe B from the base policy with the nine-feature model, or the thesis's recipe with the neural one."""
+    if not isinstance(config, AlignConfig):
+        raise LearningError(f"config = {config}: modes from_base and thesis need an AlignConfig")
     use_one_thread()
     neural = config.recipe == "thesis"
     model = fit_mlp(preferences, MlpConfig(seed=config.seed)) if neural else fit_linear(preferences)
@@ -89,16 +98,16 @@ def from_base(setup: str, preferences: list[Preference], config: AlignConfig) ->
 class Mode:
     """make: answers to policy. own_process: whether it is started as a job would be, imports included."""
 
-    make: Callable[[str, list[Preference], AlignConfig], Made]
-    config: Callable[[str, int], AlignConfig]
+    make: Callable[[str, list[Preference], Config], Made]
+    config: Callable[[int], Config]
     own_process: bool = True
 
 
 MODES = {
-    "instant": Mode(instant, lambda setup, seed: AlignConfig(seed=seed), own_process=False),
-    "refine": Mode(refined, lambda setup, seed: refine_config(setup, seed=seed)),
-    "from_base": Mode(from_base, lambda setup, seed: AlignConfig(seed=seed)),
-    "thesis": Mode(from_base, lambda setup, seed: thesis_config(seed=seed)),
+    "instant": Mode(instant, lambda seed: AlignConfig(seed=seed), own_process=False),
+    "refine": Mode(refined, lambda seed: RefineConfig(seed=seed)),
+    "from_base": Mode(from_base, lambda seed: AlignConfig(seed=seed)),
+    "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
 }
 
 
@@ -113,7 +122,7 @@ def benchmark_align(
     indifference: float = 0.0,
     myopia_s: float | None = None,
     n: int = 2_000,
-    config: AlignConfig | None = None,
+    config: Config | None = None,
 ) -> dict[str, Any]:
     """From the last answer to a policy ready to show, and what it gained.
 
@@ -122,12 +131,13 @@ def benchmark_align(
     shipped ensemble. `base`, `neutral` (the conditioned policy with nothing wanted) and `aligned` are as from
     `evaluate`; `paired_gain` is the ratio of mean minimum human distances (aligned / base) over the scenes in which
     both succeed, with its 95 % interval. `share_of_the_way` is of the oracle's foremost objective, from the base policy
-    to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary.
+    to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
+    refine): the refinement compared with the instant policy, whether it takes over or not.
     """
     if mode not in MODES:
         raise LearningError(f"mode = {mode!r}: known are {', '.join(MODES)}")
     chosen = MODES[mode]
-    config = config or chosen.config(setup, seed)
+    config = config or chosen.config(seed)
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
     query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
     asked = generate_queries(load_ensemble(setup), query_config)
@@ -161,10 +171,11 @@ def benchmark_align(
         "objective": objective,
         **_moved(objective, base, neutral, made.policy, n, report_seed),
         **made.told,
+        **({"against_instant": compare_policies(*made.refinement, n=n, seed=report_seed)} if made.refinement else {}),
     }
 
 
-def _timed(mode: Mode, setup: str, preferences: list[Preference], config: AlignConfig) -> tuple[float, Made]:
+def _timed(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, Made]:
     if not mode.own_process:
         began = time.perf_counter()
         made = mode.make(setup, preferences, config)

@@ -22,7 +22,7 @@ from backend.learning.oracles import make_oracle
 from backend.learning.policy import Policy
 from backend.learning.preferences import Preference
 from backend.learning.queries import Query, QueryConfig, generate_queries, segment_queries
-from backend.learning.refine import refine, refine_config
+from backend.learning.refine import RefineConfig, refine
 from backend.learning.replay import collect
 from backend.learning.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.reward_model import RewardModel, accuracy, fit_linear
@@ -81,7 +81,7 @@ class Budget:
     thesis_epochs: int
     refine_updates: int
     refine_checkpoints: int
-    refined_updates: int | None = None  # None: as refinement usually has
+    refined_tried: int = RefineConfig.tried  # what else to tell the conditioned policy, in its refinement
     states: int = 1_000  # 6.5.1.1: in which action diversity is measured
     base_updates: int = BaseConfig(SETUP).updates
     ensemble_steps: int = thesis.ENSEMBLE_STEPS
@@ -110,7 +110,7 @@ SMALL = Budget(
     thesis_epochs=2,
     refine_updates=1_500,
     refine_checkpoints=3,
-    refined_updates=1_000,
+    refined_tried=32,
 )
 MEDIUM = replace(
     SMALL,
@@ -199,16 +199,10 @@ def align_config(recipe: str, budget: Budget, run: int) -> AlignConfig:
     )
 
 
-def refined_config(budget: Budget, run: int) -> AlignConfig:
-    """The configuration of one refinement of the conditioned policy, with the budget's number of updates."""
-    usual = refine_config(SETUP, seed=run)
-    return replace(
-        usual,
-        updates=budget.refined_updates or usual.updates,
-        selection_scenes=min(budget.selection_scenes, usual.selection_scenes),
-        gate_scenes=budget.gate_scenes,
-        replay_transitions=min(budget.replay_transitions, usual.replay_transitions),
-    )
+def refined_config(budget: Budget, run: int) -> RefineConfig:
+    """The configuration of one refinement of the conditioned policy, as long as the budget says."""
+    usual = RefineConfig(seed=run, tried=budget.refined_tried)
+    return replace(usual, selection_scenes=min(budget.selection_scenes, usual.selection_scenes))
 
 
 def make_plan(budget: Budget, seed: int, speed: Speed) -> Plan:
@@ -290,7 +284,7 @@ def _alignment(
         if recipe == "instant":
             return Piece("instant", params, policies, seconds=3)
         refining = refined_config(budget, run)
-        seconds = 6 + seconds_per_update * refining.updates  # told with the base's heads: the conditioned are no larger
+        seconds = 6 + 0.0003 * refining.tried * refining.selection_scenes
         return Piece("refined", params | {"config": refining.as_dict()}, policies, seconds=seconds)
     config = align_config(recipe, budget, run)
     return Piece(
@@ -445,12 +439,13 @@ def refined_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     weights = weights_said(params, needs)
     conditioned = load_conditioned(params["conditioned"])
     base = stored_policies(needs[0])[0]
-    result = refine(conditioned, weights, base, AlignConfig(**_tuples(params["config"])))
+    result = refine(conditioned, weights, base, RefineConfig(**params["config"]))
     shown = result.policy if result.takes_over else conditioned.at(weights).without_critic()
     meta = {
         "weights": weights.tolist(),
         "told": result.told.tolist(),
         "takes_over": result.takes_over,
+        "wanted": result.wanted.as_dict(),
         "score": result.score.as_dict(),
         "gate_passed": result.gate.passed,
         "chosen": result.chosen,

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from backend.learning.align import AlignConfig
 from backend.learning.benchmark_align import benchmark_align
 from backend.learning.errors import LearningError
-from backend.learning.refine import refine_config
+from backend.learning.refine import RefineConfig
 
 TINY = {
     "instant": None,
-    "refine": replace(
-        refine_config("study_room"), updates=32, checkpoints=1, replay_transitions=1_000, selection_scenes=20
-    ),
+    "refine": RefineConfig(tried=8, copies=4, survivors=2, selection_scenes=20, gate_scenes=20),
     "from_base": AlignConfig(
         updates=64, checkpoints=1, replay_transitions=2_000, selection_scenes=20, gate_scenes=20, weighing_scenes=20
     ),
@@ -33,6 +29,8 @@ def test_align_benchmark_reports_the_keys_others_rely_on(mode: str) -> None:
     assert result["base"]["ceiling_m"] == result["ceiling_m"]
     assert result["self_intersections_per_episode"] == result["aligned"]["self_intersections"]
     assert result["objective"] == "farther"
+    if mode == "refine":
+        assert result["against_instant"]["paired"]["path_length_m"]
     if mode == "instant":
         assert result["wants"]
         assert result["aligned"]["min_human_distance_m"] != result["base"]["min_human_distance_m"]
