@@ -2,7 +2,7 @@
 
 What an answer then says lives in `posterior.py`. All ours (spec 06, "Beyond the thesis"); mutual information as in
 active preference learning, joint over a batch so that it holds no two queries that tell the same. What an answer tells
-of the foremost want counts most: else queries about shares, care and mistakes come too early, and it stays in doubt.
+of the foremost want counts twice: else queries about shares, care and mistakes come early, and it stays in doubt.
 """
 
 from __future__ import annotations
