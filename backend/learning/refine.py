@@ -45,13 +45,14 @@ MIDDLE_M = {"open_field": (3.0, 2.0), "study_room": (2.0, 1.5)}
 class RefineConfig:
     """How what to tell is searched for: rounds of changed copies of the best guess so far, in the same scenes.
 
-    The mean of the `survivors`, better ones counting more, is the next guess. spread: standard deviation of a change,
-    times `narrower` each round.
+    The mean of the `survivors`, better ones counting more, is the next guess. tried: copies in all, in whole rounds;
+    copies: of them per round, half of them changed the other way round. spread: standard deviation of a change, times
+    `narrower` each round.
     """
 
     seed: int = 0
-    tried: int = 144  # what a quiet core drives in some 15 s, of 30 until the refinement is judged (issue 3)
-    copies: int = 16  # of them per round
+    tried: int = 144  # as many as fit into the 30 s of a quiet core until it is judged (issue 3)
+    copies: int = 16
     survivors: int = 5
     spread: float = 0.12
     narrower: float = 0.92
