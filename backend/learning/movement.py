@@ -76,40 +76,38 @@ class Course:
         engine.start_at(self._starts)
         steer = begin(policy.driver, n)
         actions = np.zeros((n, 2), dtype=np.float32)
-        apart, speeds = [], []
-        nearest, side = self._person()
+        most = get_setup(self.setup).max_steps
+        distances, speeds = np.full((most, n), np.inf), np.zeros((most, n))  # by step
+        nearest, side = engine.human_distance.copy(), self._bearing(np.arange(n))
+        step = 0
         while not engine.dones.all():
             running = np.flatnonzero(~engine.dones)
             actions[running] = steer(engine.observations[running], running)
-            before = engine.poses[running, :2].copy()
+            before = engine.poses[running, :2]
             engine.step(actions)
-            distance, bearing = self._person()
-            nearer = distance < nearest
-            nearest, side = np.where(nearer, distance, nearest), np.where(nearer, bearing, side)
-            speed = np.zeros(n)
-            speed[running] = np.linalg.norm(engine.poses[running, :2] - before, axis=1) / CONTROL_DT_S
-            ended = np.full(n, np.inf)
-            ended[running] = distance[running]
-            apart.append(ended)
-            speeds.append(speed)
-        distances = np.stack(apart)
-        near = distances <= near_person_m(distances.min(0))
+            moved = engine.poses[running, :2] - before
+            speeds[step, running] = np.hypot(moved[:, 0], moved[:, 1]) / CONTROL_DT_S
+            distances[step, running] = engine.human_distance[running]
+            nearer = running[engine.human_distance[running] < nearest[running]]
+            nearest[nearer], side[nearer] = engine.human_distance[nearer], self._bearing(nearer)
+            step += 1
+        near = distances[:step] <= near_person_m(distances[:step].min(0))
         measured = [
             engine.min_human_distance,
             np.sin(side),
             np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
             engine.path_length,
             engine.accumulated_angle,
-            (np.stack(speeds) * near).sum(0) / near.sum(0),
+            (speeds[:step] * near).sum(0) / near.sum(0),
             engine.steps * CONTROL_DT_S,
         ]
         return Drives(engine.outcomes.copy(), np.stack(measured, axis=1), engine.self_intersections.copy())
 
-    def _person(self) -> tuple[Doubles, Doubles]:
-        """(n,) each: how far the person is (m), and their bearing (rad, of any turn)."""
-        poses = self._engine.poses
-        offsets = self._people - poses[:, :2]
-        return np.linalg.norm(offsets, axis=1), np.arctan2(offsets[:, 1], offsets[:, 0]) - poses[:, 2]
+    def _bearing(self, which: NDArray[np.int64]) -> Doubles:
+        """Where the person is from these robots (rad, of any turn)."""
+        poses = self._engine.poses[which]
+        offsets = self._people[which] - poses[:, :2]
+        return np.arctan2(offsets[:, 1], offsets[:, 0]) - poses[:, 2]
 
 
 def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
