@@ -114,7 +114,7 @@ SMALL = Budget(
 )
 MEDIUM = replace(
     SMALL,
-    name="medium",  # the thesis's amounts with our smaller heads, our own trainings short
+    name="medium",  # the thesis's amounts with our smaller heads, our refinement of the conditioned policy short
     kappas=(0.0, 0.03125, thesis.KAPPA, 0.125),
     marks=(5_000, 10_000, 15_000, 20_000, 25_000),
     sweep_scenes=500,
@@ -124,6 +124,8 @@ MEDIUM = replace(
     alignments=10,
     thesis_updates=10_000,
     thesis_epochs=3,
+    refine_updates=AlignConfig().updates,
+    refine_checkpoints=AlignConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
 )
 FULL = Budget(

@@ -162,6 +162,21 @@ def test_a_table_by_hand() -> None:
     assert second.per_episode_test.df == 10
 
 
+def test_alignments_that_all_came_out_alike_are_not_tested() -> None:
+    """A policy that is told the same every time differs by rounding only: no spread, and no p of 0."""
+    good = [Outcome.SUCCESS, Outcome.SUCCESS]
+    alike = [driven([2.0, 3.0], good)] * 3
+    rounded = [driven([2.0, 3.0 + 1e-7], good)] * 3
+    spread = [driven([mean - 0.5, mean + 0.5], good) for mean in (1.0, 1.2, 1.4)]
+    rows = table_of_recipe(
+        "instant", {"EnQ-15": alike, "EnQ-60": rounded, "BL-15": alike, "BL-60": spread}, driven([0.5, 1.5], good)
+    )
+    tests = {row.name: row.per_alignment_test for row in rows}
+    assert {name for name, test in tests.items() if test is not None} == {"BL-60"}
+    assert tests["BL-60"] is not None
+    assert tests["BL-60"].p_corrected == tests["BL-60"].p
+
+
 def test_the_control_without_the_term_is_less_diverse(results: Results) -> None:
     control, with_term = (nearest_cell(results.sweep, kappa, 50) for kappa in (0.0, thesis.KAPPA))
     assert control.diversity < with_term.diversity
