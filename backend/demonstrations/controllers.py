@@ -26,7 +26,7 @@ def drive(controller: str | Policy, scenes: Sequence[Scene]) -> list[Trajectory]
         return []
     named = {f"scene {i}": scene.setup for i, scene in enumerate(scenes)}
     if isinstance(controller, Policy):
-        return rollout(get_setup(require_same(policy=controller.setup, **named)), controller.act, scenes)
+        return rollout(get_setup(require_same(policy=controller.setup, **named)), controller.driver, scenes)
     setup = get_setup(require_same(**named))
     if controller == DWA:
         dwa = Dwa(setup)

@@ -184,7 +184,7 @@ def _instant(context: JobContext, params: AlignParams, base: Policy, model: Rewa
         results={},
         parents=[(artefact, "conditioned")],
         scenes={},
-        departures=[DEPARTURES["instant"]],
+        departures=_departures(conditioned, "instant"),
     )
 
 
@@ -208,7 +208,7 @@ def _refine(context: JobContext, params: AlignParams, base: Policy, model: Rewar
         },
         parents=[(artefact, "conditioned")],
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
-        departures=[DEPARTURES["instant"], DEPARTURES["refine_instant"]],
+        departures=_departures(conditioned, "instant", "refine_instant"),
     )
 
 
@@ -224,6 +224,11 @@ def _told(
     conditioned = ConditionedPolicy.from_bytes(context.files.get(artefact.id))
     require_same(base=base.setup, conditioned=conditioned.setup)
     return artefact, conditioned, model.preference_weights()
+
+
+def _departures(conditioned: ConditionedPolicy, *keys: str) -> list[str]:
+    """Of a policy made from the conditioned one: its robots recover where that one's do."""
+    return [DEPARTURES[key] for key in (*keys, *(("recovery",) if conditioned.base else ()))]
 
 
 def _by_name(weights: NDArray[np.float32]) -> dict[str, float]:
@@ -256,7 +261,7 @@ def search_config(params: AlignParams) -> RefineConfig:
     """How the instant policy is refined, with what the parameters change. Raises LearningError for a reward weight."""
     if params.reward_weight is not None:
         raise LearningError(
-            f"reward_weight = {params.reward_weight}: from the conditioned policy no reward is trained by"
+            f"reward_weight = {params.reward_weight}: no reward is trained by from the conditioned policy; leave it out"
         )
     usual = RefineConfig()
     return replace(
