@@ -160,7 +160,7 @@ def refine(
     better = compared(own, course.drive(conditioned.at(weights)), weights, setup)
     raw, rate = success_rate(evaluate(base.driver, get_setup(setup), scenes).outcome), float(own.success.mean())
     passed = rate >= raw - config.gate_max_loss and rate >= config.gate_min_success
-    wanted, score = mean_estimate(better.wanted), mean_estimate(better.scores(_length_weight(weights)))
+    wanted, score = mean_estimate(better.wanted), mean_estimate(better.scores(length_weight_of(weights)))
     takes_over = passed and wanted.low > -TOLERANCE and score.low > 0
     gate = Gate(passed, rate, raw, config.gate_scenes)
     return RefineResult(policy, guesses[chosen], takes_over, wanted, score, gate, chosen, history)
@@ -173,7 +173,7 @@ def _search(
     setup = conditioned.setup
     course = Course(scene_set(setup, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed))
     instant = course.drive(conditioned.at(weights))
-    usual = _length_weight(weights)
+    usual = length_weight_of(weights)
     length_weight = usual * FIRST_SHARE
 
     def drive(told: Doubles) -> Compared:
@@ -204,6 +204,6 @@ def _search(
     return guesses, history
 
 
-def _length_weight(weights: Floats) -> float:
+def length_weight_of(weights: Floats) -> float:
     """What a shorter way counts beside the wants: LENGTH_WEIGHT, less what is wanted of it anyway."""
     return max(0.0, LENGTH_WEIGHT - float(weights[NAMES.index("shorter")]))

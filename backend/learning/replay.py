@@ -15,7 +15,6 @@ from backend.simulation.fast import FastEngine
 from backend.simulation.setups import get_setup
 
 Floats = NDArray[np.float32]
-"""observations (n, obs) float32 -> actions (n, 2) float32 in [-1, 1]."""
 
 
 class ReplayBuffer:

@@ -31,7 +31,6 @@ from backend.learning.shape import NetworkShape
 
 ActorTerm = Callable[[Floats, Floats], Floats]
 """(observations (n, obs), this actor's actions (n, 2)) -> gradient (n, 2), at these actions, of what an algorithm adds
-
 to the actor's loss; in closed form, as everything here."""
 
 

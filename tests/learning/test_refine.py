@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -19,11 +17,12 @@ from backend.learning.refine import (
     TOLERANCE,
     RefineConfig,
     compared,
+    length_weight_of,
     refine,
     told_by_place,
 )
 from backend.learning.shipped import load_conditioned, load_policy
-from backend.learning.vocabulary import MEASURES, NAMES, SIZE, preference_weights, typical_differences
+from backend.learning.vocabulary import MEASURES, SIZE, preference_weights, typical_differences
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 
@@ -97,12 +96,9 @@ def test_a_refinement_says_whether_it_takes_over(conditioned: ConditionedPolicy)
     assert told_by_place(conditioned, FARTHER, result.told).digest() == result.policy.digest()
 
 
-def test_who_wants_short_ways_has_no_other_weight_of_length(conditioned: ConditionedPolicy) -> None:
-    shorter = preference_weights({"shorter": 1.0})
-    result = refine(conditioned, shorter, load_policy("open_field/base"), replace(TINY, tried=8))
-    first = result.history[1]
-    assert first["wanted"] == pytest.approx(first["shorter"])
-    assert NAMES.index("shorter") == int(np.argmax(shorter))
+def test_who_wants_short_ways_has_no_other_weight_of_length() -> None:
+    weighed = [length_weight_of(preference_weights({"farther": 1.0, "shorter": share})) for share in (0.0, 0.25, 1.0)]
+    assert weighed == pytest.approx([LENGTH_WEIGHT, LENGTH_WEIGHT - 0.25, 0.0])
 
 
 def test_what_cannot_be_is_refused(conditioned: ConditionedPolicy) -> None:
