@@ -37,15 +37,15 @@ def test_defaults_are_those_of_the_algorithm(kind, config):
 
 
 def test_alignment_without_settings_is_the_recipe_as_learning_defines_it():
-    assert align_config(AlignParams(snapshot="s"), "open_field") == AlignConfig()
-    assert align_config(AlignParams(snapshot="s", recipe="thesis", seed=3), "open_field") == thesis_config(seed=3)
-    changed = align_config(AlignParams(snapshot="s", updates=2, reward_weight=0.5, gate_scenes=60), "open_field")
+    assert align_config(AlignParams(snapshot="s")) == AlignConfig()
+    assert align_config(AlignParams(snapshot="s", recipe="thesis", seed=3)) == thesis_config(seed=3)
+    changed = align_config(AlignParams(snapshot="s", updates=2, reward_weight=0.5, gate_scenes=60))
     assert (changed.updates, changed.checkpoints, changed.preference_weight, changed.gate_scenes) == (2, 2, 0.5, 60)
 
 
 def test_thesis_recipe_refuses_a_weight_that_is_no_share():
     with pytest.raises(LearningError, match=r"reward_weight = 1\.5"):
-        align_config(AlignParams(snapshot="s", recipe="thesis", reward_weight=1.5), "open_field")
+        align_config(AlignParams(snapshot="s", recipe="thesis", reward_weight=1.5))
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
