@@ -261,7 +261,8 @@ def search_config(params: AlignParams) -> RefineConfig:
     """How the instant policy is refined, with what the parameters change. Raises LearningError for a reward weight."""
     if params.reward_weight is not None:
         raise LearningError(
-            f"reward_weight = {params.reward_weight}: from the conditioned policy nothing is trained, so no reward is weighted; leave it out"
+            f"reward_weight = {params.reward_weight}: from the conditioned policy nothing is trained, so no reward is "
+            "weighted; leave it out"
         )
     usual = RefineConfig()
     return replace(

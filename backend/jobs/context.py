@@ -13,7 +13,7 @@ from backend.store.database import Database
 from backend.store.models import Job, JobMetric, utc_now
 
 WRITE_EVERY_S = 0.5  # progress is for eyes; every write is a transaction
-STEP_NAMES = ("updates", "steps", "epoch", "scenes", "step")  # what a curve's horizontal axis may be, first found
+STEP_NAMES = ("updates", "steps", "epoch", "scenes", "step", "tried")  # a curve's horizontal axis, first found
 
 
 class Progress:
