@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -151,6 +151,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "held_out": fitted.get("held_out"),
         "passed": made.may_be_shown,
         "gate": gate,
+        **made.told_by_job,
         "comparisons": comparisons,
         "yoked": yoked,
         "seconds": round(time.monotonic() - began, 2),
@@ -169,6 +170,7 @@ class _Made:
     parents: list[Parent]
     scenes: dict[str, Any]
     departures: list[str]
+    told_by_job: dict[str, Any] = field(default_factory=dict)  # what the job's result says beside
 
 
 def _instant(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
@@ -193,15 +195,18 @@ def _refine(context: JobContext, params: AlignParams, base: Policy, model: Rewar
     artefact, conditioned, weights = _told(context, params, base, model)
     config = search_config(params)
     refined = refine(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
+    judged = {
+        "better_than_instant": refined.score.as_dict(),
+        "wanted_better_than_instant": refined.wanted.as_dict(),
+        "takes_over": refined.takes_over,
+    }
     return _Made(
         policy=refined.policy,
         gate=refined.gate,
         may_be_shown=refined.takes_over,
         config={**config.as_dict(), "preference_weights": _by_name(weights)},
         results={
-            "better_than_instant": refined.score.as_dict(),
-            "wanted_better_than_instant": refined.wanted.as_dict(),
-            "takes_over": refined.takes_over,
+            **judged,
             "told": dict(zip(PLACES, map(_by_name, refined.told), strict=True)),
             "chosen": refined.chosen,
             "history": refined.history,
@@ -209,6 +214,8 @@ def _refine(context: JobContext, params: AlignParams, base: Policy, model: Rewar
         parents=[(artefact, "conditioned")],
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
         departures=_departures(conditioned, "instant", "refine_instant"),
+        # On its card, too; but where nothing better was found, the policy and its card are the instant one's.
+        told_by_job=judged,
     )
 
 

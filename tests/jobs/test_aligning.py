@@ -113,12 +113,16 @@ def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(
     result = align(begin(house, "align", params.model_dump()), params)
     with database.session() as s:
         card = s.get_one(Artefact, result["policy"]).card
-    assert result["passed"] == card["results"]["takes_over"]
+    assert result["passed"] == result["takes_over"]
+    if card["config"].get("recipe") == "instant":  # nothing better found: the instant policy, stored before
+        assert not result["takes_over"]
+    else:
+        assert card["config"]["tried"] == 12
+        assert card["results"]["takes_over"] == result["takes_over"]
+        assert card["scenes"]["gate"]["last_scene_seed"] > card["scenes"]["gate"]["first_scene_seed"] + 50
     assert bool(result["comparisons"]) == result["passed"]
-    better = card["results"]["better_than_instant"]
+    better = result["better_than_instant"]
     assert better["low"] <= better["value"] <= better["high"]
-    assert card["config"]["tried"] == 12
-    assert card["scenes"]["gate"]["last_scene_seed"] > card["scenes"]["gate"]["first_scene_seed"] + 50
 
 
 def test_recipe_instant_needs_preference_weights(house):
