@@ -105,7 +105,10 @@ class ConditionedPolicy(StoredPolicy):
         meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
         if tuple(meta["objectives"]) != NAMES:
             raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
-        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, tuple(meta["scales"]), *escapes)
+        if len(escapes) > 1:
+            raise PolicyError(f"conditioned policy has {len(escapes)} escapes; it can have one, the base policy's actor")
+        shape, base = NetworkShape.from_dict(meta["shape"]), escapes[0] if escapes else ()
+        return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base)
 
 
 def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:
