@@ -106,7 +106,7 @@ class ConditionedPolicy(StoredPolicy):
         if tuple(meta["objectives"]) != NAMES:
             raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
         if len(escapes) > 1:
-            raise PolicyError(f"conditioned policy has {len(escapes)} escapes; it can have one, the base policy's actor")
+            raise PolicyError(f"conditioned policy has {len(escapes)} escapes; it can have one, the base policy")
         shape, base = NetworkShape.from_dict(meta["shape"]), escapes[0] if escapes else ()
         return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base)
 
