@@ -127,7 +127,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         kind="policy",
         name=f"aligned with {snapshot_artefact.name}",
         setup=setup,
-        content=made.policy.to_bytes(),
+        # Many people want the same: without their names on them, these would be one policy, first made for the first.
+        content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
         params=params,
         config=made.config,
         results={"gate": gate, **made.results},

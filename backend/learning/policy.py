@@ -128,7 +128,8 @@ class Policy(StoredPolicy):
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
     critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06). escapes:
-    other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
+    other actors of the same shape that drive, in this order, while the robot is stuck (`driver`). made_for: whose it
+    is, such as the id of the answers behind it; stored, so that two people's policies are two where they act alike.
     """
 
     setup: str
@@ -136,6 +137,7 @@ class Policy(StoredPolicy):
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...] = ()
     escapes: tuple[tuple[Floats, ...], ...] = ()
+    made_for: str = ""
 
     def __post_init__(self) -> None:
         if self.shape.observation_size != get_setup(self.setup).observation_size:
@@ -232,11 +234,15 @@ class Policy(StoredPolicy):
 
     def to_bytes(self) -> bytes:
         """NPZ without pickled objects; the same policy always gives the same bytes."""
-        meta = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
+        meta: dict[str, object] = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
+        if self.made_for:
+            meta["made_for"] = self.made_for
         return networks_to_bytes(meta, self.actor, self.critic, self.escapes)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
         meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
-        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, escapes)
+        return cls(
+            meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, escapes, meta.get("made_for", "")
+        )

@@ -107,6 +107,20 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(hou
     assert not made.critic
 
 
+def test_people_who_want_the_same_have_a_policy_each(house):
+    _, database, files = house
+    tree = {}
+    for answers in (13, 14):
+        snapshot = snapshot_of(house, answers=answers)
+        params = AlignParams(snapshot=snapshot, recipe="instant", gate_scenes=50, comparisons=0)
+        result = align(begin(house, "align", params.model_dump()), params)
+        with database.session() as s:
+            tree[answers] = lineage(s, result["policy"])
+    policies = [Policy.from_bytes(files.get(one.artefact.id)) for one in tree.values()]
+    np.testing.assert_array_equal(policies[0].actor[1], policies[1].actor[1])
+    assert {answers: len(one.all_answers()) for answers, one in tree.items()} == {13: 13, 14: 14}
+
+
 def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(house):
     _, database, _ = house
     params = AlignParams(snapshot=snapshot_of(house, answers=15), recipe="refine", start="conditioned", **QUICK)

@@ -86,6 +86,14 @@ def test_escapes_are_stored_and_drive_only_while_the_robot_is_stuck(tmp_path: Pa
         replace(stuck, escapes=(base.actor[:-1],))
 
 
+def test_whose_a_policy_is_tells_files_apart_that_drive_alike(policy: Policy) -> None:
+    own, other = (replace(policy, made_for=whose) for whose in ("answers of one", "answers of another"))
+    assert len({policy.digest(), own.digest(), other.digest()}) == 3
+    again = Policy.from_bytes(own.to_bytes())
+    assert (again.made_for, policy.made_for) == ("answers of one", "")
+    np.testing.assert_array_equal(again.act(seen_by(policy)), policy.act(seen_by(policy)))
+
+
 def test_the_other_setup_is_refused(policy: Policy) -> None:
     other = STUDY_ROOM if policy.setup == "open_field" else OPEN_FIELD
     with pytest.raises(SetupError, match=policy.setup):
