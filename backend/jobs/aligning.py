@@ -125,7 +125,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     policy = keep(
         context,
         kind="policy",
-        name=f"aligned with {snapshot_artefact.name}",
+        name=f"{_what(params)} {snapshot_artefact.name}",
         setup=setup,
         # Many people want the same: without their names on them, these would be one policy, first made for the first.
         content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
@@ -257,6 +257,13 @@ def _train(context: JobContext, params: AlignParams, base: Policy, model: Reward
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
         departures=[DEPARTURES["refine"]] if params.recipe == "refine" else [],
     )
+
+
+def _what(params: AlignParams) -> str:
+    """How lists tell the two policies apart that one person can have."""
+    if params.recipe == "instant":
+        return "instant policy for"
+    return "refined policy for" if params.start == "conditioned" else "aligned with"
 
 
 def _usual_model(params: AlignParams) -> str:

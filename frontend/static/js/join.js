@@ -10,6 +10,7 @@ const LONG_SIDE = 740;
 
 /** The bars above and below the room, CSS pixels. */
 const BARS = 160;
+const SMOOTH_FROM = 15; // pictures per second: below, nobody would call it smooth
 
 /**
  * What the study's protocol asks of a device, null where it asks nothing (backend/study/schema.py, DeviceGate).
@@ -73,8 +74,8 @@ function check() {
   const below = (least) => typeof rate === "number" && least !== null && rate < least;
   const fast = !below(gate.min_frame_rate);
   if (rate !== undefined) {
-    const light = below(gate.light_below);
-    report("rate", fast, say(rate === null ? "rate_unknown" : !fast ? "rate_bad" : light ? "rate_light" : "rate_good"));
+    const shown = below(gate.light_below) ? "rate_light" : below(SMOOTH_FROM) ? "rate_slow" : "rate_good";
+    report("rate", fast, say(rate === null ? "rate_unknown" : !fast ? "rate_bad" : shown));
   }
   if (!webgl) refuse("webgl");
   else if (!size && !screenFits && !(touch && turned)) refuse("phone");

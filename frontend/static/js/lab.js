@@ -102,8 +102,25 @@ function liveParts() {
   }
 }
 
+/** Forms with data-waits: once sent, their button says that it takes a while, until the page is left. */
+function waitingForms() {
+  document.addEventListener("submit", (event) => {
+    const form = /** @type {HTMLFormElement} */ (event.target);
+    const button = form.querySelector("button.main");
+    if (!form.dataset.waits || !(button instanceof HTMLButtonElement)) return;
+    const before = button.textContent;
+    button.disabled = true;
+    button.textContent = form.dataset.waits;
+    window.addEventListener("pagehide", () => {
+      button.disabled = false;
+      button.textContent = before;
+    }, { once: true });
+  });
+}
+
 localTimes(document);
 copyButtons();
 dialogs();
 typedConfirmations();
+waitingForms();
 liveParts();
