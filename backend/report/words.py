@@ -103,7 +103,7 @@ def _people(found: Findings) -> Section:
             [
                 one.item.text,
                 str(one.n),
-                f"{one.numbers.mean:.1f} ({one.numbers.sd:.1f})"
+                f"{one.numbers.mean:.1f} ({_number(one.numbers.sd, '{:.1f}')})"
                 if one.numbers
                 else ", ".join(f"{label} {count}" for label, count in one.counts.items() if count),
             ]
@@ -378,7 +378,9 @@ def _percent(value: float) -> str:
 
 
 def _share(mean: Mean) -> str:
-    """A share with its interval."""
+    """A share with its interval, where there is one: one person has none."""
+    if math.isnan(mean.low):
+        return _percent(mean.mean)
     return f"{_percent(mean.mean)} ({_percent(mean.low)} to {_percent(mean.high)})"
 
 
