@@ -22,7 +22,6 @@ Doubles = NDArray[np.float64]
 Strategy = Literal["random", "disagreement", "information"]
 STRATEGIES: tuple[str, ...] = get_args(Strategy)
 PARTICLES = 2_000  # of the posterior, drawn for choosing: 500 candidates take a few hundredths of a second
-OF_ALL = 1.0  # what a bit about everything not known yet is worth, besides a bit about which want is the foremost
 FUTURES = 64  # answers to the queries chosen so far, of which a batch takes the mean
 
 
@@ -122,7 +121,7 @@ def choose_queries(
     chosen: list[int] = []
     while True:
         if strategy == "information":
-            worth = _about_foremost(masses, chances, foremost) + OF_ALL * _information(masses, chances, entropies)
+            worth = _about_foremost(masses, chances, foremost) + _information(masses, chances, entropies)
         else:
             worth = _disagreement(masses, chances)
         worth[chosen] = -np.inf
