@@ -16,7 +16,7 @@ import numpy as np
 import viser
 from numpy.typing import ArrayLike
 
-from app import figures, furniture, surfaces
+from app import bodies, furniture, surfaces
 from app.glb import Surface, to_glb
 from app.shapes import Shape, disc, merged
 from app.views import Camera, View
@@ -52,7 +52,7 @@ def build(
     scene: Scene,
     view: View,
     camera: Camera,
-    robots: tuple[figures.RobotColours, ...],
+    robots: tuple[bodies.RobotColours, ...],
     detail: Detail = "full",
 ) -> Nodes:
     """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_goal`."""
@@ -110,21 +110,21 @@ def add_goal(api: viser.SceneApi, name: str, scene: Scene) -> str:
 @cache
 def _goal() -> bytes:
     shade = disc(0.22, 0.007, (38, 26, 18), alpha=0.5, rim_alpha=0.0)
-    return to_glb([Surface(shade, translucent=True), Surface(figures.goal_cone())])
+    return to_glb([Surface(shade, translucent=True), Surface(bodies.goal_cone())])
 
 
 @cache
-def _robot(colours: figures.RobotColours) -> bytes:
-    return to_glb([Surface(figures.robot_glow(colours), translucent=True), Surface(figures.robot(colours))])
+def _robot(colours: bodies.RobotColours) -> bytes:
+    return to_glb([Surface(bodies.robot_glow(colours), translucent=True), Surface(bodies.robot(colours))])
 
 
 @cache
 def _person(height: float, *, seen: bool) -> bytes:
     """The person's place, and the person on it when they are `seen`."""
-    marks = [Surface(figures.person_place(facing=seen), translucent=True)]
+    marks = [Surface(bodies.person_place(facing=seen), translucent=True)]
     if seen:
         marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
-        marks.append(Surface(figures.mannequin(height)))
+        marks.append(Surface(bodies.mannequin(height)))
     return to_glb(marks)
 
 

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import viser
 
-from app import figures, scene_nodes, viser_hooks
+from app import bodies, scene_nodes, viser_hooks
 from app.beside import Beside
-from app.drawing import Paper, surroundings, walk_track
+from app.paper import Paper, surroundings, walk_track
 from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
@@ -36,7 +36,7 @@ class _Showing:
     scene: Scene
     view: View
     frame: tuple[float, float, float, float]
-    robots: tuple[figures.RobotColours, ...]
+    robots: tuple[bodies.RobotColours, ...]
     goal: bool = False
 
 
@@ -63,7 +63,7 @@ class Stage:
         trajectories: everything that will be played in this scene; give A and B together, so that the view from
         above is framed once for both. Raises ViewError for an unknown view.
         """
-        self._show(scene, require_view(view), trajectories, (figures.NEUTRAL,))
+        self._show(scene, require_view(view), trajectories, (bodies.NEUTRAL,))
 
     def draw(self, scene: Scene, view: View, paper: Paper) -> None:
         """Show the scene with its goal and let a path be drawn from the robot; the page posts `drawing` and `stroke`.
@@ -71,7 +71,7 @@ class Stage:
         Raises ViewError for an unknown view.
         """
         with self._lock:
-            self._show(scene, require_view(view), (), (figures.NEUTRAL,), goal=True)
+            self._show(scene, require_view(view), (), (bodies.NEUTRAL,), goal=True)
             self._run({"type": "draw", **paper.as_message(scene, view)})
 
     def play(
@@ -98,7 +98,7 @@ class Stage:
             anew = not self._stands(trajectory, require_view(view), goal)
             if anew:
                 shown = trajectories or (trajectory,)
-                self._show(trajectory.scene, require_view(view), shown, (figures.NEUTRAL,), goal=goal)
+                self._show(trajectory.scene, require_view(view), shown, (bodies.NEUTRAL,), goal=goal)
             self._run(
                 {
                     "type": "play",
@@ -128,7 +128,7 @@ class Stage:
         beside: further paths that lie on the floor.
         Raises ValueError when the scenes differ, there are more or fewer, or the speed is not positive.
         """
-        colours = (figures.LEFT, figures.RIGHT)[: len(drives)]
+        colours = (bodies.LEFT, bodies.RIGHT)[: len(drives)]
         if not 1 <= len(drives) <= 2:
             raise ValueError(f"replay field 'drives' has {len(drives)} of them: one or two can be shown")
         if drives[0].scene != drives[-1].scene:
@@ -192,7 +192,7 @@ class Stage:
     def _stands(self, trajectory: Trajectory, view: View, goal: bool) -> bool:
         """Whether the scene that is shown will do for this trajectory, so that B is not framed anew after A."""
         now = self._showing
-        wanted = (trajectory.scene, view, (figures.NEUTRAL,), goal)
+        wanted = (trajectory.scene, view, (bodies.NEUTRAL,), goal)
         if now is None or (now.scene, now.view, now.robots, now.goal) != wanted:
             return False
         need = frame_of(trajectory.scene, (trajectory,))
@@ -205,7 +205,7 @@ class Stage:
         scene: Scene,
         view: View,
         trajectories: Sequence[Trajectory],
-        robots: tuple[figures.RobotColours, ...],
+        robots: tuple[bodies.RobotColours, ...],
         *,
         goal: bool = False,
     ) -> None:

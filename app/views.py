@@ -12,7 +12,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from app.figures import PERSON_DISC_RADIUS_M, eye_height_m
+from app.bodies import PERSON_DISC_RADIUS_M, eye_height_m
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from backend.commands import benchmark, data, figures, jobs, report, reproduce, science, serve, study, study_protocols
+from backend.commands import benchmark, data, jobs, plots, report, reproduce, science, serve, study, study_protocols
 
 app = typer.Typer(
     name="desirepath",
@@ -15,7 +15,7 @@ app = typer.Typer(
 serve.register(app)
 data.register(app)
 science.register(app)
-figures.register(app)
+plots.register(app)
 report.register(app)
 study_protocols.register()
 app.add_typer(study.commands, name="study")

@@ -8,8 +8,8 @@ from __future__ import annotations
 import hashlib
 from datetime import UTC, datetime, timedelta
 
-from backend.learning.oracles import make_oracle
-from backend.learning.shipped import load_queries
+from backend.learning.policies.shipped import load_queries
+from backend.learning.preferences.oracles import make_oracle
 from backend.store.artefacts import ArtefactStore, save_trajectory
 from backend.store.database import Database
 from backend.store.models import Participant, Response, Session, Study, Trial, new_id, protocol_digest

@@ -10,10 +10,10 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.dependencies import House, route_of
-from backend.api.prose import prose
-from backend.api.texts import Texts
-from backend.api.throttle import TooLarge
+from backend.api.core.dependencies import House, route_of
+from backend.api.core.prose import prose
+from backend.api.core.texts import Texts
+from backend.api.core.throttle import TooLarge
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, check_writable
@@ -42,13 +42,16 @@ def build_house(settings: Settings) -> House:
 
 def create_application(house: House) -> FastAPI:
     """The pages and their API. Everything a route needs hangs on `app.state.house`."""
-    from backend.api import analyst, auth, experimenter, learnt_pages, participant
-    from backend.api.guard import Guard, trouble
+    from backend.api.analyst import routes
+    from backend.api.core import auth
+    from backend.api.core.guard import Guard, trouble
+    from backend.api.lab import learnt_pages, study_pages
+    from backend.api.participant import session_pages
 
     application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None)
     application.state.house = house
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
-    for module in (participant, auth, experimenter, learnt_pages, analyst):
+    for module in (session_pages, auth, study_pages, learnt_pages, routes):
         application.include_router(module.router)
         for exception, handler in getattr(module, "exception_handlers", {}).items():
             application.add_exception_handler(exception, handler)

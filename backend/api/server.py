@@ -15,11 +15,11 @@ import uvicorn
 
 from app.server import StageServer
 from backend.api.application import create_application
-from backend.api.dependencies import House
-from backend.api.stage_bridge import StageBridge, create_stage_application
+from backend.api.core.dependencies import House
+from backend.api.stage.stage_bridge import StageBridge, create_stage_application
 from backend.jobs.process import start_worker
 from backend.settings import Settings
-from backend.study import asking
+from backend.study.session import asking
 
 log = structlog.get_logger("desirepath.server")
 

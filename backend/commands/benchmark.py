@@ -20,7 +20,7 @@ def simulate(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field", as_json: JsonFlag = False
 ) -> None:
     """Steps per second of the fast engine against PyBullet, one thread each."""
-    from backend.simulation.benchmark import benchmark_simulate
+    from backend.experiments.benchmarks.engines import benchmark_simulate
 
     say(benchmark_simulate(setup=setup), as_json)
 
@@ -40,7 +40,7 @@ def train(
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
-    from backend.learning.benchmark import benchmark_train
+    from backend.experiments.benchmarks.base_training import benchmark_train
 
     result = benchmark_train(
         setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep, ablation_seeds=ablation_seeds
@@ -54,7 +54,7 @@ def limits(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field", as_json: JsonFlag = False
 ) -> None:
     """How far an update and the simulator are from the core's matrix products and memory."""
-    from backend.learning.benchmark_limits import benchmark_limits
+    from backend.experiments.benchmarks.limits import benchmark_limits
 
     say(benchmark_limits(setup=setup), as_json)
 
@@ -81,7 +81,7 @@ def parity(
     as_json: JsonFlag = False,
 ) -> None:
     """Success on the fast engine against PyBullet with wheel motors, same scenes. Takes minutes."""
-    from backend.learning.benchmark_parity import benchmark_parity
+    from backend.experiments.benchmarks.parity import benchmark_parity
 
     say(benchmark_parity(policy=policy, scenes=scenes, seed=seed), as_json)
 
@@ -100,7 +100,7 @@ def align(
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes."""
-    from backend.learning.benchmark_align import benchmark_align
+    from backend.experiments.benchmarks.alignment import benchmark_align
 
     result = benchmark_align(
         setup=setup,
@@ -129,9 +129,9 @@ def asking(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
-    from backend.learning.asking_study import HABITS, AskingConfig, asking_study, summarise
-    from backend.learning.oracles import TASTES
-    from backend.learning.shipped import load_queries
+    from backend.experiments.asking_study import HABITS, AskingConfig, asking_study, summarise
+    from backend.learning.policies.shipped import load_queries
+    from backend.learning.preferences.oracles import TASTES
 
     config = AskingConfig(
         oracles=tuple(oracles.split(",")) if oracles else tuple(TASTES),
@@ -175,9 +175,9 @@ def wants(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
-    from backend.learning.benchmark_wants import WantsConfig, benchmark_wants
-    from backend.learning.oracles import TASTES
-    from backend.learning.shipped import load_card, load_conditioned
+    from backend.experiments.benchmarks.oracles_moved import WantsConfig, benchmark_wants
+    from backend.learning.policies.shipped import load_card, load_conditioned
+    from backend.learning.preferences.oracles import TASTES
 
     first, _, last = seeds.partition("-")
     if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
@@ -257,7 +257,7 @@ def study_command(
 
 def _write(out: Path, result: dict[str, Any]) -> None:
     """A result as a file that datasets/ can hold: its command and commit, numbers to five digits."""
-    from backend.learning.artefacts import source_commit
+    from backend.learning.cards import source_commit
 
     out.parent.mkdir(parents=True, exist_ok=True)
     told = {"command": " ".join(["desirepath", *sys.argv[1:]]), "commit": source_commit()} | _short(result)
@@ -287,7 +287,7 @@ def null_cohorts_command(
     """Simulated: how often the analysis of the interface study finds something where there is nothing."""
     from dataclasses import asdict
 
-    from backend.report.null_ratings import null_family
+    from backend.experiments.cohorts.null_ratings import null_family
     from backend.report.plan import AnalysisPlan
     from backend.report.power import null_cohorts
 
@@ -324,8 +324,8 @@ def known_cohorts_command(
     """Simulated: how often the analysis finds what was put into studies whose views differ, and anything else."""
     from dataclasses import asdict, replace
 
+    from backend.experiments.cohorts.known_cohorts import known_cohorts
     from backend.report.cohorts import VIEWS_DIFFER, read_cohort
-    from backend.report.known_cohorts import known_cohorts
     from backend.report.plan import AnalysisPlan
 
     plan = AnalysisPlan()

@@ -9,13 +9,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from backend.experiments.benchmarks.limits import LARGE, matmul_gflops
 from backend.explain.flow_field import flow_field
 from backend.explain.flow_files import flow_files
-from backend.learning.backprop import Floats
-from backend.learning.benchmark_limits import LARGE, matmul_gflops
-from backend.learning.policy import Policy
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_policy
 from backend.learning.scene_sets import Purpose, first_seed, scene_set
-from backend.learning.shipped import load_policy
+from backend.learning.td3.backprop import Floats
 from backend.simulation.fast import evaluate
 from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import get_setup

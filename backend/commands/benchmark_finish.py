@@ -23,20 +23,20 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.commands.serve import DEMO_PROTOCOL
 from backend.jobs.process import FINAL_STATES, start_worker
-from backend.learning.oracles import make_oracle
-from backend.learning.queries import Query
+from backend.learning.preferences.oracles import make_oracle
+from backend.learning.queries.queries import Query
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Job, Session, Study, utc_now
 from backend.store.outbox import cancel_job
 from backend.store.shipped import register_shipped
-from backend.study import machine
-from backend.study.bots import any_answer
-from backend.study.joining import join_study
-from backend.study.personalisation import train_stage
-from backend.study.protocol import freeze
-from backend.study.sessions import acting
+from backend.study.protocol.freezing import freeze
+from backend.study.session import machine
+from backend.study.session.joining import join_study
+from backend.study.session.personalisation import train_stage
+from backend.study.session.sessions import acting
+from backend.study.simulated.bots import any_answer
 from backend.study.studies import create_study
 
 POLL_S = 0.1

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import httpx
 
 from backend.commands.browser_hand import BrowserHand
-from backend.study.bots import BotError, Character, HttpWay, State, walk_all
+from backend.study.simulated.bots import BotError, Character, HttpWay, State, walk_all
 from backend.study.words import PLAYING
 
 if TYPE_CHECKING:

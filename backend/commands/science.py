@@ -24,7 +24,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 
 if TYPE_CHECKING:
-    from backend.learning.policy import Policy
+    from backend.learning.policies.policy import Policy
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
 queries = typer.Typer(help="Make queries.", no_args_is_help=True)
@@ -182,8 +182,8 @@ def describe(
     as_json: JsonFlag = False,
 ) -> None:
     """How the pairs of a query set differ: spread per measure, correlations, and what a person would notice."""
-    from backend.learning.shipped import load_queries
-    from backend.learning.varied_queries import describe_differences
+    from backend.learning.policies.shipped import load_queries
+    from backend.learning.queries.varied_queries import describe_differences
 
     say(describe_differences(load_queries(name)), as_json)
 
@@ -199,7 +199,7 @@ def evaluate(
     as_json: JsonFlag = False,
 ) -> None:
     """Drive a policy through fresh scenes and measure it."""
-    from backend.learning.evaluate import evaluate_policy
+    from backend.learning.policies.evaluate import evaluate_policy
 
     say(evaluate_policy(find_policy(policy), n=scenes, seed=seed, engine=engine), as_json)
 
@@ -208,7 +208,7 @@ def find_policy(reference: str) -> Policy:
     """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its wants
     (`ID@farther=1`). Raises LookupError.
     """
-    from backend.learning.shipped import load_policy, names_policy, shipped_names, told_policy
+    from backend.learning.policies.shipped import load_policy, names_policy, shipped_names, told_policy
     from backend.store.artefacts import ArtefactError, load_artefact
     from backend.store.models import Artefact
     from backend.store.shipped import REGISTERED

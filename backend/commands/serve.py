@@ -12,7 +12,7 @@ from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.settings import get_settings
 
 if TYPE_CHECKING:
-    from backend.api.dependencies import House
+    from backend.api.core.dependencies import House
 
 DEMO_PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMO_NAME = "Demo: how should the robot pass you?"
@@ -34,7 +34,7 @@ def serve(
 ) -> None:
     """Run the pages, the 3D stage and a background worker."""
     from backend.api.application import build_house
-    from backend.api.auth import ensure_first_user
+    from backend.api.core.auth import ensure_first_user
     from backend.api.server import check_ports, run
     from backend.store.shipped import register_shipped
 
@@ -72,7 +72,7 @@ def _demo_link(house: House) -> str:
     from sqlalchemy import select
 
     from backend.store.models import Study
-    from backend.study.protocol import freeze
+    from backend.study.protocol.freezing import freeze
     from backend.study.studies import create_study
 
     with house.database.transaction() as s:
@@ -97,7 +97,7 @@ def password(
     name: Annotated[str, typer.Argument(help="Name of the account.")] = "experimenter", as_json: JsonFlag = False
 ) -> None:
     """Give an account a new password, to be changed at the next sign-in; signs it out everywhere."""
-    from backend.api.auth import reset_password
+    from backend.api.core.auth import reset_password
     from backend.commands.study import open_store
     from backend.store.audit import record
 

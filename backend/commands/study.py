@@ -22,7 +22,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 
 if TYPE_CHECKING:
-    from backend.study.protocol import FrozenProtocol
+    from backend.study.protocol.freezing import FrozenProtocol
 
 commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
 
@@ -58,7 +58,7 @@ def create(
 ) -> None:
     """Open a study from a protocol; prints its id and recruiting link."""
     from backend.store.shipped import register_shipped
-    from backend.study.protocol import freeze
+    from backend.study.protocol.freezing import freeze
     from backend.study.studies import create_study
 
     database, files = open_store()
@@ -123,10 +123,10 @@ def simulate(
     as_json: JsonFlag = False,
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
-    from backend.learning.oracles import Habits
+    from backend.learning.preferences.oracles import Habits
     from backend.report.cohorts import read_cohort
     from backend.store.models import Study
-    from backend.study.bots import Character, simulate_study
+    from backend.study.simulated.bots import Character, simulate_study
 
     if browser > participants:
         raise ValueError(f"--browser {browser}: there are only {participants} participants")
@@ -211,8 +211,8 @@ def power_command(
 def frozen_protocol(study: str) -> FrozenProtocol:
     """Of a file, or of a study of this installation (the protocol that whoever joins now gets)."""
     from backend.store.models import Study
-    from backend.study.protocol import freeze
-    from backend.study.versions import newest_protocol
+    from backend.study.protocol.freezing import freeze
+    from backend.study.session.versions import newest_protocol
 
     if Path(study).is_file():
         return freeze(Path(study), query_sets())

@@ -21,8 +21,8 @@ def register() -> None:
 @plain_errors
 def validate(file: Path, as_json: JsonFlag = False) -> None:
     """Check a protocol file; exit code 1 if it is not valid."""
-    from backend.study.protocol import validate_protocol_file
-    from backend.study.source import Problem
+    from backend.study.protocol.freezing import validate_protocol_file
+    from backend.study.protocol.source import Problem
 
     result = validate_protocol_file(file, query_sets())
     if as_json or result["valid"]:
@@ -42,8 +42,8 @@ def preview(
     as_json: JsonFlag = False,
 ) -> None:
     """Show the steps that one participant would meet, without opening a study. Pages are previewed in the lab."""
-    from backend.study.outline import plan_preview
-    from backend.study.protocol import freeze
+    from backend.study.protocol.freezing import freeze
+    from backend.study.protocol.outline import plan_preview
 
     shown = plan_preview(freeze(file, query_sets()), seed, language)
     if as_json:
@@ -63,7 +63,7 @@ def diff(
     as_json: JsonFlag = False,
 ) -> None:
     """Say what differs between two protocols and what that means for data that are there already."""
-    from backend.study.revising import differences
+    from backend.study.protocol.revising import differences
 
     changes = differences(frozen_protocol(before), frozen_protocol(after))
     if as_json:
@@ -90,8 +90,8 @@ def revise(
     """Give a running study a new version of its protocol, for whoever joins from now on."""
     from backend.store.audit import record
     from backend.store.models import Study
-    from backend.study.protocol import freeze
-    from backend.study.revising import revise_study, versions_of
+    from backend.study.protocol.freezing import freeze
+    from backend.study.protocol.revising import revise_study, versions_of
 
     database, files = open_store()
     frozen = freeze(file, query_sets())
@@ -118,7 +118,7 @@ def schema_command(
     """Print the JSON Schema of protocols, for editors that complete and check while you write."""
     import json
 
-    from backend.study.schema import Protocol, json_schema
-    from backend.study.schema_questionnaires import Questionnaire
+    from backend.study.protocol.questionnaires import Questionnaire
+    from backend.study.protocol.schema import Protocol, json_schema
 
     typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=1, ensure_ascii=False))

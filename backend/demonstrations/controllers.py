@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from backend.demonstrations.dwa import Dwa
 from backend.demonstrations.social_cost import SocialCost
-from backend.learning.policy import Policy
+from backend.learning.policies.policy import Policy
 from backend.simulation.fast import replay, rollout
 from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup, require_same

@@ -16,7 +16,7 @@ from backend.analysis.frechet import Deviation, deviation
 from backend.analysis.metrics import collision_rate, measure, success_rate, timeout_rate
 from backend.demonstrations.controllers import drive
 from backend.demonstrations.demonstration import Demonstration
-from backend.learning.policy import Policy
+from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import SCENES_PER_SEED, Purpose, first_seed
 from backend.simulation.scene import Scene, SceneError
 from backend.simulation.scenes import check_scene, draw_scenes

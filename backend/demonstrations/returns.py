@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.replay import Floats, ReplayBuffer
+from backend.learning.td3.replay import Floats, ReplayBuffer
 from backend.simulation.trajectory import Trajectory
 
 

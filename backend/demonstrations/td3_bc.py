@@ -1,6 +1,6 @@
 """TD3 with demonstrations (ch. 2): a demonstration buffer that never changes, behavioural cloning, the goal's boost.
 
-One controller per participant and environment. The update of TD3 itself lives in `backend.learning.td3`; where
+One controller per participant and environment. The update of TD3 itself lives in `backend.learning.td3.td3`; where
 episodes begin in `placement.py`; how a controller is judged in `judging.py`.
 """
 
@@ -19,14 +19,14 @@ from backend.demonstrations.demonstration import AUGMENTED, Demonstration, augme
 from backend.demonstrations.judging import KINDS, judge, unseen_scenes
 from backend.demonstrations.placement import Placements
 from backend.demonstrations.returns import ReturnsBuffer, returns_along
-from backend.learning.backprop import Floats
-from backend.learning.base import OnProgress, no_progress, policy_of
-from backend.learning.networks import use_one_thread
-from backend.learning.policy import Policy
-from backend.learning.replay import Explorer, concatenate
+from backend.learning.policies.networks import use_one_thread
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shape import FAST_HEADS, NetworkShape
 from backend.learning.scene_sets import Purpose
-from backend.learning.shape import FAST_HEADS, NetworkShape
-from backend.learning.td3 import ActorTerm, Batch, Td3Agent, Td3Config
+from backend.learning.td3.backprop import Floats
+from backend.learning.td3.base import OnProgress, no_progress, policy_of
+from backend.learning.td3.replay import Explorer, concatenate
+from backend.learning.td3.td3 import ActorTerm, Batch, Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory

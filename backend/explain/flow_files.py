@@ -44,7 +44,7 @@ def flow_files(
     Files: flow_field.png, .svg and .csv; for two policies flow_field_a.csv, flow_field_b.csv and difference.csv.
     Raises ValueError for another number of policies, else what `flow_field` raises.
     """
-    from backend.explain import drawing  # matplotlib is slow to import
+    from backend.explain import scene_plots  # matplotlib is slow to import
 
     fields = [flow.flow_field(act, setup, scene, cell_m=cell_m) for _, act in policies]
     numbers: dict[str, Any] = {
@@ -54,12 +54,12 @@ def flow_files(
         "policies": [_describe(name, field) for (name, _), field in zip(policies, fields, strict=True)],
     }
     if len(fields) == 1:
-        figure = drawing.flow_figure(fields[0], title=policies[0][0], words=words)
+        figure = scene_plots.flow_figure(fields[0], title=policies[0][0], words=words)
         tables = {"flow_field.csv": _table(flow.COLUMNS, fields[0].rows())}
     elif len(fields) == 2:
         apart = flow.difference(*fields)
         titles = (f"A: {policies[0][0]}", f"B: {policies[1][0]}")
-        figure = drawing.pair_figure(apart, titles=titles, words=words)
+        figure = scene_plots.pair_figure(apart, titles=titles, words=words)
         tables = {f"flow_field_{x}.csv": _table(flow.COLUMNS, f.rows()) for x, f in zip("ab", fields, strict=True)}
         tables["difference.csv"] = _table(flow.DIFFERENCE_COLUMNS, apart.rows())
         numbers["mean_heading_difference_rad"] = _finite(apart.mean_angle)
@@ -67,8 +67,8 @@ def flow_files(
         raise ValueError(f"policies: {len(fields)} given; a flow-field figure shows one or two")
     about = f"flow field, {setup.name} scene {scene.seed}, cells of {cell_m} m: " + ", ".join(n for n, _ in policies)
     pictures = {
-        "flow_field.png": drawing.encoded(figure, "png", about),
-        "flow_field.svg": drawing.encoded(figure, "svg", about),
+        "flow_field.png": scene_plots.encoded(figure, "png", about),
+        "flow_field.svg": scene_plots.encoded(figure, "svg", about),
     }
     return FigureFiles({**pictures, **tables}, numbers)
 
@@ -77,10 +77,10 @@ def starts_files(
     policies: Mapping[str, ActFunction | Driver], setup: Setup, scene: Scene, *, starts: int, words: Words = ENGLISH
 ) -> FigureFiles:
     """All named policies from the same starts in one scene: trajectories.png, .svg and .csv."""
-    from backend.explain import drawing  # matplotlib is slow to import
+    from backend.explain import scene_plots  # matplotlib is slow to import
 
     drives = flow.drives_from(policies, setup, flow.spread_starts(scene, starts))
-    figure = drawing.starts_figure(drives, title=f"{setup.name} {scene.seed}", words=words)
+    figure = scene_plots.starts_figure(drives, title=f"{setup.name} {scene.seed}", words=words)
     about = f"trajectories, {setup.name} scene {scene.seed}: " + ", ".join(policies)
     shown = len(next(iter(drives.values())))
     numbers = {
@@ -94,8 +94,8 @@ def starts_files(
     }
     columns = ("policy", "start", "time_s", "x_m", "y_m", "yaw_rad", "outcome")
     files = {
-        "trajectories.png": drawing.encoded(figure, "png", about),
-        "trajectories.svg": drawing.encoded(figure, "svg", about),
+        "trajectories.png": scene_plots.encoded(figure, "png", about),
+        "trajectories.svg": scene_plots.encoded(figure, "svg", about),
         "trajectories.csv": _table(columns, _poses(drives)),
     }
     return FigureFiles(files, numbers)

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from backend.explain.drawing import LINE, encoded
+from backend.explain.scene_plots import LINE, encoded
 
 Rows = list[dict[str, object]]
 

@@ -14,24 +14,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.jobs.artefacts import Parent, find_artefact, keep, keep_trajectory, load_policy
 from backend.jobs.context import JobContext
+from backend.jobs.kept_artefacts import Parent, find_artefact, keep, keep_trajectory, load_policy
 from backend.jobs.kinds import AlignParams, Params, RewardModelParams
-from backend.learning.align import AlignConfig, Gate, check_gate, thesis_config
-from backend.learning.align import align as learn_policy
-from backend.learning.artefacts import DEPARTURES
-from backend.learning.conditioned import ConditionedPolicy
+from backend.learning.alignment.align import AlignConfig, Gate, check_gate, thesis_config
+from backend.learning.alignment.align import align as learn_policy
+from backend.learning.alignment.refine import PLACES, RefineConfig, refine
+from backend.learning.cards import DEPARTURES
 from backend.learning.errors import LearningError, TooFewAnswers
-from backend.learning.free_form import choose_reward_model
-from backend.learning.holding_out import Fit, predicted_in_new_scenes
-from backend.learning.policy import Policy
-from backend.learning.posterior import PosteriorConfig
-from backend.learning.preferences import Preference
-from backend.learning.queries import QueryConfig, flaw, look_alike
-from backend.learning.refine import PLACES, RefineConfig, refine
-from backend.learning.reward_interface import InterfaceConfig, fit_interface
-from backend.learning.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.reward_model import (
+from backend.learning.policies.conditioned import ConditionedPolicy
+from backend.learning.policies.policy import Policy
+from backend.learning.preferences.posterior import PosteriorConfig
+from backend.learning.preferences.preferences import Preference
+from backend.learning.preferences.vocabulary import NAMES
+from backend.learning.queries.queries import QueryConfig, flaw, look_alike
+from backend.learning.rewards.free_form import choose_reward_model
+from backend.learning.rewards.holding_out import Fit, predicted_in_new_scenes
+from backend.learning.rewards.reward_interface import InterfaceConfig, fit_interface
+from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.reward_model import (
     LinearConfig,
     LinearRewardModel,
     Reduction,
@@ -41,9 +42,8 @@ from backend.learning.reward_model import (
     held_out_accuracy,
     reward_model_to_bytes,
 )
-from backend.learning.reward_weights import WeightsRewardModel, fit_weights
+from backend.learning.rewards.reward_weights import WeightsRewardModel, fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
-from backend.learning.vocabulary import NAMES
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory

@@ -1,4 +1,4 @@
-"""Jobs that measure policies on fresh scenes, alone or side by side. The numbers are `backend.learning.evaluate`'s."""
+"""Jobs that measure policies on fresh scenes, alone or side by side. The numbers are `learning.policies.evaluate`'s."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from backend.jobs.artefacts import keep, keep_trajectory, load_policy
 from backend.jobs.context import JobContext
+from backend.jobs.kept_artefacts import keep, keep_trajectory, load_policy
 from backend.jobs.kinds import CompareParams, EvaluateParams
-from backend.learning.evaluate import compare_tables, describe_table, episode_columns, episodes
-from backend.learning.policy import Policy
+from backend.learning.policies.evaluate import compare_tables, describe_table, episode_columns, episodes
+from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.simulation.fast import EpisodeTable, rollout
 from backend.simulation.scene import Scene

@@ -14,11 +14,11 @@ from backend.demonstrations.controllers import DWA, SOCIAL_COST, drive
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.judging import judge_drives
 from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig, train_with_demonstrations
-from backend.jobs.artefacts import find_artefact, keep
 from backend.jobs.context import JobContext
+from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import TrainDemonstrationsParams
-from backend.learning.policy import Policy
-from backend.learning.queries import QueryConfig, look_alike
+from backend.learning.policies.policy import Policy
+from backend.learning.queries.queries import QueryConfig, look_alike
 from backend.learning.scene_sets import Purpose, describe
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Outcome, Trajectory

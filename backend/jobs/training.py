@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from backend.jobs.artefacts import card_of, keep, load_policy
 from backend.jobs.context import JobContext
+from backend.jobs.kept_artefacts import card_of, keep, load_policy
 from backend.jobs.kinds import EnsembleParams, QueriesParams, TrainBaseParams
-from backend.learning.artefacts import DEPARTURES
-from backend.learning.base import BaseConfig
-from backend.learning.base import train_base as learn_base
-from backend.learning.ensemble import EnsembleConfig
-from backend.learning.ensemble import train_ensemble as learn_ensemble
-from backend.learning.queries import QueryConfig
-from backend.learning.queries import generate_queries as make_queries
+from backend.learning.cards import DEPARTURES
+from backend.learning.queries.queries import QueryConfig
+from backend.learning.queries.queries import generate_queries as make_queries
 from backend.learning.scene_sets import Purpose, describe
+from backend.learning.td3.base import BaseConfig
+from backend.learning.td3.base import train_base as learn_base
+from backend.learning.td3.ensemble import EnsembleConfig
+from backend.learning.td3.ensemble import train_ensemble as learn_ensemble
 from backend.store.query_sets import save_query_set
 
 BASE_DEPARTURES = ("heads", "environments", "average")

@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from backend.analysis.tested import Mean
-from backend.explain.drawing import DATA, INK, PAPER, SOFT, STYLE
 from backend.explain.pictures import Picture, Rows, blank, quiet
+from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
 from backend.report.chosen import Pair
 from backend.report.findings import Findings
 from backend.report.plan import METRICS

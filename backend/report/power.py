@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from backend.analysis.repeated import pairs_of
-from backend.learning.evaluate import wilson
+from backend.learning.policies.evaluate import wilson
 from backend.report.cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, made_up_study
 from backend.report.data import StudyData
 from backend.report.findings import Findings, analyse

@@ -25,7 +25,7 @@ from backend.store.models import Artefact
 from backend.store.shipped import register_parents
 
 if TYPE_CHECKING:
-    from backend.learning.queries import QuerySet
+    from backend.learning.queries.queries import QuerySet
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def import_query_set(s: Session, files: ArtefactStore, reference: str) -> Artefa
     """
     if SHA256.fullmatch(reference):
         return load_artefact(s, files, reference, kind="query_set")[0]
-    from backend.learning.artefacts import Card, card_path
-    from backend.learning.queries import QuerySet
-    from backend.learning.shipped import resolve
+    from backend.learning.cards import Card, card_path
+    from backend.learning.policies.shipped import resolve
+    from backend.learning.queries.queries import QuerySet
 
     path = resolve(reference)
     content = path.read_bytes()

@@ -15,14 +15,14 @@ from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact
 from backend.store.models import Artefact
 
 if TYPE_CHECKING:
-    from backend.learning.artefacts import Card
+    from backend.learning.cards import Card
 
 REGISTERED = ("policy", "conditioned_policy")
 
 
 def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
     """Store every shipped policy that is not stored yet; returns all. Raises LearningError for a damaged file."""
-    from backend.learning.shipped import load_card, shipped_names
+    from backend.learning.policies.shipped import load_card, shipped_names
 
     names = [name for name in shipped_names() if load_card(name).kind in REGISTERED]
     return [_register(s, files, name) for name in names]
@@ -30,7 +30,7 @@ def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
 
 def policy_artefact(s: Session, name: str) -> Artefact:
     """The artefact of a shipped policy, e.g. `study_room/base`. Raises ArtefactError if it is not registered."""
-    from backend.learning.shipped import load_card
+    from backend.learning.policies.shipped import load_card
 
     sha = load_card(name).sha256
     artefact = s.get(Artefact, sha)
@@ -45,7 +45,7 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
 
     A parent that is neither stored nor shipped stays on the card only.
     """
-    from backend.learning.shipped import load_card, shipped_names
+    from backend.learning.policies.shipped import load_card, shipped_names
 
     found = []
     for name, sha in card.parents.items():
@@ -57,7 +57,7 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
 
 
 def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:
-    from backend.learning.shipped import load_card, load_shipped, resolve
+    from backend.learning.policies.shipped import load_card, load_shipped, resolve
 
     card = load_card(name)
     artefact = s.get(Artefact, card.sha256)

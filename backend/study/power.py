@@ -21,9 +21,9 @@ from backend.report.power import Assumed, Design, Power, enough, power
 from backend.report.reading import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.study.bots import Character
-from backend.study.in_process import walk_in_process
-from backend.study.protocol import FrozenProtocol
+from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.simulated.bots import Character
+from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 
 

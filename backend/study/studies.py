@@ -11,10 +11,10 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
-from backend.study.planning import PlanError, make_plan
-from backend.study.protocol import FrozenProtocol
-from backend.study.refusals import Refused
-from backend.study.versions import FIRST, protocol_row
+from backend.study.plan.planning import PlanError, make_plan
+from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.session.refusals import Refused
+from backend.study.session.versions import FIRST, protocol_row
 
 TOKEN_BYTES = 24
 

@@ -14,14 +14,14 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
 from backend.api.application import build_house, create_application
-from backend.api.auth import add_user, change_password, ensure_first_user
-from backend.api.dependencies import House
+from backend.api.core.auth import add_user, change_password, ensure_first_user
+from backend.api.core.dependencies import House
 from backend.settings import Settings
 from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
-from backend.study import machine
-from backend.study.joining import join_study
-from backend.study.protocol import freeze, shipped_protocols
-from backend.study.sessions import acting
+from backend.study.protocol.freezing import freeze, shipped_protocols
+from backend.study.session import machine
+from backend.study.session.joining import join_study
+from backend.study.session.sessions import acting
 from backend.study.studies import create_study
 
 PASSWORD = "seven quiet robots"

@@ -12,7 +12,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.settings import Settings
 from backend.store.models import Event, Study
 from tests.study import walking

@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 from starlette.responses import Response
 
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.store.models import Participant, Study, utc_now
 
 PATIENCE_S = 120.0

@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.auth import COOKIE, ensure_first_user, safe_next
+from backend.api.core.auth import COOKIE, ensure_first_user, safe_next
 from backend.settings import Settings
 from backend.store.models import Event, Setting, SignIn, User, utc_now
 from tests.api.lab_house import PASSWORD, csrf, sign_in

@@ -11,8 +11,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
-from backend.learning.oracles import Habits
+from backend.api.core.dependencies import House
+from backend.learning.preferences.oracles import Habits
 from backend.report.cohorts import Cohort, made_up_study
 from backend.report.findings import analyse
 from backend.report.power import analysed
@@ -21,10 +21,10 @@ from backend.report.run import write_study_report
 from backend.settings import Settings
 from backend.store.export import answers_of, export_study
 from backend.store.models import Study
-from backend.study.bots import Character, simulate_study
-from backend.study.in_process import walk_in_process
 from backend.study.power import plan_power
-from backend.study.protocol import PROTOCOLS, FrozenProtocol, freeze_text
+from backend.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text
+from backend.study.simulated.bots import Character, simulate_study
+from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.study.walking import twenty_queries
 

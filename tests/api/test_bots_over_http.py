@@ -10,13 +10,13 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.learning.errors import LearningError
-from backend.learning.oracles import path_length_m
+from backend.learning.preferences.oracles import path_length_m
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Job, Participant, Response, Session, Study, Trial
-from backend.study.bots import BotError, Character, simulate_study
-from backend.study.protocol import freeze_text
+from backend.study.protocol.freezing import freeze_text
+from backend.study.simulated.bots import BotError, Character, simulate_study
 from backend.study.studies import create_study
 from tests.api.participant_house import logged, to_first_trial
 

@@ -9,12 +9,12 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api import demonstration_pages
-from backend.api.dependencies import House
+from backend.api.analyst import demonstration_pages
+from backend.api.core.dependencies import House
 from backend.store.models import Artefact, Job, StrokeRow, new_id
 from backend.store.strokes import read_demonstrations
-from backend.study.in_process import walk_in_process
-from backend.study.protocol import freeze_text
+from backend.study.protocol.freezing import freeze_text
+from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.api.lab_house import csrf
 

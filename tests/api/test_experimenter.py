@@ -13,16 +13,16 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import func, select, update
 
-from backend.api import drafts
 from backend.api.application import create_application
-from backend.api.dependencies import House
-from backend.api.preview import preview_steps
-from backend.api.study_rows import study_lines
-from backend.learning.queries import QuerySet
-from backend.learning.shipped import load_queries
+from backend.api.core.dependencies import House
+from backend.api.lab import drafts
+from backend.api.lab.preview import preview_steps
+from backend.api.lab.study_rows import study_lines
+from backend.learning.policies.shipped import load_queries
+from backend.learning.queries.queries import QuerySet
 from backend.store.models import Base, Event, Participant, Response, Session, Study
 from backend.store.query_sets import save_query_set
-from backend.study.protocol import freeze
+from backend.study.protocol.freezing import freeze
 from tests.api.lab_house import NAME, QUICK, Walked, csrf, sign_in
 
 STAGE_SHOWN = 'id="stage-cover" hidden'

@@ -14,11 +14,11 @@ import pytest
 from fastapi.testclient import TestClient
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
-from backend.api.figure_process import FigureError, FigureProcess, FlowOrder, figure_process
-from backend.learning.conditioned import ConditionedPolicy
-from backend.learning.shipped import load_policy
-from backend.learning.vocabulary import SIZE
+from backend.api.core.dependencies import House
+from backend.api.core.figure_process import FigureError, FigureProcess, FlowOrder, figure_process
+from backend.learning.policies.conditioned import ConditionedPolicy
+from backend.learning.policies.shipped import load_policy
+from backend.learning.preferences.vocabulary import SIZE
 from backend.settings import Settings
 from backend.store.artefacts import save_artefact
 from backend.store.models import Artefact, utc_now

@@ -10,12 +10,12 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
-from backend.api.stage_bridge import bridge_of
-from backend.api.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
+from backend.api.core.dependencies import House
+from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
+from backend.api.stage.stage_bridge import bridge_of
 from backend.settings import Settings
 from backend.store.models import Event
-from backend.study import refusals
+from backend.study.session import refusals
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.store.models import Event, Participant, RecruitingId, Session, Study
-from backend.study.protocol import freeze_text
+from backend.study.protocol.freezing import freeze_text
 from backend.study.studies import create_study
 from tests.api.participant_house import logged, to_first_trial
 

@@ -11,13 +11,13 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
-from backend.api.session_view import leads_to, next_kind
+from backend.api.core.dependencies import House
+from backend.api.participant.session_view import leads_to, next_kind
 from backend.settings import Settings
 from backend.store.models import Session
-from backend.study.planning import make_plan
-from backend.study.protocol import PROTOCOLS, freeze_text
-from backend.study.query_plan import placeholders
+from backend.study.plan.planning import make_plan
+from backend.study.plan.query_plan import placeholders
+from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.studies import create_study
 from tests.study import walking
 

@@ -13,10 +13,10 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
 from backend.api.application import create_application
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.commands.loopback import free_port_pair
 from backend.store.models import Study
-from backend.study.joining import join_study
+from backend.study.session.joining import join_study
 from tests.api.lab_house import NAME, PASSWORD, Walked
 
 

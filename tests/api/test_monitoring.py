@@ -10,8 +10,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api import monitoring, people_rows
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
+from backend.api.lab import monitoring, people_rows
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Trial, new_id, utc_now
 from tests.api.lab_house import Walked

@@ -16,11 +16,11 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.settings import Settings
 from backend.store.models import Response, Session, Study, utc_now
-from backend.study.assignment import assignment_table
-from backend.study.protocol import thaw
+from backend.study.plan.assignment import assignment_table
+from backend.study.protocol.freezing import thaw
 from backend.study.studies import create_study
 from tests import postgres
 from tests.study.small_protocol import CROSSED, small_protocol

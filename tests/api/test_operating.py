@@ -8,10 +8,10 @@ from datetime import timedelta
 
 from sqlalchemy import select
 
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.store.models import Participant, Study, utc_now
-from backend.study.joining import join_study
-from backend.study.protocol import freeze
+from backend.study.protocol.freezing import freeze
+from backend.study.session.joining import join_study
 from backend.study.studies import create_study
 from tests.api.lab_house import QUICK, Walked, csrf
 

@@ -8,11 +8,11 @@ import json
 import pytest
 from sqlalchemy import select
 
-from backend.api.dependencies import House
-from backend.api.participant_stream import _glance, _tell
-from backend.api.stage_bridge import StageBridge, bridge_of, stage_cookie, stage_token
+from backend.api.core.dependencies import House
+from backend.api.participant.stream import _glance, _tell
+from backend.api.stage.stage_bridge import StageBridge, bridge_of, stage_cookie, stage_token
 from backend.store.models import Event, Session, Study, Trial
-from backend.study import machine
+from backend.study.session import machine
 from tests.study import walking
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from backend.api.dependencies import House
-from backend.api.preview import preview_steps
+from backend.api.core.dependencies import House
+from backend.api.lab.preview import preview_steps
 from backend.store.models import Study
-from backend.study.revising import revise_study
+from backend.study.protocol.revising import revise_study
+from backend.study.session.versions import newest_protocol
 from backend.study.studies import create_study
-from backend.study.versions import newest_protocol
 from tests.api.lab_house import csrf
 from tests.study.small_protocol import CROSSED, DEBRIEFING, small_protocol
 from tests.study.walking import twenty_queries

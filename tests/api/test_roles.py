@@ -7,8 +7,8 @@ import re
 import pytest
 from sqlalchemy import select
 
-from backend.api.dependencies import House
-from backend.api.roles import CHANGING, ROLES, SHOWING, Right, may, rule_of
+from backend.api.core.dependencies import House
+from backend.api.core.roles import CHANGING, ROLES, SHOWING, Right, may, rule_of
 from backend.store.models import Audit, Note, Participant, Session, Study
 from tests.api.lab_house import csrf
 

@@ -8,8 +8,8 @@ import pytest
 from limits import parse
 from sqlalchemy import select
 
-from backend.api import participant, participant_requests, recruiting
-from backend.api.throttle import LARGEST_BODY
+from backend.api.core.throttle import LARGEST_BODY
+from backend.api.participant import recruiting, requests, session_pages
 from backend.store.export import export_study
 from backend.store.models import ProblemReport, RecruitingId, Study
 from tests.api.participant_house import logged
@@ -23,7 +23,7 @@ def limited_to(monkeypatch, module, name, limit):
 
 
 def test_links_that_lead_nowhere_fill_no_log_and_shut_nobody_out(client, house, link, token, monkeypatch):
-    with limited_to(monkeypatch, participant_requests, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
+    with limited_to(monkeypatch, requests, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
         answers = [client.get(f"/api/session/guess-{k}").status_code for k in range(3)]
         answers += [client.get(f"/{where}/guess").status_code for where in ("join", "p", "api/session")]
         assert answers == [404] * 3 + [429] * 3
@@ -38,7 +38,7 @@ def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, hous
 
     with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):
         answers = [client.post(f"/join/{link}", data={"language": "en"}).status_code for _ in range(2)]
-    with limited_to(monkeypatch, participant, "EVENTS_PER_SESSION", "2 per 1 minute"):
+    with limited_to(monkeypatch, session_pages, "EVENTS_PER_SESSION", "2 per 1 minute"):
         answers += [noticed() for _ in range(3)]
     assert answers == [303, 303, 204, 204, 429]
     with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):

@@ -10,7 +10,7 @@ import json
 import math
 from typing import Any
 
-from app.drawing import Paper
+from app.paper import Paper
 from app.stage import Stage
 from backend.commands.browser_way import chromium
 from backend.simulation.demonstration_scenes import demonstration_scene

@@ -22,7 +22,7 @@ from starlette.routing import Route
 
 from app.server import StageServer
 from app.stage import Stage
-from backend.api.stage_proxy import Origins, StageDoor, StageGrant
+from backend.api.stage.stage_proxy import Origins, StageDoor, StageGrant
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import draw_scene
 from backend.simulation.trajectory import Outcome, Trajectory

@@ -11,7 +11,7 @@ import pytest
 import websockets
 
 from app.viser_hooks import SUBPROTOCOL
-from backend.api.stage_proxy import MESSAGES_BURST, REFUSALS_BEFORE_CLOSING
+from backend.api.stage.stage_proxy import MESSAGES_BURST, REFUSALS_BEFORE_CLOSING
 from tests.app.stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
 
 

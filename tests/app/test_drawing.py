@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.drawing import Paper
+from app.paper import Paper
 from app.stage import Stage
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.walks import Walk

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app import figures, furniture, scene_nodes, surfaces
+from app import bodies, furniture, scene_nodes, surfaces
 from app.glb import Surface, to_glb
 from app.shapes import Shape, ball, box, limb, merged, turned
 from app.views import ViewError, camera_for, frame_of, require_view
@@ -50,8 +50,8 @@ def outward(shape: Shape) -> np.ndarray:
         ball((0, 0, 1), (0.1, 0.2, 0.3), (1, 2, 3)),
         limb((0, 0, 0), (1, 0.3, 0.2), 0.1, 0.05, (1, 2, 3)),
         turned([(0.2, 0), (0.2, 1), (0, 1)], (1, 2, 3)),
-        figures.mannequin(),
-        figures.robot(),
+        bodies.mannequin(),
+        bodies.robot(),
     ],
 )
 def test_every_triangle_shows_its_outside(shape: Shape) -> None:
@@ -75,9 +75,9 @@ def test_furniture_stays_inside_what_the_robot_collides_with(kind: str, size: tu
 
 
 def test_robot_and_person_have_their_size_and_a_front() -> None:
-    robot = figures.robot().positions
+    robot = bodies.robot().positions
     assert np.hypot(robot[:, 0], robot[:, 1]).max() == pytest.approx(ROBOT_RADIUS_M, rel=0.03)
-    person = figures.mannequin(1.8).positions
+    person = bodies.mannequin(1.8).positions
     assert person[:, 2].max() == pytest.approx(1.8, abs=0.03)
     assert person[:, 0].max() > 1.5 * -person[:, 0].min(), "nose, hands and feet reach forward"
 
@@ -141,7 +141,7 @@ def test_cameras_stand_where_the_view_says() -> None:
     person = scene.person.pose
     for view in ("first_person", "immersive"):
         camera = camera_for(scene, require_view(view))
-        assert camera.eye == (person.x, person.y, figures.eye_height_m(scene.person.height))
+        assert camera.eye == (person.x, person.y, bodies.eye_height_m(scene.person.height))
     assert camera_for(scene, "first_person").fov_rad == pytest.approx(math.radians(60))
     with pytest.raises(ViewError, match=r"'vr'.*top_down, first_person, immersive"):
         require_view("vr")

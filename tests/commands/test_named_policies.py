@@ -10,7 +10,7 @@ import pytest
 from backend.commands import study
 from backend.commands.science import find_policy
 from backend.learning.errors import LearningError
-from backend.learning.shipped import load_policy
+from backend.learning.policies.shipped import load_policy
 from backend.settings import Settings
 from backend.store.shipped import policy_artefact, register_shipped
 

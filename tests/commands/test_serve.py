@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
 from backend.api.application import create_application
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.cli import app
 from backend.commands.loopback import free_port_pair
 

@@ -12,8 +12,8 @@ from backend.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, driv
 from backend.demonstrations.demonstrators import demonstrate
 from backend.demonstrations.dwa import lidar_setup
 from backend.demonstrations.social_cost import SocialCost
-from backend.learning.oracles import TASTES, min_human_distance_m
-from backend.learning.shipped import load_policy
+from backend.learning.policies.shipped import load_policy
+from backend.learning.preferences.oracles import TASTES, min_human_distance_m
 from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Person, Pose

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backend.demonstrations.returns import ReturnsBuffer, returns_along
-from backend.learning.replay import ReplayBuffer
+from backend.learning.td3.replay import ReplayBuffer
 
 GAMMA = 0.9
 

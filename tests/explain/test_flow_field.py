@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 from backend.cli import app
 from backend.explain import flow_field as flow
 from backend.explain.flow_files import flow_files, starts_files
-from backend.learning.shipped import load_ensemble, load_policy
+from backend.learning.policies.shipped import load_ensemble, load_policy
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
 from backend.simulation.scenes import check_scene, draw_scene

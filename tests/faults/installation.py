@@ -20,7 +20,7 @@ from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_websocket
 
 from app.viser_hooks import SUBPROTOCOL, readable_part
-from backend.api.auth import ensure_first_user
+from backend.api.core.auth import ensure_first_user
 from backend.commands.benchmark_serve import CAMERA
 from backend.commands.loopback import loopback_server
 from backend.settings import Settings
@@ -28,9 +28,9 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Event, Response, Session, Study, Trial
 from backend.store.shipped import register_shipped
-from backend.study.bots import any_answer
-from backend.study.protocol import freeze_text
-from backend.study.sessions import token_hash
+from backend.study.protocol.freezing import freeze_text
+from backend.study.session.sessions import token_hash
+from backend.study.simulated.bots import any_answer
 from backend.study.studies import create_study
 from tests.study.walking import QUICK, VALUES, twenty_queries
 

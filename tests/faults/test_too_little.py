@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from backend.store.models import Artefact, Job
-from backend.study.protocol import freeze_text, thaw
+from backend.study.protocol.freezing import freeze_text, thaw
 from backend.study.studies import create_study
 from tests.faults.conftest import Served
 from tests.faults.installation import run_command

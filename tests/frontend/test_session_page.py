@@ -19,12 +19,12 @@ from playwright.sync_api import expect
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.commands.loopback import free_port_pair
 from backend.settings import Settings
 from backend.store.models import Event, ProblemReport, Response, Session
-from backend.study.protocol import freeze
-from backend.study.sessions import token_hash
+from backend.study.protocol.freezing import freeze
+from backend.study.session.sessions import token_hash
 from backend.study.studies import create_study
 
 if TYPE_CHECKING:

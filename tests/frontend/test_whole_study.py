@@ -20,13 +20,13 @@ from playwright.sync_api import expect
 from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
-from backend.api.dependencies import House
+from backend.api.core.dependencies import House
 from backend.commands.loopback import free_port_pair
-from backend.learning.queries import QuerySet
-from backend.learning.shipped import load_queries
+from backend.learning.policies.shipped import load_queries
+from backend.learning.queries.queries import QuerySet
 from backend.settings import Settings
 from backend.store.models import Event, Response, Session, Trial
-from backend.study.protocol import PROTOCOLS, freeze_text
+from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.studies import create_study
 from tests.frontend.test_participant_pages import COLOURS, violations
 

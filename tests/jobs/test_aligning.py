@@ -7,13 +7,13 @@ import pytest
 from sqlalchemy import select
 
 from backend.jobs.aligning import align, learn_reward_model
-from backend.jobs.artefacts import ArtefactError
 from backend.jobs.context import JobContext, Progress
+from backend.jobs.kept_artefacts import ArtefactError
 from backend.jobs.kinds import AlignParams, RewardModelParams
 from backend.learning.errors import LearningError
-from backend.learning.policy import Policy
-from backend.learning.shipped import load_conditioned
-from backend.learning.vocabulary import NAMES
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_conditioned
+from backend.learning.preferences.vocabulary import NAMES
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database

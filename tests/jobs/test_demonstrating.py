@@ -6,11 +6,11 @@ import pytest
 
 from backend.demonstrations.controllers import DWA, drive
 from backend.demonstrations.demonstration import Demonstration
-from backend.jobs.artefacts import ArtefactError
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.demonstrating import train_demonstrations
+from backend.jobs.kept_artefacts import ArtefactError
 from backend.jobs.kinds import TrainDemonstrationsParams
-from backend.learning.policy import Policy
+from backend.learning.policies.policy import Policy
 from backend.settings import Settings
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Outcome

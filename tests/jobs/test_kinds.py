@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from backend.api.texts import Texts
+from backend.api.core.texts import Texts
 from backend.jobs.aligning import align_config
-from backend.jobs.artefacts import command_of
+from backend.jobs.kept_artefacts import command_of
 from backend.jobs.kinds import KINDS, AlignParams, JobParamsError, get_kind
-from backend.learning.align import AlignConfig, thesis_config
-from backend.learning.base import BaseConfig
-from backend.learning.ensemble import EnsembleConfig
+from backend.learning.alignment.align import AlignConfig, thesis_config
 from backend.learning.errors import LearningError
-from backend.learning.queries import QueryConfig
+from backend.learning.queries.queries import QueryConfig
+from backend.learning.td3.base import BaseConfig
+from backend.learning.td3.ensemble import EnsembleConfig
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 REQUIRED = {"snapshot": "a" * 64, "policy": "study_room/base", "policy_a": "study_room/base", "policy_b": "b" * 64}

@@ -20,14 +20,14 @@ from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
 from backend.commands.browser_way import walk_with_browser
-from backend.learning.queries import QuerySet
-from backend.learning.shipped import load_queries
+from backend.learning.policies.shipped import load_queries
+from backend.learning.queries.queries import QuerySet
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Response, Session, Trial
-from backend.study.bots import Character
-from backend.study.protocol import PROTOCOLS, freeze_text
+from backend.study.protocol.freezing import PROTOCOLS, freeze_text
+from backend.study.simulated.bots import Character
 from backend.study.studies import create_study
 from tests.journeys.conftest import Installation
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from backend.learning.align import (
+from backend.learning.alignment.align import (
     AlignConfig,
     PreferenceReward,
     RelabelledBuffer,
@@ -18,14 +18,14 @@ from backend.learning.align import (
     choose_checkpoint,
     thesis_config,
 )
-from backend.learning.base import BaseResult
 from backend.learning.errors import LearningError
-from backend.learning.policy import Policy
-from backend.learning.preferences import Preference
-from backend.learning.replay import collect
-from backend.learning.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.reward_model import LinearRewardModel, fit_linear
-from backend.learning.shipped import load_policy
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_policy
+from backend.learning.preferences.preferences import Preference
+from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.reward_model import LinearRewardModel, fit_linear
+from backend.learning.td3.base import BaseResult
+from backend.learning.td3.replay import collect
 from backend.simulation.setups import STUDY_ROOM, SetupError
 
 TINY = AlignConfig(

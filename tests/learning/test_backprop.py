@@ -8,10 +8,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss
 
-from backend.learning.backprop import Adam
-from backend.learning.networks import Parameters, actor_forward, critic_forward
-from backend.learning.shape import NetworkShape
-from backend.learning.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
+from backend.learning.policies.networks import Parameters, actor_forward, critic_forward
+from backend.learning.policies.shape import NetworkShape
+from backend.learning.td3.backprop import Adam
+from backend.learning.td3.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
 from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup
 
 SHAPES = [

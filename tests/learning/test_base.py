@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from backend.analysis.metrics import success_rate, timeout_rate
-from backend.learning.base import BaseConfig, BaseResult, BaseTraining, calm_gradient, train_base
-from backend.learning.replay import collect
 from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.td3.base import BaseConfig, BaseResult, BaseTraining, calm_gradient, train_base
+from backend.learning.td3.replay import collect
 from backend.simulation.fast import evaluate
 
 

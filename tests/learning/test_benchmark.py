@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from backend.learning import benchmark_arms
-from backend.learning.base import BaseConfig
-from backend.learning.benchmark import benchmark_train
-from backend.learning.benchmark_arms import TrainBenchmarkConfig
+from backend.experiments.benchmarks import training_arms
+from backend.experiments.benchmarks.base_training import benchmark_train
+from backend.experiments.benchmarks.training_arms import TrainBenchmarkConfig
 from backend.learning.errors import LearningError
 from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.td3.base import BaseConfig
 from backend.simulation.scene import Scene
 
 TINY = TrainBenchmarkConfig(updates_per_check=24, max_updates=48, pybullet_steps=5)
@@ -77,8 +77,8 @@ def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_t
             n = 20  # few, for speed
         return scene_set(setup, n, purpose=purpose, seed=seed)
 
-    monkeypatch.setattr(benchmark_arms, "scene_set", noting)
-    monkeypatch.setattr(benchmark_arms, "TARGET", 0.0)  # any policy reaches it
+    monkeypatch.setattr(training_arms, "scene_set", noting)
+    monkeypatch.setattr(training_arms, "TARGET", 0.0)  # any policy reaches it
     result = benchmark_train(seeds=2, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config)
     assert result["held_out_success"] is not None
     assert result["ratio_vs_sb3_fast"] == pytest.approx(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from backend.learning.align import AlignConfig
-from backend.learning.benchmark_align import benchmark_align
+from backend.experiments.benchmarks.alignment import benchmark_align
+from backend.learning.alignment.align import AlignConfig
+from backend.learning.alignment.refine import RefineConfig
 from backend.learning.errors import LearningError
-from backend.learning.refine import RefineConfig
 
 TINY = {
     "instant": None,

@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from backend.learning.benchmark_limits import benchmark_limits, update_flops
-from backend.learning.networks import Parameters, actor_forward, critic_forward
-from backend.learning.shape import NetworkShape
+from backend.experiments.benchmarks.limits import benchmark_limits, update_flops
+from backend.learning.policies.networks import Parameters, actor_forward, critic_forward
+from backend.learning.policies.shape import NetworkShape
 from backend.simulation.setups import OPEN_FIELD
 
 N = 16

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.benchmark_wants import WantsConfig, _answers, _queries, benchmark_wants
-from backend.learning.choosing import next_query
+from backend.experiments.benchmarks.oracles_moved import WantsConfig, _answers, _queries, benchmark_wants
 from backend.learning.errors import LearningError
-from backend.learning.oracles import make_oracle
-from backend.learning.posterior import Posterior
-from backend.learning.shipped import load_conditioned
-from backend.learning.spans import seen_in
+from backend.learning.policies.shipped import load_conditioned
+from backend.learning.preferences.oracles import make_oracle
+from backend.learning.preferences.posterior import Posterior
+from backend.learning.preferences.spans import seen_in
+from backend.learning.queries.choosing import next_query
 
 
 def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.asking_study import AskingConfig, asking_study, summarise
-from backend.learning.choosing import (
+from backend.experiments.asking_study import AskingConfig, asking_study, summarise
+from backend.learning.errors import LearningError
+from backend.learning.preferences.posterior import Posterior, PosteriorConfig
+from backend.learning.preferences.vocabulary import MEASURES, NAMES, OPPOSITES, typical_differences
+from backend.learning.queries.choosing import (
     StoppingRule,
     best_information,
     choose_queries,
     information_bits,
     next_query,
 )
-from backend.learning.errors import LearningError
-from backend.learning.posterior import Posterior, PosteriorConfig
-from backend.learning.queries import QuerySet
-from backend.learning.varied_queries import balanced, describe_differences, drawn_wants
-from backend.learning.vocabulary import MEASURES, NAMES, OPPOSITES, typical_differences
+from backend.learning.queries.queries import QuerySet
+from backend.learning.queries.varied_queries import balanced, describe_differences, drawn_wants
 
 QUICK = PosteriorConfig(particles=4_000)
 PRIOR = Posterior.prior("study_room", QUICK)

@@ -9,22 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backend.learning.base import BaseResult
-from backend.learning.conditioned import ConditionedPolicy, settings
-from backend.learning.conditioned_training import (
-    STAKES,
-    ConditionedConfig,
-    ConditionedResult,
-    ConditionedTraining,
-    sample_weights,
-    strong_enough,
-    train_conditioned,
-)
 from backend.learning.errors import LearningError
-from backend.learning.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.policy import Policy, PolicyError
-from backend.learning.shipped import load_policy
-from backend.learning.vocabulary import (
+from backend.learning.policies.conditioned import ConditionedPolicy, settings
+from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from backend.learning.policies.policy import Policy, PolicyError
+from backend.learning.policies.shipped import load_policy
+from backend.learning.preferences.vocabulary import (
     MIRRORED,
     NAMES,
     OPPOSITES,
@@ -33,6 +23,16 @@ from backend.learning.vocabulary import (
     preference_weights,
     step_terms,
     worth,
+)
+from backend.learning.td3.base import BaseResult
+from backend.learning.td3.conditioned_training import (
+    STAKES,
+    ConditionedConfig,
+    ConditionedResult,
+    ConditionedTraining,
+    sample_weights,
+    strong_enough,
+    train_conditioned,
 )
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Pose, Scene

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import TooFewAnswers
-from backend.learning.free_form import EnsembleConfig, choose_reward_model, fit_mlp_ensemble
-from backend.learning.holding_out import predicted_in_new_scenes
-from backend.learning.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.oracles import make_oracle
-from backend.learning.posterior import PosteriorConfig
-from backend.learning.preferences import Preference
-from backend.learning.reward_mlp import MlpConfig
-from backend.learning.reward_model import (
+from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from backend.learning.policies.shipped import load_queries
+from backend.learning.preferences.oracles import make_oracle
+from backend.learning.preferences.posterior import PosteriorConfig
+from backend.learning.preferences.preferences import Preference
+from backend.learning.rewards.free_form import EnsembleConfig, choose_reward_model, fit_mlp_ensemble
+from backend.learning.rewards.holding_out import predicted_in_new_scenes
+from backend.learning.rewards.reward_mlp import MlpConfig
+from backend.learning.rewards.reward_model import (
     RewardModel,
     reward_model_from_bytes,
     reward_model_to_bytes,
     trajectory_reward,
 )
-from backend.learning.reward_weights import fit_weights
-from backend.learning.shipped import load_queries
+from backend.learning.rewards.reward_weights import fit_weights
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 

@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from backend.learning.conditioned import settings
-from backend.learning.evaluate import evaluate_policy
-from backend.learning.movement import Course, Drives, Movement, best_possible, drives_of, movement_of
+from backend.learning.policies.conditioned import settings
+from backend.learning.policies.evaluate import evaluate_policy
+from backend.learning.policies.movement import Course, Drives, Movement, best_possible, drives_of, movement_of
+from backend.learning.policies.shipped import load_conditioned, load_policy
+from backend.learning.preferences.vocabulary import MEASURES, NAMES, OBJECTIVES
 from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.shipped import load_conditioned, load_policy
-from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Person, Pose, Scene
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError

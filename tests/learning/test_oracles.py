@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.oracles import HELD_OUT, TASTES, TUNING, make_oracle
-from backend.learning.queries import Query, QuerySet
-from backend.learning.spans import beginning
-from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES, measures
+from backend.learning.preferences.oracles import HELD_OUT, TASTES, TUNING, make_oracle
+from backend.learning.preferences.spans import beginning
+from backend.learning.preferences.vocabulary import MEASURES, NAMES, OBJECTIVES, measures
+from backend.learning.queries.queries import Query, QuerySet
 
 
 @pytest.fixture(scope="module")

@@ -16,14 +16,14 @@ import pytest
 from numpy.typing import NDArray
 from stable_baselines3 import TD3
 
-from backend.learning.base import BaseResult
-from backend.learning.ensemble import agent_of
-from backend.learning.export import policy_to_onnx, policy_to_sb3_zip
-from backend.learning.policy import Policy, PolicyError
-from backend.learning.sb3 import policy_of_sb3
-from backend.learning.shape import THESIS_HEADS, NetworkShape
-from backend.learning.shipped import load_policy
-from backend.learning.td3 import Td3Config
+from backend.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
+from backend.learning.policies.policy import Policy, PolicyError
+from backend.learning.policies.sb3 import policy_of_sb3
+from backend.learning.policies.shape import THESIS_HEADS, NetworkShape
+from backend.learning.policies.shipped import load_policy
+from backend.learning.td3.base import BaseResult
+from backend.learning.td3.ensemble import agent_of
+from backend.learning.td3.td3 import Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError, get_setup

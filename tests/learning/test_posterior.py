@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
-from backend.learning.preferences import Preference
-from backend.learning.reward_model import (
+from backend.learning.preferences.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
+from backend.learning.preferences.preferences import Preference
+from backend.learning.preferences.spans import SPANS_S
+from backend.learning.preferences.vocabulary import MEASURES, NAMES, OBJECTIVES, OPPOSITES, typical_differences
+from backend.learning.rewards.reward_model import (
     accuracy,
     log_odds,
     reward_model_from_bytes,
     reward_model_to_bytes,
     trajectory_reward,
 )
-from backend.learning.reward_weights import WeightsRewardModel, fit_weights
-from backend.learning.spans import SPANS_S
-from backend.learning.vocabulary import MEASURES, NAMES, OBJECTIVES, OPPOSITES, typical_differences
+from backend.learning.rewards.reward_weights import WeightsRewardModel, fit_weights
 
 QUICK = PosteriorConfig(particles=4_000)
 

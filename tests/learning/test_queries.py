@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.preferences import Preference
-from backend.learning.queries import (
+from backend.learning.policies.shipped import load_ensemble, load_policy
+from backend.learning.preferences.preferences import Preference
+from backend.learning.queries.queries import (
     QueryConfig,
     QuerySet,
     flaw,
@@ -19,7 +20,6 @@ from backend.learning.queries import (
     path_gap_m,
     segment_queries,
 )
-from backend.learning.shipped import load_ensemble, load_policy
 from backend.simulation.scenes import check_scene
 from backend.simulation.setups import SetupError
 from backend.simulation.trajectory import Outcome, Trajectory

@@ -5,10 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.conditioned import ConditionedPolicy
-from backend.learning.errors import LearningError
-from backend.learning.movement import Drives
-from backend.learning.refine import (
+from backend.learning.alignment.refine import (
     AIM,
     CROSSING_COST,
     FAILURE_COST,
@@ -21,8 +18,11 @@ from backend.learning.refine import (
     refine,
     told_by_place,
 )
-from backend.learning.shipped import load_conditioned, load_policy
-from backend.learning.vocabulary import MEASURES, SIZE, preference_weights, typical_differences
+from backend.learning.errors import LearningError
+from backend.learning.policies.conditioned import ConditionedPolicy
+from backend.learning.policies.movement import Drives
+from backend.learning.policies.shipped import load_conditioned, load_policy
+from backend.learning.preferences.vocabulary import MEASURES, SIZE, preference_weights, typical_differences
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.oracles import make_oracle
-from backend.learning.preferences import Preference
-from backend.learning.reward_interface import InterfaceConfig, InterfaceRewardModel, fit_interface
-from backend.learning.reward_model import accuracy, reward_model_from_bytes, reward_model_to_bytes
-from backend.learning.shipped import load_queries
+from backend.learning.policies.shipped import load_queries
+from backend.learning.preferences.oracles import make_oracle
+from backend.learning.preferences.preferences import Preference
+from backend.learning.rewards.reward_interface import InterfaceConfig, InterfaceRewardModel, fit_interface
+from backend.learning.rewards.reward_model import accuracy, reward_model_from_bytes, reward_model_to_bytes
 
 BRIEF = InterfaceConfig(epochs=60)
 

@@ -13,12 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backend.learning.errors import LearningError, TooFewAnswers
-from backend.learning.features import FEATURE_NAMES, obstacle_clearance_m, step_features
-from backend.learning.oracles import ORACLES, make_oracle, min_human_distance_m
-from backend.learning.preferences import Preference
-from backend.learning.queries import QuerySet
-from backend.learning.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.reward_model import (
+from backend.learning.preferences.features import FEATURE_NAMES, obstacle_clearance_m, step_features
+from backend.learning.preferences.oracles import ORACLES, make_oracle, min_human_distance_m
+from backend.learning.preferences.preferences import Preference
+from backend.learning.queries.queries import QuerySet
+from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.reward_model import (
     LinearConfig,
     LinearRewardModel,
     RewardModel,

@@ -9,16 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.learning.artefacts import Card, card_path, file_sha256
-from backend.learning.conditioned import ConditionedPolicy
-from backend.learning.conditioned_training import CONFIGS
+from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.errors import LearningError
-from backend.learning.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
-from backend.learning.movement import movement_of
-from backend.learning.policy import Policy
-from backend.learning.queries import QueryConfig, QuerySet, flaw, look_alike
-from backend.learning.scene_sets import Purpose, first_seed, scene_set
-from backend.learning.shipped import (
+from backend.learning.policies.conditioned import ConditionedPolicy
+from backend.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
+from backend.learning.policies.movement import movement_of
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import (
     DATASETS,
     load_card,
     load_ensemble,
@@ -28,7 +25,10 @@ from backend.learning.shipped import (
     resolve,
     shipped_names,
 )
-from backend.learning.vocabulary import NAMES
+from backend.learning.preferences.vocabulary import NAMES
+from backend.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
+from backend.learning.scene_sets import Purpose, first_seed, scene_set
+from backend.learning.td3.conditioned_training import CONFIGS
 from backend.simulation.scenes import check_scene, draw_scene
 
 EXPECTED = {
@@ -54,7 +54,9 @@ def test_file_and_card_agree_and_the_card_is_complete(name: str) -> None:
     assert artefact.setup == card.setup == name.split("/")[0]
     assert card.name == name
     assert card.sha256 == file_sha256(resolve(name))
-    assert card.command.startswith("python -m backend.learning.ship ")
+    assert card.command.startswith(
+        ("python -m backend.experiments.ship ", "python -m backend.learning.ship ")
+    )  # its room before
     assert card.command.endswith(f"--seed {card.seed}")
     assert len(card.commit.removesuffix("-dirty")) == 40
     assert card.config
@@ -158,7 +160,7 @@ def test_a_changed_file_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     folder.mkdir()
     for path in (DATASETS / "open_field/base.npz", DATASETS / "open_field/base.card.json"):
         (folder / path.name).write_bytes(path.read_bytes())
-    monkeypatch.setattr("backend.learning.shipped.DATASETS", tmp_path)
+    monkeypatch.setattr("backend.learning.policies.shipped.DATASETS", tmp_path)
     assert load_shipped("open_field/base")
     (folder / "base.npz").write_bytes(load_policy("open_field/base").without_critic().to_bytes())
     with pytest.raises(LearningError, match="disagree"):

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from backend.analysis.repeated import friedman
+from backend.experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
+from backend.experiments.cohorts.null_ratings import friedman_p, null_family
 from backend.report.cohorts import (
     CONDITIONS,
     ITEMS,
@@ -20,8 +22,6 @@ from backend.report.cohorts import (
     read_cohort,
 )
 from backend.report.findings import Findings
-from backend.report.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
-from backend.report.null_ratings import friedman_p, null_family
 from backend.report.plan import AnalysisPlan
 from backend.report.power import COMPARISONS, Assumed, Design, analysed, enough, null_cohorts, power
 

@@ -14,7 +14,7 @@ import yaml
 from backend.analysis.choices import is_circular
 from backend.analysis.metrics import measure
 from backend.analysis.scales import SCALES
-from backend.learning.shipped import load_queries
+from backend.learning.policies.shipped import load_queries
 from backend.report.data import Choice, Comparison, ItemText, Person, Rating, StudyData
 from backend.report.findings import NothingToReport, analyse
 from backend.report.plan import AnalysisPlan, declared_plan, deviations, read_plan

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from backend.learning.evaluate import evaluate_policy
-from backend.learning.shipped import load_policy
+from backend.learning.policies.evaluate import evaluate_policy
+from backend.learning.policies.shipped import load_policy
 from backend.report.policies import BASE, MEANS, PERCENT, PolicyRow, policies_section
 
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from backend.reproduction.demonstrations import BUDGETS, OURS, VARIANTS, config_of, make_plan
-from backend.reproduction.demonstrations_results import BARS
-from backend.reproduction.demonstrations_run import reproduce_demonstrations
+from backend.experiments.reproduction.demonstrations import BUDGETS, OURS, VARIANTS, config_of, make_plan
+from backend.experiments.reproduction.demonstrations_results import BARS
+from backend.experiments.reproduction.demonstrations_run import reproduce_demonstrations
 
 TINY = replace(
     BUDGETS["small"],

@@ -11,12 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.reproduction import thesis
-from backend.reproduction.enquery import SMALL, Budget, Speed, make_plan
-from backend.reproduction.enquery_figures import accuracy_picture, sweep_picture, table_picture
-from backend.reproduction.enquery_results import Results, crossing, nearest_cell, results_of, table_of_recipe
-from backend.reproduction.enquery_run import reproduce_enquery
-from backend.reproduction.pieces import Made, Work
+from backend.experiments.reproduction import thesis
+from backend.experiments.reproduction.enquery import SMALL, Budget, Speed, make_plan
+from backend.experiments.reproduction.enquery_figures import accuracy_picture, sweep_picture, table_picture
+from backend.experiments.reproduction.enquery_results import (
+    Results,
+    crossing,
+    nearest_cell,
+    results_of,
+    table_of_recipe,
+)
+from backend.experiments.reproduction.enquery_run import reproduce_enquery
+from backend.experiments.reproduction.pieces import Made, Work
 from backend.simulation.trajectory import Outcome
 
 TINY = replace(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.reproduction.pieces import Made, Piece, Work, finish
+from backend.experiments.reproduction.pieces import Made, Piece, Work, finish
 
 
 def number(params: dict[str, Any], needs: Sequence[Made]) -> Made:

@@ -9,8 +9,8 @@ import pytest
 from shapely import LineString, Point, Polygon
 from shapely.ops import nearest_points
 
-from backend.learning.features import step_features
-from backend.learning.mirroring import mirror_of
+from backend.learning.policies.mirroring import mirror_of
+from backend.learning.preferences.features import step_features
 from backend.simulation.environments import NavigationEnv, observation_space
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Scene

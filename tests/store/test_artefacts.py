@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select, update
 
-from backend.learning.queries import Query, QuerySet
+from backend.learning.queries.queries import Query, QuerySet
 from backend.simulation.setups import SetupError
 from backend.store.artefacts import (
     ArtefactError,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from backend.learning.queries import Query, QuerySet
+from backend.learning.queries.queries import Query, QuerySet
 from backend.store.artefacts import ArtefactError, load_artefact, save_trajectory
 from backend.store.database import COMPACT_PENDING, Database
 from backend.store.erasure import ErasureError, erase_participant

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from backend.study.protocol import FrozenProtocol, freeze_text
+from backend.study.protocol.freezing import FrozenProtocol, freeze_text
 
 QUESTIONNAIRES = {
     "about": [

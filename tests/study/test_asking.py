@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import select
 
 from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
-from backend.study import asking
-from backend.study.protocol import ProtocolError, freeze_text
+from backend.study.protocol.freezing import ProtocolError, freeze_text
+from backend.study.session import asking
 from backend.study.studies import create_study
 from tests.study.walking import QUICK, VALUES, Walker
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import select
 
 from backend.store.models import Response, Session, Trial
-from backend.study.in_process import walk_in_process
+from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.study.small_protocol import VIEWS, small_protocol
 

@@ -22,11 +22,11 @@ from backend.store.export import export_study
 from backend.store.importing import import_dataset
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
 from backend.store.strokes import StrokeError, demonstrations_of, read_demonstrations, take_demonstrations
-from backend.study import drawing, drawn_paths, machine, walks
-from backend.study.in_process import walk_in_process
-from backend.study.protocol import freeze_text
-from backend.study.refusals import Refused
-from backend.study.sessions import acting
+from backend.study.protocol.freezing import freeze_text
+from backend.study.session import drawn_paths, machine, participant_walks, strokes_drawn
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
+from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.study.walking import Walker
 
@@ -83,9 +83,9 @@ def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -
     walker.requests += 1
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
         step = machine.step_of(session)
-        attempt = drawing.attempt_of(step, given, simulated=session.simulated)
+        attempt = strokes_drawn.attempt_of(step, given, simulated=session.simulated)
         name = request_id or f"{session.id}-stroke-{walker.requests}"
-        row = drawing.add_stroke(
+        row = strokes_drawn.add_stroke(
             s, walker.files, session, step, attempt, request_id=name, client_time=None, now=walker.now
         )
         s.flush()
@@ -101,8 +101,10 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
         if walk is not None:
             stroke = drawn_paths.latest_stroke(s, session.id, step["key"])
             scene = drawn_paths.scene_of(step)
-            walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
-        return drawing.driven(s, walker.files, session, step, playback, walked, now=walker.now)
+            walked = participant_walks.walked_beside(
+                step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False
+            )
+        return strokes_drawn.driven(s, walker.files, session, step, playback, walked, now=walker.now)
 
 
 def strokes(walker: Walker) -> list[StrokeRow]:
@@ -187,9 +189,9 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is True
     assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is False
     assert walker.view.trial["phase"] == "ready"
-    act(walker, drawing.drive, now=walker.now)
+    act(walker, strokes_drawn.drive, now=walker.now)
     assert walker.view.trial["playback_id"]
-    act(walker, drawing.redraw)
+    act(walker, strokes_drawn.redraw)
     assert walker.view.trial["phase"] == "drawing"
     assert refusal(lambda: walker.submit(walker.view.key, {"stroke": first.id})) == "nothing_drawn"
     assert draw(walker, path(0.75)).attempt == 2
@@ -199,7 +201,7 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     walker.do(machine.pause, now=walker.now)
     walker.do(machine.resume, now=walker.now)
     walker.later(1.0)
-    act(walker, drawing.drive, now=walker.now)
+    act(walker, strokes_drawn.drive, now=walker.now)
     walker.later(shown["duration_s"] + 1)
     told = refusal(lambda: driven(walker, shown["playback_id"]))
     assert told == "other_playback"
@@ -254,7 +256,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     assert np.abs(where[:, :2] - np.array(walk["poses"])[:, :2]).max() < 0.05
     assert load_trajectory(files, row.trajectory).scene.walk == made.drawn_in.walk == made.scene.walk
     # Watched from outside, then walked once more: the walk before stays stored.
-    act(walker, drawing.drive, now=walker.now)
+    act(walker, strokes_drawn.drive, now=walker.now)
     assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", False)
     with database.session() as s:
         assert (
@@ -263,7 +265,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
         )
     walker.later(state["duration_s"] + 0.1)
     driven(walker, walker.view.trial["playback_id"])
-    act(walker, drawing.walk_again, request_id="again", now=walker.now)
+    act(walker, strokes_drawn.walk_again, request_id="again", now=walker.now)
     assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", True)
     # Into the robot's way: told kindly, with the place and the second, and both stay stored.
     robot = load_trajectory(files, drawn.trajectory)
@@ -276,7 +278,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     assert np.hypot(told.problem["at"][0] - at[0], told.problem["at"][1] - at[1]) < 1.0
     assert (walker.view.trial["phase"], walker.view.trial["met"]) == ("drawing", True)
     assert told.walk["beside"] == drawn.trajectory
-    act(walker, drawing.walk_again, request_id="and-again", now=walker.now)
+    act(walker, strokes_drawn.walk_again, request_id="and-again", now=walker.now)
     assert refusal(lambda: walker.submit(walker.view.key, {"stroke": strokes(walker)[-1].id})) == "too_early"
     walker.later(state["duration_s"] + 3.0)
     driven(walker, walker.view.trial["playback_id"], walk)
@@ -291,7 +293,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
 
 def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: ArtefactStore):
     walker = who_walks(database, files, "recorded")
-    offered = walks.offered(_step(walker))
+    offered = participant_walks.offered(_step(walker))
     assert [walk["source"] for walk in offered] == ["planned"] * 3
     assert refusal(lambda: draw(walker, path(0.7))) == "bad_value"
     assert refusal(lambda: draw(walker, path(0.7, walk=3))) == "bad_value"
@@ -302,8 +304,11 @@ def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: Ar
         outcomes[bend, choice] = row.state
         if row.state == "drawn":
             demonstration = Demonstration.from_bytes(files.get(row.demonstration))
-            assert demonstration.scene.walk == walks.scene_with(drawn_paths.scene_of(_step(walker)), row.walk).walk
-            act(walker, drawing.redraw)
+            assert (
+                demonstration.scene.walk
+                == participant_walks.scene_with(drawn_paths.scene_of(_step(walker)), row.walk).walk
+            )
+            act(walker, strokes_drawn.redraw)
         else:
             assert (row.problem["thing"], row.problem["after_s"] > 0) == ("person", True)
     assert "drawn" in outcomes.values()

@@ -14,14 +14,14 @@ from sqlalchemy import select
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
-from backend.study import drawing, drawn_paths, machine
-from backend.study.counterbalancing import design_of
-from backend.study.joining import join_study
-from backend.study.links import next_token
-from backend.study.planning import make_plan
-from backend.study.protocol import freeze_text
-from backend.study.refusals import Refused
-from backend.study.sessions import acting
+from backend.study.plan.counterbalancing import design_of
+from backend.study.plan.planning import make_plan
+from backend.study.protocol.freezing import freeze_text
+from backend.study.session import drawn_paths, machine, strokes_drawn
+from backend.study.session.joining import join_study
+from backend.study.session.links import next_token
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
 from backend.study.studies import create_study
 from tests.study.walking import DEMOGRAPHICS, Walker
 
@@ -70,14 +70,14 @@ def keep_a_path(walker: Walker) -> None:
             "speeds": [0.25] * 81,
             "times_s": along,
         }
-        attempt = drawing.attempt_of(step, given, simulated=False)
-        drawing.add_stroke(
+        attempt = strokes_drawn.attempt_of(step, given, simulated=False)
+        strokes_drawn.add_stroke(
             s, walker.files, session, step, attempt, request_id=f"for {key}", client_time=None, now=walker.now
         )
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        drawing.driven(s, walker.files, session, machine.step_of(session), state["playback_id"], now=walker.now)
+        strokes_drawn.driven(s, walker.files, session, machine.step_of(session), state["playback_id"], now=walker.now)
     walker.submit(key, {"stroke": state["stroke"]})
 
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.study.planning import PlanError, make_plan, session_seed
-from backend.study.protocol import PROTOCOLS, freeze_text
+from backend.study.plan.planning import PlanError, make_plan, session_seed
+from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 
 TEXT = (PROTOCOLS / "quick_preference_study.yaml").read_text().replace("choose: information", "choose: random")
 QUICK = freeze_text(TEXT).protocol

@@ -11,10 +11,7 @@ import pytest
 import yaml
 
 from backend.analysis.scales import SCALES
-from backend.study.devices import device_problems, fitted
-from backend.study.outline import describe_stages, expected_minutes
-from backend.study.pages import payload_of
-from backend.study.protocol import (
+from backend.study.protocol.freezing import (
     PROTOCOLS,
     ProtocolError,
     freeze,
@@ -22,10 +19,13 @@ from backend.study.protocol import (
     shipped_protocols,
     validate_protocol_file,
 )
-from backend.study.refusals import Refused
-from backend.study.schema import DeviceGate, json_schema
-from backend.study.schema_questionnaires import Questionnaire
-from backend.study.schema_stages import StageEntry
+from backend.study.protocol.outline import describe_stages, expected_minutes
+from backend.study.protocol.questionnaires import Questionnaire
+from backend.study.protocol.schema import DeviceGate, json_schema
+from backend.study.protocol.stages import StageEntry
+from backend.study.session.devices import device_problems, fitted
+from backend.study.session.pages import payload_of
+from backend.study.session.refusals import Refused
 from backend.study.words import STAGE_KINDS
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
 

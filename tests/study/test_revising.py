@@ -12,10 +12,10 @@ from backend.store.database import Database
 from backend.store.export import export_study
 from backend.store.importing import import_dataset
 from backend.store.models import Session, Study
-from backend.study.protocol import freeze_text
-from backend.study.revising import differences, revise_study, versions_of
+from backend.study.protocol.freezing import freeze_text
+from backend.study.protocol.revising import differences, revise_study, versions_of
+from backend.study.session.versions import newest_protocol, protocol_of
 from backend.study.studies import StudyError, create_study
-from backend.study.versions import newest_protocol, protocol_of
 from tests.study.small_protocol import BLOCK, CROSSED, protocol_text, small_protocol
 from tests.study.walking import Walker
 

@@ -13,7 +13,7 @@ const BARS = 160;
 const SMOOTH_FROM = 15; // pictures per second: below, nobody would call it smooth
 
 /**
- * What the study's protocol asks of a device, null where it asks nothing (backend/study/schema.py, DeviceGate).
+ * What the study's protocol asks of a device, null where it asks nothing (backend/study/protocol/schema.py, DeviceGate).
  * @typedef {{webgl: boolean, min_width: number | null, min_height: number | null, pointers: string[],
  *   min_frame_rate: number | null, light_below: number | null}} Gate
  */

@@ -1,0 +1,1 @@
+"""The analysts' pages: jobs, snapshots, policies, comparisons, flow fields, drawn paths."""

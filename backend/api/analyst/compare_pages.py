@@ -1,0 +1,283 @@
+"""The analysts' page that compares two policies: numbers with intervals, paired differences, drives side by side.
+
+Measuring is the job `compare`; here its evaluation is shown. The 3D replay goes through `replay_stages.py`.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from fastapi import APIRouter, Depends, Request
+from markupsafe import Markup
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
+
+from backend.api.analyst.artefact_pages import is_comparison
+from backend.api.analyst.job_forms import form_fields
+from backend.api.analyst.job_pages import csv_response
+from backend.api.core import svg_figures
+from backend.api.core.auth import checked_csrf
+from backend.api.core.dependencies import Db, Files, house
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.stage.replay_stages import Replay, replays
+from backend.jobs.kinds import KINDS
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
+from backend.store.models import Artefact, Job
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+
+RATES = ("success_rate", "collision_rate", "timeout_rate")
+MEASURES = {  # name in results -> digits that are shown
+    "min_human_distance_m": 2,
+    "path_length_m": 2,
+    "time_s": 2,
+    "mean_speed_m_s": 3,
+    "accumulated_angle_rad": 2,
+    "path_area_m2": 2,
+    "min_obstacle_distance_m": 2,
+    "self_intersections": 3,
+}
+SUCCESS = 1  # Outcome.SUCCESS in the stored columns
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number of the table: both policies with [low, high], the difference and ratio where they are known."""
+
+    name: str
+    rate: bool
+    digits: int
+    a: tuple[float, float, float]
+    b: tuple[float, float, float]
+    difference: tuple[float, float, float] | None
+    ratio: tuple[float, float, float] | None
+
+    @property
+    def apart(self) -> bool:
+        """Whether the interval of the difference leaves out zero."""
+        return self.difference is not None and not self.difference[1] <= 0 <= self.difference[2]
+
+
+@router.get("/lab/compare")
+def compare(request: Request, database: Db, policy_a: str = "", policy_b: str = "") -> Response:
+    """Choose two policies, and the comparisons there are."""
+    given = {name: value for name, value in (("policy_a", policy_a), ("policy_b", policy_b)) if value}
+    with database.session() as s:
+        evaluations = s.scalars(
+            select(Artefact).where(Artefact.kind == "evaluation").order_by(Artefact.created_at.desc())
+        )
+        return lab_page(
+            request,
+            "analyst/compare_new.html",
+            fields=form_fields(s, KINDS["compare"], given),
+            comparisons=[one for one in evaluations if is_comparison(one)],
+        )
+
+
+@router.get("/lab/compare/{artefact_id}")
+def comparison(
+    request: Request,
+    artefact_id: str,
+    database: Db,
+    files: Files,
+    measure: str = "min_human_distance_m",
+    scene: int = 0,
+    stage: bool = False,
+) -> Response:
+    """The table, the histogram of one measure, and the drives of both policies in one scene."""
+    with database.session() as s:
+        artefact, content = _comparison(s, files, artefact_id)
+        job = s.get(Job, artefact.job_id) if artefact.job_id else None
+        sides = [s.get(Artefact, one["id"]) for one in content["policies"]]
+        tree = lineage(s, artefact.id)
+    measure = _measure(measure)
+    shown = content["replays"]
+    scene = min(max(0, scene), max(0, len(shown) - 1))
+    pair: list[Trajectory] = []
+    plan = replay = None
+    names = [f"{letter}: {one['name']}" for letter, one in zip("AB", content["policies"], strict=True)]
+    if shown:
+        pair = [load_trajectory(files, one) for one in shown[scene]["trajectories"]]
+        title = _t(request)("analyst.compare.plan", scene=str(shown[scene]["scene_seed"]))
+        plan = Markup(svg_figures.drives(pair[0].scene, pair, names=names, title=title))  # noqa: S704
+        if stage:
+            replay = replays(house(request)).grant(Replay(tuple(pair), tuple(names)))
+    return lab_page(
+        request,
+        "analyst/comparison.html",
+        artefact=artefact,
+        content=content,
+        job=job,
+        sides=sides,
+        rows=_rows(content),
+        measure=measure,
+        measures=MEASURES,
+        histogram=Markup(_histogram(request, content, measure)),  # noqa: S704 - made by us, texts escaped
+        scene=scene,
+        shown=shown,
+        pair=pair,
+        plan=plan,
+        replay=replay,
+        answers=len(tree.all_answers()),
+    )
+
+
+@router.get("/lab/compare/{artefact_id}/table.csv")
+def table_csv(artefact_id: str, database: Db, files: Files) -> Response:
+    with database.session() as s:
+        _, content = _comparison(s, files, artefact_id)
+    header = ["number"] + [
+        f"{what}{end}" for what in ("a", "b", "difference", "ratio") for end in ("", "_low", "_high")
+    ]
+    nothing = ("", "", "")
+    rows = [[r.name, *r.a, *r.b, *(r.difference or nothing), *(r.ratio or nothing)] for r in _rows(content)]
+    return csv_response(header, rows, "comparison.csv")
+
+
+@router.get("/lab/compare/{artefact_id}/scenes.csv")
+def scenes_csv(artefact_id: str, database: Db, files: Files) -> Response:
+    """Every scene with what both policies did in it: what all numbers and figures of the comparison are made from."""
+    with database.session() as s:
+        _, content = _comparison(s, files, artefact_id)
+    columns: dict[str, list[Any]] = {"scene_seed": content["scenes"]["scene_seed"]}
+    for letter, per_policy in zip("ab", content["scenes"]["policies"], strict=True):
+        columns |= {f"{name}_{letter}": values for name, values in per_policy.items()}
+    return csv_response(list(columns), zip(*columns.values(), strict=True), "scenes.csv")
+
+
+@router.get("/lab/compare/{artefact_id}/difference-{measure}.svg")
+def difference_svg(request: Request, artefact_id: str, measure: str, database: Db, files: Files) -> Response:
+    with database.session() as s:
+        _, content = _comparison(s, files, artefact_id)
+    return Response(_histogram(request, content, _measure(measure)), media_type="image/svg+xml")
+
+
+@router.get("/lab/compare/{artefact_id}/difference-{measure}.csv")
+def difference_csv(artefact_id: str, measure: str, database: Db, files: Files) -> Response:
+    measure = _measure(measure)
+    with database.session() as s:
+        _, content = _comparison(s, files, artefact_id)
+    seeds, a, b = _paired(content, measure)
+    rows = zip(seeds.tolist(), a.tolist(), b.tolist(), (b - a).tolist(), strict=True)
+    return csv_response(["scene_seed", "a", "b", "difference"], rows, f"difference_{measure}.csv")
+
+
+@router.get("/lab/compare/{artefact_id}/scene-{scene}.svg")
+def scene_svg(request: Request, artefact_id: str, scene: int, database: Db, files: Files) -> Response:
+    pair, names, seed = _drives(artefact_id, scene, database, files)
+    title = _t(request)("analyst.compare.plan", scene=str(seed))
+    return Response(svg_figures.drives(pair[0].scene, pair, names=names, title=title), media_type="image/svg+xml")
+
+
+@router.get("/lab/compare/{artefact_id}/scene-{scene}.csv")
+def scene_csv(artefact_id: str, scene: int, database: Db, files: Files) -> Response:
+    """Both drives' poses: time (s), x, y (m), heading (rad)."""
+    pair, _, _ = _drives(artefact_id, scene, database, files)
+    rows = [
+        [letter, f"{time:.1f}", *(f"{value:.4f}" for value in pose)]
+        for letter, drive in zip("AB", pair, strict=True)
+        for time, pose in zip(drive.times, drive.poses, strict=True)
+    ]
+    return csv_response(["policy", "time_s", "x_m", "y_m", "yaw_rad"], rows, f"scene_{scene}.csv")
+
+
+def _drives(artefact_id: str, scene: int, database: Db, files: Files) -> tuple[list[Trajectory], list[str], int]:
+    with database.session() as s:
+        _, content = _comparison(s, files, artefact_id)
+    if not 0 <= scene < len(content["replays"]):
+        raise LabRefusal(404, "no_figure")
+    shown = content["replays"][scene]
+    pair = [load_trajectory(files, one) for one in shown["trajectories"]]
+    names = [f"{letter}: {one['name']}" for letter, one in zip("AB", content["policies"], strict=True)]
+    return pair, names, shown["scene_seed"]
+
+
+def _comparison(s: DatabaseSession, files: ArtefactStore, artefact_id: str) -> tuple[Artefact, dict[str, Any]]:
+    artefact = s.get(Artefact, artefact_id)
+    if artefact is None or not is_comparison(artefact):
+        raise LabRefusal(404, "no_artefact")
+    if artefact.quarantined_at is not None:
+        raise LabRefusal(410, "quarantined")
+    content: dict[str, Any] = json.loads(files.get(artefact.id))
+    return artefact, content
+
+
+def _measure(name: str) -> str:
+    if name not in MEASURES:
+        raise LabRefusal(404, "no_figure")
+    return name
+
+
+def _rows(content: dict[str, Any]) -> list[Row]:
+    measured = [one["measured"] for one in content["policies"]]
+    compared = content["compared"]
+
+    def of(side: dict[str, Any], name: str) -> tuple[float, float, float]:
+        low, high = side["intervals"][name]
+        return side[name], low, high
+
+    def bounds(estimate: dict[str, float] | None) -> tuple[float, float, float] | None:
+        return (estimate["value"], estimate["low"], estimate["high"]) if estimate else None
+
+    rows = [
+        Row(
+            name,
+            True,
+            1,
+            of(measured[0], name),
+            of(measured[1], name),
+            bounds(compared["success_difference"]) if name == "success_rate" else None,
+            None,
+        )
+        for name in RATES
+    ]
+    for name, digits in MEASURES.items():
+        paired = compared["paired"][name] if compared["both_succeed"] else {}
+        rows.append(
+            Row(
+                name,
+                False,
+                digits,
+                of(measured[0], name),
+                of(measured[1], name),
+                bounds(paired.get("difference")),
+                bounds(paired.get("ratio")),
+            )
+        )
+    return rows
+
+
+def _paired(content: dict[str, Any], measure: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Scene seeds and the measure of A and of B, of the scenes in which both succeed."""
+    a, b = content["scenes"]["policies"]
+    both = (np.asarray(a["outcome"]) == SUCCESS) & (np.asarray(b["outcome"]) == SUCCESS)
+    return np.asarray(content["scenes"]["scene_seed"])[both], np.asarray(a[measure])[both], np.asarray(b[measure])[both]
+
+
+def _histogram(request: Request, content: dict[str, Any], measure: str) -> str:
+    t = _t(request)
+    seeds, a, b = _paired(content, measure)
+    name = t(f"analyst.metrics.{measure}")
+    if not len(seeds):
+        mean = (0.0, 0.0, 0.0)
+    else:
+        estimate = content["compared"]["paired"][measure]["difference"]
+        mean = (estimate["value"], estimate["low"], estimate["high"])
+    return svg_figures.differences(
+        b - a,
+        mean=mean,
+        title=t("analyst.compare.histogram", measure=name),
+        x_label=t("analyst.compare.histogram_x", measure=name),
+        y_label=t("analyst.compare.histogram_y"),
+        number=svg_figures.exact(t.number),
+    )
+
+
+def _t(request: Request) -> Any:
+    return house(request).texts.get(lab_language(request))

@@ -1,0 +1,380 @@
+"""The analysts' pages about jobs: list, launch forms, one job with its curves and log; cancel, retry, run again.
+
+What a kind of job may be asked stands in `backend/jobs/kinds.py`; the forms are made from that in `job_forms.py`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Request
+from markupsafe import Markup
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.datastructures import FormData
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+
+from backend.api.analyst.job_forms import form_fields, typed_values
+from backend.api.core import svg_figures
+from backend.api.core.auditing import audit_details
+from backend.api.core.auth import CheckedCsrf, checked_csrf
+from backend.api.core.dependencies import Db, TheHouse, house
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.lab.study_rows import found_page
+from backend.jobs.kept_artefacts import command_of, find_artefact
+from backend.jobs.kinds import KINDS, JobParamsError, Kind, Params, get_kind
+from backend.jobs.process import FINAL_STATES, read_log
+from backend.store.artefacts import ArtefactError
+from backend.store.models import Artefact, Job, JobMetric, Study, utc_now
+from backend.store.outbox import cancel_job, enqueue_job
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+
+ROWS_PER_PAGE = 50
+LOG_TAIL_BYTES = 6_000
+MADE_KEYS = ("policy", "policies", "reward_model", "evaluation", "query_set")  # of a job's result
+
+
+@dataclass(frozen=True)
+class JobLine:
+    """One job as lists show it."""
+
+    job: Job
+    study: Study | None
+    seconds: float | None
+
+    @property
+    def unfinished(self) -> bool:
+        return self.job.state not in FINAL_STATES
+
+
+@dataclass(frozen=True)
+class Param:
+    """One parameter of a job, for reading. `artefact` where it names one, `changed` where it is not the default."""
+
+    name: str
+    value: Any
+    source: str
+    changed: bool
+    artefacts: tuple[Artefact, ...]
+
+
+@router.get("/lab/jobs")
+def jobs(request: Request, database: Db, state: str = "", kind: str = "", study: str = "", page: int = 1) -> Response:
+    where = {name: value for name, value in (("state", state), ("kind", kind), ("study", study)) if value}
+    chosen = select(Job)
+    for name, value in where.items():
+        column = {"state": Job.state, "kind": Job.kind, "study": Job.study_id}[name]
+        chosen = chosen.where(column == value)
+    with database.session() as s:
+        listed = found_page(s, chosen.order_by(Job.created_at.desc()), page, ROWS_PER_PAGE)
+        lines = [_line(s, job) for (job,) in listed.rows]
+        used_kinds = sorted(s.scalars(select(Job.kind).distinct()))
+    template = "analyst/jobs_part.html" if request.headers.get("X-Fragment") else "analyst/jobs.html"
+    return lab_page(
+        request,
+        template,
+        lines=lines,
+        where=where,
+        total=listed.total,
+        page=listed.page,
+        pages=listed.pages,
+        used_kinds=used_kinds,
+    )
+
+
+@router.get("/lab/jobs/new")
+def choose_kind(request: Request) -> Response:
+    return lab_page(request, "analyst/job_kinds.html", kinds=list(KINDS.values()))
+
+
+@router.get("/lab/jobs/new/{kind_name}")
+def new_job(request: Request, kind_name: str, database: Db, again: str = "", study: str = "") -> Response:
+    """The launch form; `again` fills it from another job, other query parameters fill single fields."""
+    kind = _kind(kind_name)
+    values: dict[str, Any] = {name: v for name, v in request.query_params.items() if name in kind.params.model_fields}
+    with database.session() as s:
+        if again:
+            earlier = _job(s, again)
+            values = {**earlier.params, **values}
+            study = study or earlier.study_id or ""
+        return _form(request, s, kind, values, study=study, again=again)
+
+
+async def posted(request: Request) -> FormData:
+    """The fields of the form that was sent, for routes that work in a thread."""
+    return await request.form()
+
+
+@router.post("/lab/jobs/new/{kind_name}")
+def launch(
+    request: Request, kind_name: str, database: Db, user: CheckedCsrf, form: Annotated[FormData, Depends(posted)]
+) -> Response:
+    """Start a job; 422 with what is wrong at which field."""
+    kind = _kind(kind_name)
+    values = typed_values(kind, form)
+    study = str(form.get("study") or "")
+    with database.transaction() as s:
+        try:
+            params = kind.parse(values)
+            study_id = _check_artefacts(s, kind, params) or study or None
+        except JobParamsError as wrong:
+            return _form(request, s, kind, values, study=study, wrong=wrong, status=422)
+        job = enqueue_job(
+            s,
+            kind.name,
+            params.model_dump(mode="json", exclude_defaults=True),
+            study_id=study_id if study_id and s.get(Study, study_id) else None,
+            created_by=user.name,
+        )
+    audit_details(request, job_id=job.id)
+    return RedirectResponse(f"/lab/jobs/{job.id}", status_code=303)
+
+
+@router.get("/lab/jobs/{job_id}")
+def job_page(request: Request, job_id: str, database: Db) -> Response:
+    with database.session() as s:
+        job = _job(s, job_id)
+        return lab_page(request, "analyst/job.html", params=_params(s, job), **_live(request, s, job))
+
+
+@router.get("/lab/jobs/{job_id}/live")
+def job_live(request: Request, job_id: str, database: Db) -> Response:
+    """The part of a job's page that changes while it runs."""
+    with database.session() as s:
+        return lab_page(request, "analyst/job_live.html", **_live(request, s, _job(s, job_id)))
+
+
+@router.get("/api/lab/jobs/{job_id}")
+def job_state(job_id: str, database: Db) -> dict[str, Any]:
+    """The job as data, its curves included."""
+    with database.session() as s:
+        job = _job(s, job_id)
+        return {
+            "job": job.id,
+            "kind": job.kind,
+            "state": job.state,
+            "progress": job.progress,
+            "message": job.message,
+            "error": job.error,
+            "params": job.params,
+            "result": job.result,
+            "curves": {name: [list(point) for point in points] for name, points in _curves(s, job.id).items()},
+        }
+
+
+@router.post("/lab/jobs/{job_id}/cancel")
+def cancel(job_id: str, database: Db, user: CheckedCsrf) -> Response:
+    with database.transaction() as s:
+        _job(s, job_id)
+        try:
+            cancel_job(s, job_id, by=user.name)
+        except ValueError:
+            raise LabRefusal(409, "job_ended") from None
+    return RedirectResponse(f"/lab/jobs/{job_id}", status_code=303)
+
+
+@router.post("/lab/jobs/{job_id}/retry")
+def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Response:
+    """The same job once more, as a new one that names the old one. A session that waited for the old one goes on
+    without it, so the new one belongs to the study only."""
+    with database.transaction() as s:
+        old = _job(s, job_id)
+        if old.state not in FINAL_STATES:
+            raise LabRefusal(409, "job_not_ended")
+        new = enqueue_job(s, old.kind, old.params, study_id=old.study_id, created_by=user.name, retry_of=old.id)
+    audit_details(request, new_job=new.id)
+    return RedirectResponse(f"/lab/jobs/{new.id}", status_code=303)
+
+
+@router.get("/lab/jobs/{job_id}/log.txt")
+def log(job_id: str, database: Db, parts: TheHouse) -> Response:
+    with database.session() as s:
+        _job(s, job_id)
+    return PlainTextResponse(read_log(parts.settings, job_id, last_bytes=5_000_000))
+
+
+@router.get("/lab/jobs/{job_id}/curves/{name}.svg")
+def curve_svg(request: Request, job_id: str, name: str, database: Db) -> Response:
+    with database.session() as s:
+        points = _curve(s, job_id, name)
+    return Response(_draw(request, name, points), media_type="image/svg+xml")
+
+
+@router.get("/lab/jobs/{job_id}/curves/{name}.csv")
+def curve_csv(job_id: str, name: str, database: Db) -> Response:
+    with database.session() as s:
+        points = _curve(s, job_id, name)
+    return csv_response(["step", name], points, f"{name}.csv")
+
+
+def csv_response(header: list[str], rows: Any, filename: str) -> Response:
+    """A CSV file to keep."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return Response(
+        out.getvalue(), media_type="text/csv", headers={"Content-Disposition": f'attachment; filename="{filename}"'}
+    )
+
+
+def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
+    """What a job made, in the order its result names it; artefacts that were erased since are not among them."""
+    ids: list[str] = []
+    for key in MADE_KEYS:
+        named = (job.result or {}).get(key, [])
+        ids += named if isinstance(named, list) else [named]
+    return [found for found in (s.get(Artefact, one) for one in ids) if found is not None]
+
+
+def _kind(name: str) -> Kind:
+    try:
+        return get_kind(name)
+    except JobParamsError:
+        raise LabRefusal(404, "no_job_kind", name=name) from None
+
+
+def _job(s: DatabaseSession, job_id: str) -> Job:
+    job = s.get(Job, job_id)
+    if job is None:
+        raise LabRefusal(404, "no_job")
+    return job
+
+
+def _line(s: DatabaseSession, job: Job) -> JobLine:
+    end: datetime | None = job.finished_at or (utc_now() if job.state in ("running", "cancelling") else None)
+    seconds = (end - job.started_at).total_seconds() if job.started_at and end else None
+    return JobLine(job, s.get(Study, job.study_id) if job.study_id else None, seconds)
+
+
+def _form(
+    request: Request,
+    s: DatabaseSession,
+    kind: Kind,
+    values: Mapping[str, Any],
+    *,
+    study: str,
+    again: str = "",
+    wrong: JobParamsError | None = None,
+    status: int = 200,
+) -> Response:
+    fields = form_fields(s, kind, values, wrong)
+    known = {field.name for field in fields}
+    others = [p for p in wrong.problems if p["field"].split(".")[0] not in known] if wrong else []
+    return lab_page(
+        request,
+        "analyst/job_form.html",
+        status=status,
+        kind=kind,
+        fields=fields,
+        study=study,
+        again=again,
+        wrong=wrong,
+        others=others,
+    )
+
+
+def _check_artefacts(s: DatabaseSession, kind: Kind, params: Params) -> str | None:
+    """Refuse artefacts that are not there or do not belong together now, not minutes later in the log. Returns the
+    study that the answers come from, where there is one."""
+    problems: list[dict[str, Any]] = []
+    setups: dict[str, str] = {}
+    study: str | None = None
+    for name, info in kind.params.model_fields.items():
+        extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+        given = getattr(params, name)
+        if "artefact" not in extra or given is None:
+            continue
+        for one in given if isinstance(given, tuple) else (given,):
+            try:
+                artefact = find_artefact(s, one, str(extra["artefact"]))
+            except (ArtefactError, LookupError, ValueError) as problem:
+                problems.append(_problem(name, one, "other", str(problem)))
+                continue
+            setups.setdefault(artefact.setup, name)
+            study = study or artefact.study_id
+    if len(setups) > 1:
+        told = ", ".join(f"{name}: {setup}" for setup, name in setups.items())
+        problems.append(_problem(list(setups.values())[-1], "", "setups", told))
+    if problems:
+        raise JobParamsError(kind.name, problems)
+    return study
+
+
+def _problem(field: str, value: object, type_: str, message: str) -> dict[str, Any]:
+    return {"field": field, "value": value, "message": message, "type": type_, "limits": {}}
+
+
+def _params(s: DatabaseSession, job: Job) -> list[Param]:
+    if job.kind not in KINDS:
+        return [Param(name, value, "yours", True, ()) for name, value in job.params.items()]
+    shown = []
+    for name, info in KINDS[job.kind].params.model_fields.items():
+        extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+        default = None if info.is_required() else info.get_default()
+        value = job.params.get(name, default)
+        ids = value if isinstance(value, list | tuple) else [value]
+        artefacts = [s.get(Artefact, str(one)) for one in ids] if "artefact" in extra and value is not None else []
+        shown.append(
+            Param(
+                name,
+                value,
+                str(extra["source"]),
+                name in job.params and value != default,
+                tuple(one for one in artefacts if one is not None),
+            )
+        )
+    return shown
+
+
+def _command(job: Job) -> str | None:
+    try:
+        return command_of(job.kind, get_kind(job.kind).parse(job.params))
+    except JobParamsError:
+        return None
+
+
+def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
+    waiting_before = 0
+    if job.state == "queued":
+        earlier = select(func.count()).select_from(Job).where(Job.state == "queued", Job.created_at < job.created_at)
+        waiting_before = s.scalar(earlier) or 0
+    drawn = [(name, Markup(_draw(request, name, points))) for name, points in _curves(s, job.id).items()]  # noqa: S704
+    return {
+        "line": _line(s, job),
+        "job": job,
+        "made": made_by(s, job),
+        "curves": drawn,
+        "log": read_log(house(request).settings, job.id, last_bytes=LOG_TAIL_BYTES),
+        "waiting_before": waiting_before,
+        "known_kind": job.kind in KINDS,
+        "command": _command(job),
+    }
+
+
+def _curves(s: DatabaseSession, job_id: str) -> dict[str, list[tuple[int, float]]]:
+    """Every curve of a job that has at least two points, in order of first appearance."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    rows = select(JobMetric).where(JobMetric.job_id == job_id).order_by(JobMetric.id)
+    for metric in s.scalars(rows):
+        found.setdefault(metric.name, []).append((metric.step, metric.value))
+    return {name: points for name, points in found.items() if len({step for step, _ in points}) > 1}
+
+
+def _curve(s: DatabaseSession, job_id: str, name: str) -> list[tuple[int, float]]:
+    points = _curves(s, job_id).get(name)
+    if points is None:
+        raise LabRefusal(404, "no_figure")
+    return points
+
+
+def _draw(request: Request, name: str, points: list[tuple[int, float]]) -> str:
+    t = house(request).texts.get(lab_language(request))
+    title = t(f"analyst.metrics.{name}") if t.knows(f"analyst.metrics.{name}") else name
+    return svg_figures.curve(points, title=title, x_label=t("analyst.curves.step"), number=svg_figures.exact(t.number))

@@ -1,0 +1,159 @@
+"""What the page of a study's drawn paths shows: kept paths with their quality, learned controllers with their drives.
+
+People and simulated participants are never mixed. Renders and changes nothing; routes live in `demonstration_pages.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sqlalchemy import Select, func, select, tuple_
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.demonstrations.demonstration import Demonstration
+from backend.demonstrations.quality import Quality, qualities
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
+from backend.store.strokes import KEPT, read_demonstrations
+from backend.study.session.personalisation import PATHS_JOB
+
+Who = Literal["people", "simulated"]
+Placed = tuple[str, int]
+"""Environment and number of a situation."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One kept path."""
+
+    stroke: StrokeRow
+    person: Participant
+    demonstration: Demonstration
+    quality: Quality
+
+    @property
+    def counts(self) -> bool:
+        """Whether it is learned from."""
+        return self.stroke.left_out_at is None and self.person.excluded_at is None
+
+    @property
+    def place(self) -> Placed:
+        return self.stroke.environment, self.stroke.pair
+
+
+@dataclass(frozen=True)
+class Controller:
+    """A training from this study's paths, whatever became of it. people: codes; paths: how many it learned from."""
+
+    job: Job
+    environment: str
+    people: tuple[str, ...]
+    paths: int
+
+    @property
+    def judged(self) -> Mapping[str, float | None]:
+        """Its drives from the demonstrated starts against the demonstrations; nothing before it has succeeded."""
+        judged: Mapping[str, float | None] = (self.job.result or {}).get("judged", {})
+        return judged
+
+    def drives(self, files: ArtefactStore) -> dict[int, dict[str, Trajectory]]:
+        """Its drives: number of the situation -> demonstration (sha256) from whose start it drives -> drive."""
+        found: dict[int, dict[str, Trajectory]] = {}
+        for one in (self.job.result or {}).get("rollouts", []):
+            found.setdefault(one["pair"], {})[one["demonstration"]] = load_trajectory(files, one["trajectory"])
+        return found
+
+
+def places_of(s: DatabaseSession, study: Study, who: Who, person: Participant | None) -> dict[Placed, int]:
+    """Place -> how many kept paths of those who did not withdraw, of everybody or of one person; in order."""
+    counted = _kept(select(StrokeRow.environment, StrokeRow.pair, func.count()), study, who, person)
+    counted = counted.group_by(StrokeRow.environment, StrokeRow.pair).order_by(StrokeRow.environment, StrokeRow.pair)
+    return {(environment, pair): count for environment, pair, count in s.execute(counted)}
+
+
+def drawn_paths(
+    s: DatabaseSession,
+    files: ArtefactStore,
+    study: Study,
+    who: Who,
+    person: Participant | None,
+    places: Iterable[Placed],
+) -> list[Drawn]:
+    """The kept paths that `places_of` counts in some of the places, in their order; flags compare within one
+    participant and place. About 5 ms each.
+    """
+    asked = _kept(select(StrokeRow, Participant), study, who, person)
+    asked = asked.where(tuple_(StrokeRow.environment, StrokeRow.pair).in_(list(places)))
+    asked = asked.order_by(StrokeRow.environment, StrokeRow.pair, Participant.code, StrokeRow.created_at)
+    rows = [(stroke, whose) for stroke, whose in s.execute(asked)]
+    made = [Demonstration.from_bytes(files.get(stroke.demonstration or "")) for stroke, _ in rows]
+    groups = [(whose.id, stroke.environment, stroke.pair) for stroke, whose in rows]
+    return [
+        Drawn(stroke, whose, demonstration, quality)
+        for (stroke, whose), demonstration, quality in zip(rows, made, qualities(made, groups), strict=True)
+    ]
+
+
+def _kept(
+    asked: Select[*tuple[Any, ...]], study: Study, who: Who, person: Participant | None
+) -> Select[*tuple[Any, ...]]:
+    """The same about kept paths of those who did not withdraw, of everybody or of one person."""
+    found = (
+        asked.select_from(StrokeRow)
+        .join(Session, Session.id == StrokeRow.session_id)
+        .join(Participant, Participant.id == Session.participant_id)
+        .where(
+            Session.study_id == study.id,
+            StrokeRow.state == KEPT,
+            Participant.withdrawn_at.is_(None),
+            Participant.simulated.is_(who == "simulated"),
+        )
+    )
+    return found if person is None else found.where(Participant.id == person.id)
+
+
+def controllers_of(s: DatabaseSession, files: ArtefactStore, study: Study, who: Who) -> list[Controller]:
+    """Every training from the study's paths whose demonstrations may still be used, the newest first."""
+    asked = select(Job).where(Job.study_id == study.id, Job.kind == PATHS_JOB).order_by(Job.created_at.desc(), Job.id)
+    found = []
+    for job in s.scalars(asked):
+        snapshot = s.get(Artefact, job.params["snapshot"])
+        if snapshot is None or snapshot.quarantined_at is not None or snapshot.simulated != (who == "simulated"):
+            continue
+        environment, kept = read_demonstrations(files.get(snapshot.id))
+        people = tuple(sorted({one.participant for one in kept}))
+        found.append(Controller(job, environment, people, len(kept)))
+    return found
+
+
+def newest_of(controllers: Sequence[Controller], person: Participant | None) -> dict[str, Controller]:
+    """Environment -> the newest controller that was learned from one person's paths, or from several people's."""
+    found: dict[str, Controller] = {}
+    for one in controllers:
+        fits = one.people == (person.code,) if person is not None else len(one.people) > 1
+        if fits and one.job.state == "succeeded":
+            found.setdefault(one.environment, one)
+    return found
+
+
+def attempts_of(s: DatabaseSession, study: Study, who: Who) -> list[dict[str, Any]]:
+    """Per participant how many strokes were kept, taken back, refused."""
+    asked = (
+        select(Participant.code, StrokeRow.state)
+        .join(Session, Session.participant_id == Participant.id)
+        .join(StrokeRow, StrokeRow.session_id == Session.id)
+        .where(
+            Participant.study_id == study.id,
+            Participant.withdrawn_at.is_(None),
+            Participant.simulated.is_(who == "simulated"),
+        )
+        .order_by(Participant.code)
+    )
+    people: dict[str, dict[str, Any]] = {}
+    for code, state in s.execute(asked):
+        row = people.setdefault(code, {"code": code, KEPT: 0, "redone": 0, "refused": 0})
+        row[state] = row.get(state, 0) + 1
+    return list(people.values())

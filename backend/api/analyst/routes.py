@@ -1,0 +1,14 @@
+"""The analysts' pages under /lab: jobs, snapshots, policies, compare, flow field, drawn paths.
+
+The routes live in the modules named here.
+"""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+
+from backend.api.analyst import artefact_pages, compare_pages, demonstration_pages, flow_pages, job_pages
+
+router = APIRouter()
+for part in (job_pages, artefact_pages, compare_pages, flow_pages, demonstration_pages):
+    router.include_router(part.router)

@@ -1,0 +1,125 @@
+"""What stands before every route: the largest body, who may send one, security headers, the access log.
+
+Plain ASGI, because Starlette's function middleware costs two tasks and a stream per request. Routes live elsewhere.
+"""
+
+from __future__ import annotations
+
+import time
+
+import structlog
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import MutableHeaders
+from starlette.responses import JSONResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from backend.api.core import auditing, auth
+from backend.api.core.dependencies import house, page, route_of, stage_origin
+from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
+
+READING = ("GET", "HEAD", "OPTIONS")
+BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
+SIGN_IN = "/lab/sign-in"
+
+log = structlog.get_logger("desirepath.web")
+
+
+class Guard:
+    """The outermost middleware of the pages' application."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Hand a request on, unless something is known against it before a byte of its body was read."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        request = Request(scope)
+        began = time.perf_counter()
+        answered = False
+
+        async def sending(message: Message) -> None:
+            nonlocal answered
+            if message["type"] == "http.response.start":
+                answered = True
+                await auditing.write(request, message["status"])
+                _finish(request, message, began)
+            await send(message)
+
+        limit = LARGEST_BODY if _behind_sign_in(request) else LARGEST_OPEN_BODY
+        try:
+            refusal = await _refusal(request, limit)
+            await (refusal or self._app)(scope, _counted(receive, limit), sending)
+        except Exception:
+            log.exception("request failed", method=request.method, route=route_of(request))
+            if answered:
+                raise
+            said = "Something went wrong here; it was written to the log."
+            await trouble(request, 500, "internal", said)(scope, receive, sending)
+
+
+def _behind_sign_in(request: Request) -> bool:
+    return request.url.path.startswith(BEHIND_SIGN_IN) and request.url.path != SIGN_IN
+
+
+async def _refusal(request: Request, limit: int) -> Response | None:
+    """What is to be answered without reading the body, None where the request may go on."""
+    if declared_too_large(request, limit):
+        return trouble(request, 413, "too_large", TooLarge(limit).detail)
+    if request.method in READING or not _behind_sign_in(request):
+        return None
+    try:
+        await run_in_threadpool(auth.signed_in, request, house(request).database)
+    except (auth.NotSignedIn, auth.PasswordMustChange) as problem:
+        return auth.exception_handlers[type(problem)](request, problem)
+    return None
+
+
+def _counted(receive: Receive, limit: int) -> Receive:
+    """Count what really comes in: a body sent in chunks declares no length. Reading too much raises TooLarge."""
+    read = 0
+
+    async def counted() -> Message:
+        nonlocal read
+        message = await receive()
+        read += len(message.get("body", b""))
+        if read > limit:
+            raise TooLarge(limit)
+        return message
+
+    return counted
+
+
+def _finish(request: Request, start: Message, began: float) -> None:
+    """Security headers, and an access log that holds neither tokens nor query strings."""
+    headers = MutableHeaders(scope=start)
+    headers.setdefault(
+        "Content-Security-Policy",
+        f"default-src 'self'; img-src 'self' data: blob:; frame-src {stage_origin(request)}; "
+        "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'self'",
+    )
+    headers.setdefault("X-Content-Type-Options", "nosniff")
+    headers.setdefault("Referrer-Policy", "no-referrer")
+    headers.setdefault("Permissions-Policy", "camera=(), microphone=(), geolocation=()")
+    if request.url.path.startswith("/static"):
+        return
+    headers.setdefault("Cache-Control", "no-store")
+    log.info(
+        "request",
+        method=request.method,
+        route=route_of(request),
+        status=start["status"],
+        ms=round((time.perf_counter() - began) * 1000, 1),
+    )
+
+
+def trouble(request: Request, status: int, code: str, message: str) -> Response:
+    """A page for people, JSON for scripts. Reads no table: it has to work when the store does not."""
+    if request.url.path.startswith(("/api/", "/static/")):
+        return JSONResponse({"error": {"code": code, "message": message}}, status)
+    parts = house(request)
+    language = parts.texts.best(request.headers.get("Accept-Language"))
+    contact = parts.settings.contact
+    return page(request, "participant/refusal.html", language=language, status=status, code=code, contact=contact)

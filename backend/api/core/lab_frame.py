@@ -1,0 +1,62 @@
+"""What every signed-in page shares: its language, its frame, its refusals. No route lives here.
+
+`lab_page(request, "lab/....html", ...)` renders a page; raise `LabRefusal(status, code)` to refuse one kindly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from fastapi import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response
+
+from backend.api.core.dependencies import house, page
+from backend.api.core.roles import may
+
+LANGUAGES = ("en", "de")
+LANGUAGE_COOKIE = "desirepath_lab_language"
+
+
+@dataclass(frozen=True)
+class SignInState:
+    """What templates may know of the sign-in: `request.state.sign_in`."""
+
+    name: str
+    role: str
+    csrf: str
+    must_change_password: bool = False
+
+    def may(self, right: str) -> bool:
+        """Whether the role has this right (`roles.Right`)."""
+        return may(self.role, right)
+
+
+class LabRefusal(Exception):
+    """A refusal for people: `code` is a key below `refusals` in lab.yaml, `values` fill its placeholders."""
+
+    def __init__(self, status: int, code: str, /, **values: Any) -> None:
+        self.status, self.code, self.values = status, code, values
+        super().__init__(f"{status} {code}")
+
+
+def lab_language(request: Request) -> str:
+    """The language chosen on these pages, else the browser's first one that we have, else English."""
+    chosen = request.cookies.get(LANGUAGE_COOKIE)
+    if chosen in LANGUAGES:
+        return chosen
+    return house(request).texts.best(request.headers.get("Accept-Language"), LANGUAGES)
+
+
+def lab_page(request: Request, template: str, *, status: int = 200, **context: Any) -> HTMLResponse:
+    """Render a signed-in page; its templates have `sign_in` (None on the sign-in page) and `languages` besides."""
+    context.setdefault("sign_in", getattr(request.state, "sign_in", None))
+    return page(request, template, language=lab_language(request), status=status, languages=LANGUAGES, **context)
+
+
+def lab_refusal(request: Request, problem: Exception) -> Response:
+    """Show a LabRefusal: a page under /lab, JSON under /api."""
+    assert isinstance(problem, LabRefusal)  # noqa: S101 - registered for this class only
+    if request.url.path.startswith("/api/"):
+        return JSONResponse({"error": {"code": problem.code, **problem.values}}, problem.status)
+    return lab_page(request, "lab/refusal.html", status=problem.status, code=problem.code, values=problem.values)

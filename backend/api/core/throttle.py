@@ -1,0 +1,53 @@
+"""How much one browser or address may ask for: counts in memory, and the largest body. What is refused, routes decide.
+
+The limits keep a flood from filling the event log, a study or the memory. Whole classes behind one address fit in.
+"""
+
+from __future__ import annotations
+
+from fastapi import Request
+from limits import RateLimitItem, parse
+from limits.storage import MemoryStorage
+from limits.strategies import MovingWindowRateLimiter
+from starlette.exceptions import HTTPException
+
+from backend.api.core.dependencies import house
+
+REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no session or join form is known for
+JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
+EVENTS_PER_SESSION = parse("300 per 1 minute")  # ours; a page notices a few things a minute
+LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol with its texts has some ten kB
+LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
+
+
+def limiter(request: Request) -> MovingWindowRateLimiter:
+    """One per house, in memory: a restart forgives, and the server is one process."""
+    return house(request).part("limiter", lambda: MovingWindowRateLimiter(MemoryStorage()))
+
+
+def address_of(request: Request) -> str:
+    """Where the request comes from, as uvicorn knows it (a trusted proxy's word counts)."""
+    return request.client.host if request.client else "unknown"
+
+
+def count(request: Request, limit: RateLimitItem, *key: str) -> bool:
+    """Count one request; False where it is one too many."""
+    return limiter(request).hit(limit, *key)
+
+
+def exhausted(request: Request, limit: RateLimitItem, *key: str) -> bool:
+    """Whether the next request would be one too many; counts nothing."""
+    return not limiter(request).test(limit, *key)
+
+
+class TooLarge(HTTPException):
+    """A body of more than `limit` bytes."""
+
+    def __init__(self, limit: int) -> None:
+        super().__init__(413, f"The body is larger than {limit} bytes.")
+
+
+def declared_too_large(request: Request, limit: int) -> bool:
+    """Whether the request itself says that its body is too large; it is refused before a byte of it is read."""
+    declared = request.headers.get("content-length", "0")
+    return not declared.isdecimal() or int(declared) > limit

@@ -1,0 +1,1 @@
+"""The experimenters' pages: studies, people, protocols, reports, settings."""

@@ -1,0 +1,178 @@
+"""Looking at a protocol as a participant will: real pages, real drives, nothing stored. For drafts and for studies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import Response
+
+from backend.api.core.auth import CheckedCsrf, checked_csrf
+from backend.api.core.dependencies import Db, House, TheHouse, contact, house, page
+from backend.api.core.lab_frame import LabRefusal, lab_language
+from backend.api.core.roles import Right
+from backend.api.lab.drafts import find_draft
+from backend.api.participant.session_view import leads_to, next_kind
+from backend.api.stage.replay_stages import replays
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
+from backend.store.models import Study
+from backend.store.query_sets import query_sets_here
+from backend.store.worth_money import REMOVED
+from backend.study.plan.planning import Step, make_plan
+from backend.study.plan.query_plan import placeholders
+from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
+from backend.study.session.machine import StepView
+from backend.study.session.pages import payload_of
+from backend.study.session.versions import newest_protocol
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+    from app.views import View
+
+EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's own and completion code will
+ON_STAGE = ("trial", "comparison")
+
+router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
+
+
+@dataclass(frozen=True)
+class QueryPreview:
+    """A query on a stage: still at first, then whichever drive is asked for."""
+
+    a: Trajectory
+    b: Trajectory
+    view: View
+
+    def show(self, stage: Stage) -> None:
+        stage.show(self.a.scene, self.view, trajectories=(self.a, self.b))
+
+    def play(self, stage: Stage, drive: str) -> None:
+        trajectory = self.a if drive == "a" else self.b
+        both = (self.a, self.b)
+        stage.play(trajectory, label=drive.upper(), view=self.view, playback_id=drive, trajectories=both)
+
+
+def preview_steps(frozen: FrozenProtocol) -> list[Step]:
+    """One step of every sort that a session has, in its order: the first of each stage, condition, kind and role."""
+    steps: dict[tuple[str, ...], Step] = {}
+    for step in make_plan(frozen.protocol, 0, placeholders(frozen.protocol)):
+        sort = (step["stage"], step.get("block", ""), step["kind"], step.get("questionnaire", ""), step.get("role", ""))
+        steps.setdefault(sort, step)
+    return list(steps.values())
+
+
+def first_steps(frozen: FrozenProtocol) -> dict[str, int]:
+    """Stage -> number (from 1) of its first step in the preview."""
+    numbers: dict[str, int] = {}
+    for number, step in enumerate(preview_steps(frozen), 1):
+        numbers.setdefault(step["stage"], number)
+    return numbers
+
+
+@lru_cache(maxsize=4)
+def example_query(files: ArtefactStore, query_set: str) -> tuple[Trajectory, Trajectory] | None:
+    """The first query of a query set (shipped name, path, or id of one made here), None where the set cannot be read;
+    the check of the protocol says why.
+    """
+    from backend.learning.errors import LearningError  # torch comes with it: only where somebody looks
+    from backend.learning.policies.shipped import load_queries
+    from backend.learning.queries.queries import QuerySet
+
+    try:
+        made_here = SHA256.fullmatch(query_set)
+        queries = (QuerySet.from_bytes(files.get(query_set)) if made_here else load_queries(query_set)).queries
+    except (LearningError, ArtefactError):
+        return None
+    return (queries[0].trajectory_a, queries[0].trajectory_b) if queries else None
+
+
+@router.get("/new/{draft_id}/preview/{number}")
+def preview_draft(request: Request, parts: TheHouse, draft_id: str, number: int, language: str = "") -> Response:
+    return _preview_page(request, _drafted(parts, draft_id), number, language, back=f"/lab/new/{draft_id}")
+
+
+@router.get("/studies/{study_id}/revise/{draft_id}/preview/{number}")
+def preview_change(
+    request: Request, parts: TheHouse, study_id: str, draft_id: str, number: int, language: str = ""
+) -> Response:
+    back = f"/lab/studies/{study_id}/revise/{draft_id}"
+    return _preview_page(request, _drafted(parts, draft_id), number, language, back=back)
+
+
+def _drafted(parts: House, draft_id: str) -> FrozenProtocol:
+    draft = find_draft(parts.settings.data, draft_id)
+    if draft is None:
+        raise LabRefusal(404, "no_draft")
+    try:
+        with parts.database.session() as s:
+            return draft.freeze(query_sets_here(s))
+    except ProtocolError:
+        raise LabRefusal(422, "not_valid") from None
+
+
+@router.get("/studies/{study_id}/preview/{number}")
+def preview_study(request: Request, study_id: str, number: int, database: Db, language: str = "") -> Response:
+    with database.session() as s:
+        study = s.get(Study, study_id)
+        if study is None:
+            raise LabRefusal(404, "no_study")
+        newest = newest_protocol(s, study)[1]
+        return _preview_page(request, newest, number, language, back=f"/lab/studies/{study.id}/protocol")
+
+
+@router.post("/preview-stage/{token}/{drive}", status_code=204)
+def play(parts: TheHouse, token: str, drive: str, user: CheckedCsrf) -> None:
+    """Play drive `a` or `b` on a preview's stage."""
+    found = replays(parts).shown_by(token)
+    key = replays(parts).key_of(token)
+    stage = parts.stage.stage(key) if parts.stage and key else None
+    if not isinstance(found, QueryPreview) or stage is None or drive not in ("a", "b"):
+        raise LabRefusal(404, "no_preview")
+    found.play(stage, drive)
+
+
+def _preview_page(request: Request, frozen: FrozenProtocol, number: int, language: str, *, back: str) -> Response:
+    steps = preview_steps(frozen)
+    if not 1 <= number <= len(steps):
+        raise LabRefusal(404, "no_stage", stages=len(steps))
+    languages: Sequence[str] = frozen.protocol.languages
+    if language not in languages:
+        language = wish if (wish := lab_language(request)) in languages else languages[0]
+    step = steps[number - 1]
+    query_set = frozen.protocol.query_set
+    shown = step["kind"] in ON_STAGE and query_set is not None
+    query = example_query(house(request).files, query_set or "") if shown else None
+    payload = payload_of(frozen, step, language, completion_code=EXAMPLE_CODE)
+    if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE):
+        payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
+    return page(
+        request,
+        "lab/preview.html",
+        language=language,
+        step=StepView(
+            kind=step["kind"],
+            key=step["key"],
+            index=number - 1,
+            total=len(steps),
+            payload=payload,
+        ),
+        next_kind=next_kind(steps, number - 1),
+        leads_to=leads_to(steps, number - 1),
+        stage_name=step["stage"],
+        number=number,
+        steps=steps,
+        languages=languages,
+        study_title=frozen.title(language),
+        code=f"P-{EXAMPLE_CODE}",
+        contact=frozen.protocol.contact or contact(request),
+        back=back,
+        here=request.url.path.rsplit("/", 1)[0],
+        lab=house(request).texts.get(lab_language(request)),
+        stage_token=replays(house(request)).grant(QueryPreview(*query, view=step["view"])) if query else None,
+        drives=[round(one.duration_s, 1) for one in query] if query else [0.0, 0.0] if step["kind"] in ON_STAGE else [],
+        csrf=request.state.sign_in.csrf,
+    )

@@ -1,0 +1,163 @@
+"""The settings page: where participants reach this installation, whom they ask for help, who may sign in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+from urllib.parse import urlsplit
+
+from fastapi import APIRouter, Depends, Form, Request
+from sqlalchemy import delete, select, update
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import RedirectResponse, Response
+
+from backend.api.core.auditing import audit_details
+from backend.api.core.auth import AccountError, CheckedCsrf, add_user, checked_csrf, reset_password, set_role
+from backend.api.core.dependencies import Db, contact, public_url
+from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.core.roles import ROLES
+from backend.store.events import log_event
+from backend.store.models import Setting, SignIn, Study, User
+
+LONGEST_CONTACT = 300
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["settings"])
+
+
+@dataclass(frozen=True)
+class NewPassword:
+    """A password that is shown once, to hand over."""
+
+    name: str
+    password: str
+
+
+def checked_public_url(text: str) -> str:
+    """The address without a trailing slash; empty stays empty. Raises ValueError unless it is http(s)://HOST[:PORT]."""
+    text = text.strip().rstrip("/")
+    if not text:
+        return ""
+    parts = urlsplit(text)
+    plain = not (parts.path or parts.query or parts.fragment or parts.username or parts.password)
+    if parts.scheme not in ("http", "https") or not parts.hostname or not plain or any(c in text for c in " \\<>\"'"):
+        raise ValueError(text)
+    _ = parts.port  # raises ValueError for a port that is no number up to 65535
+    return text
+
+
+@router.get("/lab/settings")
+def settings(request: Request, database: Db) -> Response:
+    return _settings_page(request, database)
+
+
+@router.post("/lab/settings")
+def save_settings(
+    request: Request,
+    database: Db,
+    user: CheckedCsrf,
+    address: Annotated[str, Form()] = "",
+    help_contact: Annotated[str, Form()] = "",
+) -> Response:
+    """Empty fields go back to what the server was started with."""
+    try:
+        checked = checked_public_url(address)
+    except ValueError:
+        return _settings_page(request, database, status=422, problem="address", address=address)
+    with database.transaction() as s:
+        _put(s, "public_url", "url", checked)
+        _put(s, "contact", "text", " ".join(help_contact.split())[:LONGEST_CONTACT])
+        log_event(s, "settings_changed", by=user.name)
+    return RedirectResponse("/lab/settings?done=settings_saved", status_code=303)
+
+
+@router.post("/lab/settings/accounts")
+def add_account(
+    request: Request,
+    database: Db,
+    user: CheckedCsrf,
+    name: Annotated[str, Form()] = "",
+    role: Annotated[str, Form()] = "",
+) -> Response:
+    try:
+        password = add_user(database, name, role)
+    except AccountError as problem:
+        return _settings_page(request, database, status=422, account_problem=problem)
+    audit_details(request, name=name.strip().lower(), as_role=role)
+    return _settings_page(request, database, made=NewPassword(name.strip().lower(), password))
+
+
+@router.post("/lab/settings/accounts/{name}/role")
+def change_role(
+    request: Request, name: str, database: Db, user: CheckedCsrf, role: Annotated[str, Form()] = ""
+) -> Response:
+    """Give a colleague another role. Nobody changes their own, so an owner is always left."""
+    if name == user.name:
+        raise LabRefusal(422, "own_account")
+    try:
+        set_role(database, name, role)
+    except AccountError as problem:
+        return _settings_page(request, database, status=422, account_problem=problem)
+    audit_details(request, as_role=role)
+    return RedirectResponse("/lab/settings?done=role_changed#accounts", status_code=303)
+
+
+@router.post("/lab/settings/accounts/{name}/reset")
+def reset_account(request: Request, name: str, database: Db, user: CheckedCsrf) -> Response:
+    """A colleague forgot their password: make a new one, sign them out everywhere."""
+    if name == user.name:
+        raise LabRefusal(422, "own_account")
+    try:
+        password = reset_password(database, name)
+    except AccountError as problem:
+        return _settings_page(request, database, status=404, account_problem=problem)
+    return _settings_page(request, database, made=NewPassword(name, password))
+
+
+@router.post("/lab/settings/accounts/{name}/remove")
+def remove_account(name: str, database: Db, user: CheckedCsrf) -> Response:
+    """Remove a colleague's account. Their name stays in the log, and where they excluded or erased somebody."""
+    if name == user.name:
+        raise LabRefusal(422, "own_account")
+    with database.transaction() as s:
+        found = s.scalar(select(User).where(User.name == name))
+        if found is None:
+            raise LabRefusal(404, "no_account", name=name)
+        s.execute(delete(SignIn).where(SignIn.user_id == found.id))
+        s.execute(update(Study).where(Study.created_by == found.id).values(created_by=None))
+        s.delete(found)
+        log_event(s, "account_removed", account=name, by=user.name)
+    return RedirectResponse("/lab/settings?done=account_removed", status_code=303)
+
+
+def _put(s: DatabaseSession, key: str, field: str, value: str) -> None:
+    row = s.get(Setting, key)
+    if not value:
+        if row is not None:
+            s.delete(row)
+    elif row is None:
+        s.add(Setting(key=key, value={field: value}))
+    else:
+        row.value = {field: value}
+
+
+def _settings_page(request: Request, database: Db, *, status: int = 200, **context: object) -> Response:
+    with database.session() as s:
+        stored = {key: (row.value if (row := s.get(Setting, key)) else {}) for key in ("public_url", "contact")}
+        accounts = list(s.scalars(select(User).order_by(User.name)))
+    given = {
+        "address": stored["public_url"].get("url", ""),
+        "help_contact": stored["contact"].get("text", ""),
+        "problem": None,
+        "account_problem": None,
+        "made": None,
+    }
+    return lab_page(
+        request,
+        "lab/settings.html",
+        status=status,
+        used_address=public_url(request),
+        used_contact=contact(request),
+        accounts=accounts,
+        roles=list(ROLES),
+        **(given | context),
+    )

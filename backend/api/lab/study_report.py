@@ -1,0 +1,188 @@
+"""The numbers of a study's Report tab, each with the filter that lists the answers behind it. Renders nothing.
+
+People and simulated participants are never mixed in a number. Learning trials, excluded and withdrawn participants are
+left out everywhere. Answers of one person are not independent of each other, so intervals are over people.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from statistics import median, quantiles
+from typing import Any
+
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.api.lab import people_rows, study_rows
+from backend.api.lab.people_rows import Person
+from backend.api.lab.study_rows import Answer, AnswerFilter
+from backend.learning.policies.evaluate import wilson
+from backend.store.models import MARKS, Study
+from backend.study.protocol.freezing import thaw
+
+
+@dataclass(frozen=True)
+class Share:
+    """`hits` of `n`; `low` and `high` are a 95 % Wilson interval, None where the n are not independent (or none)."""
+
+    hits: int
+    n: int
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def value(self) -> float | None:
+        return self.hits / self.n if self.n else None
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median and quartiles of `n` numbers; None without any."""
+
+    n: int
+    median: float | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Item:
+    """One questionnaire item. `text` by language; `counts`: answer -> how often; `spread` where answers are numbers."""
+
+    step: str
+    key: str
+    text: dict[str, str]
+    n: int
+    counts: dict[str, int]
+    spread: Spread | None
+
+
+@dataclass(frozen=True)
+class Report:
+    """All numbers of one kind of participant."""
+
+    who: str
+    joined: int
+    completed: int
+    excluded: int
+    preferences: int
+    second_chosen: Share
+    repeats_agree: Share
+    decision_s: Spread
+    session_min: Spread
+    restarts: int
+    own_chosen: Share
+    people_mostly_own: Share
+    guesses_right: Share
+    personalisation: dict[str, int]
+    items: list[Item]
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> Report:
+    """The report over `who`: people or simulated."""
+    everyone = people_rows.shown(people_rows.people(s, study.id, now), who)
+    kept = people_rows.shown(everyone, "kept")
+
+    def given(**where: str) -> list[Answer]:
+        return study_rows.answers(s, study.id, AnswerFilter(who=who, usable=True, **where))
+
+    regular = given(kind="preference", role="regular")
+    compared = [a for a in given(kind="comparison") if study_rows.own_chosen(a) is not None]
+    guesses = [a for a in given(kind="guess") if study_rows.own_chosen(a) is not None]
+    own = sum(bool(study_rows.own_chosen(a)) for a in compared)
+    return Report(
+        who=who,
+        joined=len(everyone),
+        completed=sum(p.presence == "completed" for p in kept),
+        excluded=sum(p.excluded_at is not None for p in everyone),
+        preferences=len(regular),
+        second_chosen=Share(sum(a.response.value.get("choice") == "b" for a in regular), len(regular)),
+        repeats_agree=_repeats(regular, given(kind="preference", role="repeat")),
+        decision_s=_spread([a.response.decision_s for a in regular if a.response.decision_s is not None]),
+        session_min=_spread([minutes for p in kept if (minutes := _minutes(p)) is not None]),
+        restarts=sum(p.restarts for p in kept),
+        own_chosen=Share(own, len(compared)),
+        people_mostly_own=_over_people(compared),
+        guesses_right=_share_of_people(sum(bool(study_rows.own_chosen(a)) for a in guesses), len(guesses)),
+        personalisation=dict(Counter(p.personalisation for p in kept if p.personalisation)),
+        items=_items(study, given(kind="questionnaire")),
+    )
+
+
+def _minutes(person: Person) -> float | None:
+    """How long a completed session took, pauses included."""
+    if person.presence != "completed" or person.started_at is None or person.finished_at is None:
+        return None
+    return (person.finished_at - person.started_at).total_seconds() / 60
+
+
+def _spread(values: Sequence[float]) -> Spread:
+    if not values:
+        return Spread(0, None, None, None)
+    low, _, high = quantiles(values, n=4, method="inclusive") if len(values) > 1 else (values[0],) * 3
+    return Spread(len(values), median(values), low, high)
+
+
+def _share_of_people(hits: int, n: int) -> Share:
+    """A share whose n are different people, so that an interval means something."""
+    if not n:
+        return Share(0, 0)
+    interval = wilson(hits, n)
+    return Share(hits, n, interval.low, interval.high)
+
+
+def _over_people(compared: Sequence[Answer]) -> Share:
+    """People who chose their own robot's drive in more than half of their comparisons."""
+    per_person: dict[str, list[bool]] = defaultdict(list)
+    for answer in compared:
+        per_person[answer.code].append(bool(study_rows.own_chosen(answer)))
+    mostly = sum(2 * sum(chosen) > len(chosen) for chosen in per_person.values())
+    return _share_of_people(mostly, len(per_person))
+
+
+def _repeats(regular: Sequence[Answer], repeats: Sequence[Answer]) -> Share:
+    """How often a repeated query got the same answer as the first time, in the same view."""
+    first = {
+        (a.code, a.trial.view, a.trial.query_id): a.response.value.get("choice") for a in regular if a.trial is not None
+    }
+    pairs = [
+        (first[key], a.response.value.get("choice"))
+        for a in repeats
+        if a.trial is not None and (key := (a.code, a.trial.view, a.trial.query_id)) in first
+    ]
+    return Share(sum(one == again for one, again in pairs), len(pairs))
+
+
+def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
+    """Every item of every questionnaire step, in the order in which they were asked."""
+    by_step: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for answer in sorted(given, key=lambda a: a.response.created_at):
+        by_step[answer.response.step_key].append(answer.response.value)
+    questionnaires = thaw(study).questionnaires.values() if by_step else ()
+    items = []
+    for step, values in by_step.items():
+        keys = set().union(*values) - set(MARKS)
+        asked = next((q for q in questionnaires if {i.key for i in q.items} >= keys), None)
+        for item in asked.items if asked else ():
+            answered = [value[item.key] for value in values if value.get(item.key) not in (None, "")]
+            numeric = item.type in ("scale", "number")
+            counts = {} if item.type in ("number", "text") else dict(Counter(map(str, answered)))
+            choices = (
+                [str(n) for n in range(1, item.points + 1)] if item.type == "scale" else [o.value for o in item.options]
+            )
+            items.append(
+                Item(
+                    step=step,
+                    key=item.key,
+                    text=item.text,
+                    n=len(answered),
+                    counts={choice: counts.get(choice, 0) for choice in choices} if counts else {},
+                    spread=_spread([float(value) for value in answered]) if numeric else None,
+                )
+            )
+    return items

@@ -1,0 +1,41 @@
+"""What every page of one study needs: the study, one of its participants, the frame with tabs. No route lives here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import Request
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
+
+from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.store.models import Participant, Study
+
+TABS = ("now", "people", "protocol", "recruit", "data", "report")
+
+
+def the_study(s: DatabaseSession, study_id: str) -> Study:
+    """The study with this id. Raises LabRefusal 404."""
+    study = s.get(Study, study_id)
+    if study is None:
+        raise LabRefusal(404, "no_study")
+    return study
+
+
+def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
+    """The participant with this code. Raises LabRefusal 404."""
+    found = s.scalars(select(Participant).where(Participant.study_id == study.id, Participant.code == code)).first()
+    if found is None:
+        raise LabRefusal(404, "no_participant", code=code)
+    return found
+
+
+def study_tab(
+    request: Request, study: Study, tab: str, template: str | None = None, *, status: int = 200, **context: Any
+) -> Response:
+    """A page of a study; without a template, the tab's own."""
+    drawn = any("demonstrations" in entry and entry["demonstrations"] for entry in study.protocol.get("stages", []))
+    tabs = (*TABS[:2], "paths", *TABS[2:]) if drawn else TABS
+    shown = template or f"lab/study_{tab}.html"
+    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, **context)

@@ -1,0 +1,127 @@
+"""The ways in: the recruiting link with its device check, and the code of a later appointment.
+
+Nothing is stored before somebody joins.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from typing import Annotated, Any
+from urllib.parse import quote
+
+from fastapi import APIRouter, Form, Query, Request
+from starlette.responses import JSONResponse, RedirectResponse, Response
+
+from backend.api.core.dependencies import contact, house, page
+from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
+from backend.api.participant.device_check import remember
+from backend.api.participant.requests import storable, told_device, too_many
+from backend.store.models import Participant
+from backend.study.protocol.schema import DeviceGate
+from backend.study.session.joining import check_open, join_study
+from backend.study.session.links import as_issued
+from backend.study.session.refusals import Refused
+from backend.study.session.versions import newest_protocol
+from backend.study.studies import study_by_link
+
+router = APIRouter()  # included in participant.router, which keeps guessers out
+
+PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
+
+
+@router.get("/join/{recruiting_token}")
+def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None, Query()] = None) -> Response:
+    """Device check and welcome; nothing is stored yet."""
+    parts = house(request)
+    with parts.database.session() as s:
+        study = study_by_link(s, recruiting_token)
+        check_open(s, study)
+        frozen = newest_protocol(s, study)[1]
+    languages = tuple(frozen.protocol.languages)
+    best = parts.texts.best(request.headers.get("Accept-Language"), languages)
+    language = lang if lang in languages else best
+    here = request.url.path
+    return page(
+        request,
+        "participant/join.html",
+        language=language,
+        study_title=frozen.title(language),
+        languages=languages,
+        recruiting={name: request.query_params[name] for name in PLATFORM_FIELDS if request.query_params.get(name)},
+        contact=frozen.protocol.contact or contact(request),
+        action=here,
+        join_url=here,
+        device=(frozen.protocol.device or DeviceGate()).model_dump(),
+    )
+
+
+@router.post("/join/{recruiting_token}")
+async def join(recruiting_token: str, request: Request) -> Response:
+    """A new participant. A form is answered with the way to the session, JSON (bots) with its token."""
+    is_json = request.headers.get("content-type", "").startswith("application/json")
+    given = await _body(request, is_json)
+    return await asyncio.to_thread(_join, recruiting_token, request, given, is_json)
+
+
+async def _body(request: Request, is_json: bool) -> dict[str, Any]:
+    if not is_json:
+        return {key: storable(str(value)) for key, value in (await request.form()).items()}
+    try:
+        given = await request.json()
+    except ValueError:
+        given = None
+    if not isinstance(given, dict):
+        raise Refused(422, "bad_value", "The body must be a JSON object.", field="body")
+    cleaned: dict[str, Any] = storable(given)
+    return cleaned
+
+
+def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_json: bool) -> Response:
+    parts = house(request)
+    recruiting = {field: str(given[name]) for name, field in PLATFORM_FIELDS.items() if given.get(name)}
+    simulated = is_json and given.get("simulated") is True
+    if simulated and not _from_here(request):
+        raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
+    if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
+        raise too_many()
+    oracle = given.get("oracle")
+    with parts.database.transaction() as s:
+        session, token = join_study(
+            s,
+            study_by_link(s, recruiting_token),
+            files=parts.files,
+            language=str(given.get("language", "")),
+            recruiting={"platform": "prolific", **recruiting} if recruiting else None,
+            device=told_device(given.get("device")),
+            simulated=simulated,
+            oracle=oracle if isinstance(oracle, dict) else None,
+        )
+        code = s.get_one(Participant, session.participant_id).code
+        response: Response = RedirectResponse(f"/p/{token}", status_code=303)
+        if is_json:
+            response = JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
+        remember(request, response, session)
+    return response
+
+
+@router.get("/back")
+def code_page(request: Request) -> Response:
+    """Where the code of a later appointment is typed, on a device that does not have the link."""
+    texts = house(request).texts
+    language = texts.best(request.headers.get("Accept-Language"), texts.languages)
+    return page(request, "participant/back.html", language=language, contact=contact(request))
+
+
+@router.post("/back")
+def go_back(code: Annotated[str, Form()] = "") -> Response:
+    """To the session behind the code; a wrong one is told there as a wrong link is."""
+    return RedirectResponse(f"/p/{quote(as_issued(code.strip()), safe='')}", status_code=303)
+
+
+def _from_here(request: Request) -> bool:
+    """Whether this machine asks. A bot need not watch, so nobody who has no more than the link may be one."""
+    try:
+        return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
+    except ValueError:
+        return False

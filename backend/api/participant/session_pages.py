@@ -1,0 +1,220 @@
+"""A session's pages, its answers, and pausing or leaving it.
+
+Each route hands what came in to the session machine and shows what it says. No rule of a study lives here. Joining,
+trials and the stream have files of their own.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Form, Request
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import RedirectResponse, Response
+
+from backend.api.core.dependencies import TheHouse, contact, house, page
+from backend.api.core.throttle import EVENTS_PER_SESSION, count
+from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
+from backend.api.participant.requests import Json, client_time_of, not_guessing, refusal_page, request_id_of, too_many
+from backend.api.participant.session_view import looking, page_context, state_of
+from backend.api.stage.stage_bridge import bridge_of, stage_cookie
+from backend.store.events import log_event
+from backend.store.models import Participant, Session, utc_now
+from backend.store.models import Response as Answer
+from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.session import machine
+from backend.study.session.links import token_hash
+from backend.study.session.pages import payload_of
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
+from backend.study.session.versions import protocol_of
+
+router = APIRouter(dependencies=[Depends(not_guessing)])
+PAGE_EVENTS = {"stage_ready", "stage_slow", "visibility", "resized", "script_error", "connection", "device", "viewed"}
+LARGEST_EVENT = 4000  # bytes of JSON; ours
+
+
+# ---- pages --------------------------------------------------------------------------------------------------------
+
+
+@router.get("/p/{token}")
+def session_page(token: str, request: Request) -> Response:
+    """The whole page at the current step. A drive that an older page was playing is not seen any more."""
+    parts = house(request)
+    now = utc_now()
+    with acting(parts.database, token, request="page", now=now) as (s, session):
+        if device_check.is_wanted(s, request, session):
+            return device_check.check_page(request, s, session, token)
+        reloaded = machine.interrupted(s, session, reason="page_loaded", now=now)
+        machine.settle(s, parts.files, session, now=now)
+        name, value = stage_cookie(session)
+        context = page_context(request, s, session, token)
+    if reloaded:
+        bridge_of(parts).show(session.id, afresh=True)
+        bridge_of(parts).changed(session.id)
+    response = page(request, "participant/session.html", language=session.language, **context)
+    response.set_cookie(name, value, path="/stage", httponly=True, samesite="lax", secure=request.url.scheme == "https")
+    response.headers["X-Step-Key"] = context["step"].key
+    return response
+
+
+@router.post("/p/{token}/language")
+def change_language(token: str, parts: TheHouse, language: Annotated[str, Form()] = "") -> Response:
+    """Go on in another language; the page is loaded anew."""
+    with acting(parts.database, token, request="language", now=utc_now()) as (s, session):
+        machine.change_language(s, session, language)
+    return RedirectResponse(f"/p/{token}", status_code=303)
+
+
+@router.get("/p/{token}/step")
+def step_fragment(token: str, request: Request) -> Response:
+    """The current step alone, to be swapped into the page."""
+    with looking(house(request), token) as (s, session):
+        context = page_context(request, s, session, token)
+    response = page(request, "participant/step.html", language=session.language, **context)
+    response.headers["X-Step-Key"] = context["step"].key
+    return response
+
+
+@router.get("/p/{token}/consent")
+def consent_copy(token: str, request: Request) -> Response:
+    """The participant's copy of what they consented to."""
+    with looking(house(request), token) as (s, session):
+        frozen = protocol_of(s, session)
+        step = next(step for step in session.plan if step["kind"] == "consent")
+        theirs = select(Session.id).where(Session.participant_id == session.participant_id)  # of every appointment
+        asked = select(Answer).where(Answer.session_id.in_(theirs), Answer.kind == "consent")
+        given = s.scalars(asked.order_by(Answer.created_at.desc())).first()
+        language = _consented_in(frozen, given) or session.language
+        given_at = given.created_at if given else None
+        agreed = dict(given.value.get("purposes") or {}) if given else None
+        code = s.get_one(Participant, session.participant_id).code
+    return page(
+        request,
+        "participant/consent_copy.html",
+        language=language,
+        study_title=frozen.title(language),
+        payload=payload_of(frozen, step, language),
+        given_at=given_at,
+        purposes=agreed,
+        code=code,
+        contact=frozen.protocol.contact or contact(request),
+    )
+
+
+def _consented_in(frozen: FrozenProtocol, given: Answer | None) -> str | None:
+    """The language whose text was agreed to, so that the copy holds those words after a change of language."""
+    agreed = given.value.get("text_hash") if given else None
+    return next((one for one in frozen.protocol.languages if frozen.consent_hash(one) == agreed), None)
+
+
+@router.get("/p/{token}/help")
+def help_page(token: str, request: Request) -> Response:
+    """Whom to ask and how things work."""
+    with looking(house(request), token) as (s, session):
+        context = page_context(request, s, session, token)
+    return page(request, "participant/help.html", language=session.language, **context)
+
+
+# ---- the API -------------------------------------------------------------------------------------------------------
+
+
+@router.get("/api/session/{token}")
+def state(token: str, request: Request) -> dict[str, Any]:
+    """Where the session stands."""
+    with looking(house(request), token) as (s, session):
+        return state_of(request, s, session, machine.current(s, session))
+
+
+@router.post("/api/session/{token}/steps/{key}")
+def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Store an answer; the reply is the acknowledgement."""
+    parts = house(request)
+    now = utc_now()
+    request_id = request_id_of(body)
+    client_time = client_time_of(body.get("client_time"))
+    with acting(parts.database, token, request="answer", now=now) as (s, session):
+        submitted = machine.submit(
+            s,
+            parts.files,
+            session,
+            key,
+            body.get("value") or {},
+            request_id=request_id,
+            client_time=client_time,
+            now=now,
+        )
+        reply = state_of(request, s, session, machine.current(s, session))
+    if not submitted.duplicate:
+        bridge_of(parts).show(session.id)
+        bridge_of(parts).changed(session.id)
+    return {"accepted": True, "duplicate": submitted.duplicate, **reply}
+
+
+@router.post("/api/session/{token}/events", status_code=204)
+def page_event(token: str, request: Request, parts: TheHouse, body: Json) -> Response:
+    """Something the page noticed: into the log, with the browser's own time."""
+    if not count(request, EVENTS_PER_SESSION, "page_event", token_hash(token)):
+        raise too_many()
+    kind, data = body.get("kind"), body.get("data") or {}
+    if kind not in PAGE_EVENTS or not isinstance(data, dict) or len(json.dumps(data)) > LARGEST_EVENT:
+        allowed = ", ".join(sorted(PAGE_EVENTS))
+        raise Refused(422, "bad_value", f"must be one of {allowed} with a small object as data", field="kind")
+    with acting(parts.database, token, request="event", now=utc_now()) as (s, session):
+        log_event(
+            s,
+            f"page_{kind}",
+            session_id=session.id,
+            client_time=client_time_of(body.get("client_time")),
+            step=machine.step_of(session)["key"],
+            page=data,
+        )
+    return Response(status_code=204)
+
+
+@router.post("/api/session/{token}/pause")
+def pause(token: str, request: Request) -> dict[str, Any]:
+    """Stop for now; the link stays valid."""
+    return _change(request, token, "pause", lambda s, session, now: machine.pause(s, session, now=now))
+
+
+@router.post("/api/session/{token}/resume")
+def resume(token: str, request: Request) -> dict[str, Any]:
+    """Go on."""
+    return _change(request, token, "resume", lambda s, session, now: machine.resume(s, session, now=now))
+
+
+@router.post("/api/session/{token}/withdraw")
+def withdraw(token: str, request: Request) -> dict[str, Any]:
+    """Leave the study for good."""
+    return _change(request, token, "withdraw", lambda s, session, now: machine.withdraw(s, session, now=now))
+
+
+@router.post("/api/session/{token}/problem", status_code=204)
+def problem(token: str, parts: TheHouse, body: Json) -> Response:
+    """Report a problem."""
+    with acting(parts.database, token, request="problem", now=utc_now()) as (s, session):
+        machine.report_problem(s, session, str(body.get("text", "")))
+    return Response(status_code=204)
+
+
+def _change(
+    request: Request, token: str, asked: str, act: Callable[[DatabaseSession, Session, datetime], None]
+) -> dict[str, Any]:
+    parts = house(request)
+    now = utc_now()
+    with acting(parts.database, token, request=asked, now=now) as (s, session):
+        act(s, session, now)
+        reply = state_of(request, s, session, machine.current(s, session))
+    bridge_of(parts).show(session.id, afresh=True)
+    bridge_of(parts).changed(session.id)
+    return reply
+
+
+for part in (recruiting, device_check, trials, stroke_requests, stream):
+    router.include_router(part.router)
+exception_handlers = {Refused: refusal_page}

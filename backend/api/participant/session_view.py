@@ -1,0 +1,96 @@
+"""Looking at a session: what its pages and its API are told of where it stands. Lets a wait that is over go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from fastapi import Request
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.api.core.dependencies import House, contact, public_url, stage_origin
+from backend.api.stage.stage_bridge import bridge_of, stage_token
+from backend.store.models import Participant, Session, utc_now
+from backend.study.plan.planning import Step
+from backend.study.protocol.texts import local
+from backend.study.session import machine, personalisation
+from backend.study.session.refusals import Refused, log_refusal
+from backend.study.session.sessions import acting, find_session
+from backend.study.session.versions import protocol_of
+from backend.study.simulated.bot_view import told_to_bots
+from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
+
+
+def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
+    frozen = protocol_of(s, session)
+    view = machine.current(s, session)
+    return {
+        "token": token,
+        "study_title": frozen.title(session.language),
+        "languages": frozen.protocol.languages,
+        "contact": frozen.protocol.contact or contact(request),
+        "payment": local(frozen.protocol.payment, session.language) if frozen.protocol.payment else None,
+        "code": s.get_one(Participant, session.participant_id).code,
+        "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
+        "step": view,
+        "next_kind": next_kind(session.plan, session.position),
+        "leads_to": leads_to(session.plan, session.position),
+        "state": state_of(request, s, session, view),
+        "expires_at": session.expires_at,
+        "address": public_url(request) if view.kind == "appointment" else None,
+    }
+
+
+def next_kind(plan: list[Step], position: int) -> str:
+    """What kind of page follows, "other" where that depends on answers or there is none."""
+    following = next((step for step in plan[position + 1 :] if step["kind"] != "wait"), None)
+    return "other" if following is None or following.get("when") else str(following["kind"])
+
+
+def leads_to(plan: list[Step], position: int) -> str | None:
+    """The kind of what is done on the stage next, None where nothing more is."""
+    return next((step["kind"] for step in plan[position:] if step["kind"] in (*TRIAL_KINDS, *DRAWN_KINDS)), None)
+
+
+def state_of(request: Request, s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:
+    """What `GET /api/session/{token}` answers."""
+    state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
+    if session.simulated:  # bots read no pages
+        state["step"] |= told_to_bots(s, session, view)
+    if view.kind in (*TRIAL_KINDS, *DRAWN_KINDS):
+        state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
+    return state
+
+
+@contextmanager
+def looking(parts: House, token: str) -> Iterator[tuple[DatabaseSession, Session]]:
+    """A reading transaction on the token's session, which first lets a waiting session go on. Refusals are logged."""
+    try:
+        with parts.database.session() as s:
+            session = find_session(s, token, now=utc_now(), lock=False)
+            due = _may_settle(s, session)
+            if not due:
+                yield s, session
+        if due:
+            _settle(parts, token)
+            with parts.database.session() as s:
+                yield s, find_session(s, token, now=utc_now(), lock=False)
+    except Refused as refused:
+        log_refusal(parts.database, refused, request="look")
+        raise
+
+
+def _may_settle(s: DatabaseSession, session: Session) -> bool:
+    if session.state != "active" or machine.step_of(session)["kind"] != "wait":
+        return False
+    protocol = protocol_of(s, session).protocol
+    return personalisation.outcome_of(s, session, protocol, utc_now()) is not None
+
+
+def _settle(parts: House, token: str) -> None:
+    now = utc_now()
+    with acting(parts.database, token, request="settle", now=now) as (s, session):
+        moved = machine.settle(s, parts.files, session, now=now)
+    if moved:
+        bridge_of(parts).changed(session.id)

@@ -1,0 +1,105 @@
+"""The stream of a session's page: server-sent events that say "look again", how far a job is, or "another window"."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from datetime import timedelta
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import StreamingResponse
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.api.core.dependencies import House, house
+from backend.api.participant.session_view import looking
+from backend.api.stage.stage_bridge import Listener, bridge_of
+from backend.store.database import DatabaseBusy
+from backend.store.models import Session, utc_now
+from backend.study.session import drawn_paths, machine, personalisation
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
+from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
+
+router = APIRouter()  # included in participant.router, which keeps guessers out
+
+STREAM_LOOK_S = 5.0  # how often a stream looks by itself; changes made in this process wake it at once
+STREAM_WAIT_LOOK_S = 0.7  # while somebody waits for a job, whose progress comes from another process
+SEEN_EVERY = timedelta(seconds=20)
+
+
+@router.get("/api/session/{token}/stream")
+async def stream(token: str, request: Request) -> StreamingResponse:
+    """Server-sent events: `state` (look again), `job` (progress while waiting), `moved` (another window took over)."""
+    parts = house(request)
+    first = await asyncio.to_thread(_glance, parts, token)
+    listener = bridge_of(parts).listen(first.session_id)
+    return StreamingResponse(
+        _tell(parts, token, first, listener),
+        media_type="text/event-stream",
+        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+    )
+
+
+class _Glance:
+    """What a stream compares: where the session stands, and how far its job is while somebody waits for it."""
+
+    def __init__(self, s: DatabaseSession, session: Session) -> None:
+        self.session_id = session.id
+        step = machine.step_of(session)
+        trial = machine.trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
+        shown: tuple[object, ...] | None = (trial.phase, trial.restarts) if trial is not None else None
+        if step["kind"] in DRAWN_KINDS:
+            stroke = drawn_paths.latest_stroke(s, session.id, step["key"])
+            shown = (stroke.attempt, stroke.state, stroke.shown_since) if stroke is not None else None
+        self.state = (session.state, session.position, shown)
+        self.position = session.position
+        self.waiting = step["kind"] == "wait" and session.state == "active"
+        self.job: dict[str, Any] | None = None
+        if self.waiting:
+            self.job = {"progress": round(personalisation.progress_of(s, session), 3), "done": False}
+
+
+def _glance(parts: House, token: str) -> _Glance:
+    with looking(parts, token) as (s, session):
+        glance = _Glance(s, session)
+        unseen = session.last_seen_at is None or utc_now() - session.last_seen_at > SEEN_EVERY
+    if unseen:
+        with suppress(DatabaseBusy), acting(parts.database, token, request="stream", now=utc_now(), durable=False):
+            pass  # `acting` notes when the session was last seen; a busy database is told at the next look
+    return glance
+
+
+async def _tell(parts: House, token: str, before: _Glance, listener: Listener) -> AsyncIterator[str]:
+    bridge = bridge_of(parts)
+    try:
+        yield _event("state", {})  # whatever happened before the stream was open
+        if before.job:
+            yield _event("job", before.job)
+        while True:
+            await listener.wait(STREAM_WAIT_LOOK_S if before.waiting else STREAM_LOOK_S)
+            if listener.taken_over:
+                yield _event("moved", {"reason": "other_window"})
+                return
+            try:
+                now = await asyncio.to_thread(_glance, parts, token)
+            except Refused:
+                yield _event("moved", {"reason": "step"})
+                return
+            if now.job and now.job != before.job:
+                yield _event("job", now.job)
+            if before.waiting and now.position != before.position:
+                yield _event("job", {"progress": 1.0, "done": True})
+            if now.state != before.state:
+                yield _event("state", {})
+            else:
+                yield ": still here\n\n"
+            before = now
+    finally:
+        bridge.leave(before.session_id, listener)
+
+
+def _event(name: str, data: dict[str, Any]) -> str:
+    return f"event: {name}\ndata: {json.dumps(data)}\n\n"

@@ -1,0 +1,162 @@
+"""The API of drawing: a stroke comes in, its drive is shown, seen, interrupted or taken back.
+
+Keeping a path is the step's answer, `session_pages.py`'s. What a stroke may be is `study/session/strokes_drawn.py`'s,
+what the stage shows `drawing_sheet.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import APIRouter, Request
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.api.core.dependencies import House, house
+from backend.api.participant.requests import Json, client_time_of, request_id_of
+from backend.api.participant.session_view import looking, state_of
+from backend.api.stage.drawing_sheet import play_stroke
+from backend.api.stage.stage_bridge import bridge_of
+from backend.store.models import Session, StrokeRow, utc_now
+from backend.study.session import drawn_paths, machine, participant_walks, strokes_drawn
+from backend.study.session.participant_walks import Walked
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
+from backend.study.words import DRAWN_KINDS
+
+REASONS = ("hidden", "webgl_lost", "connection")
+router = APIRouter()  # included in participant.router, which keeps guessers out
+
+
+@router.post("/api/session/{token}/drawing/{key}/stroke")
+def stroke(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Store a drawn path; one that can be driven is driven at once. `problem` says kindly why another cannot."""
+    parts = house(request)
+    request_id = request_id_of(body)
+    with looking(parts, token) as (_, session):
+        step = _step(session, key)
+        if not session.simulated and not bridge_of(parts).connected(session.id):
+            raise Refused(409, "stage_not_ready", "The picture is not there yet.", session_id=session.id)
+        simulated = session.simulated
+    attempt = strokes_drawn.attempt_of(step, body, simulated=simulated)  # outside any transaction: it computes
+    client_time = client_time_of(body.get("client_time"))
+
+    def act(s: DatabaseSession, session: Session) -> StrokeRow:
+        return strokes_drawn.add_stroke(
+            s, parts.files, session, step, attempt, request_id=request_id, client_time=client_time, now=utc_now()
+        )
+
+    return _on_drawing(request, token, key, "stroke", act)
+
+
+@router.post("/api/session/{token}/drawing/{key}/drive")
+def drive(token: str, key: str, request: Request) -> dict[str, Any]:
+    """Let the robot drive the path, again if it did before."""
+    return _on_drawing(
+        request,
+        token,
+        key,
+        "drive",
+        lambda s, session: strokes_drawn.drive(s, session, _step(session, key), now=utc_now()),
+    )
+
+
+@router.post("/api/session/{token}/drawing/{key}/driven")
+def driven(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """The stage told the page that the drive has been watched to its end."""
+    parts, playback = house(request), body.get("playback_id")
+    walked = _walked(parts, token, key, body["walk"]) if body.get("walk") is not None else None
+
+    def act(s: DatabaseSession, session: Session) -> StrokeRow:
+        return strokes_drawn.driven(s, parts.files, session, _step(session, key), playback, walked, now=utc_now())
+
+    return _on_drawing(request, token, key, "driven", act)
+
+
+def _walked(parts: House, token: str, key: str, given: object) -> Walked | None:
+    """What was walked beside the drive that is shown; made outside any transaction, as it computes."""
+    with looking(parts, token) as (s, session):
+        step = _step(session, key)
+        stroke = drawn_paths.latest_stroke(s, session.id, key)
+        if stroke is None or not drawn_paths.is_walked(step, stroke):
+            return None
+        drawn, beside, simulated = stroke.drawn, stroke.trajectory, session.simulated
+    return participant_walks.walked_beside(step, drawn_paths.scene_of(step), drawn, beside, given, simulated=simulated)
+
+
+@router.post("/api/session/{token}/drawing/{key}/walk")
+def walk(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Walk once more beside the drive of the path that is there."""
+    request_id = request_id_of(body)
+
+    def act(s: DatabaseSession, session: Session) -> StrokeRow:
+        return strokes_drawn.walk_again(s, session, _step(session, key), request_id=request_id, now=utc_now())
+
+    return _on_drawing(request, token, key, "walk", act)
+
+
+@router.post("/api/session/{token}/drawing/{key}/interrupted")
+def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """The drive could not be watched to its end; the path stays, and can be driven again."""
+    reason = body.get("reason")
+    if reason not in REASONS:
+        raise Refused(422, "bad_value", f"must be one of {', '.join(REASONS)}", field="reason", value=str(reason)[:40])
+
+    def act(s: DatabaseSession, session: Session) -> None:
+        if machine.step_of(session)["key"] == key:
+            strokes_drawn.interrupted(s, session, machine.step_of(session), reason=str(reason))
+
+    return _on_drawing(request, token, key, "interrupted", act, afresh=True)
+
+
+@router.post("/api/session/{token}/drawing/{key}/redraw")
+def redraw(token: str, key: str, request: Request) -> dict[str, Any]:
+    """Take the path back and draw another one."""
+
+    def act(s: DatabaseSession, session: Session) -> None:
+        strokes_drawn.redraw(s, session, _step(session, key))
+
+    return _on_drawing(request, token, key, "redraw", act, afresh=True)
+
+
+def _step(session: Session, key: str) -> dict[str, Any]:
+    """The session's current step, if it is that one and a path is drawn at it."""
+    step = machine.step_of(session)
+    if session.state != "active" or step["key"] != key or step["kind"] not in DRAWN_KINDS:
+        raise Refused(
+            409,
+            "not_current_step",
+            "The session is at another step.",
+            session_id=session.id,
+            study_id=session.study_id,
+            step=key[:80],
+        )
+    return step
+
+
+def _on_drawing(
+    request: Request,
+    token: str,
+    key: str,
+    asked: str,
+    act: Callable[[DatabaseSession, Session], StrokeRow | None],
+    *,
+    afresh: bool = False,
+) -> dict[str, Any]:
+    """One change of a drawing: commit it, then drive what it says, then tell the page's stream."""
+    parts = house(request)
+    with acting(parts.database, token, request=asked, now=utc_now()) as (s, session):
+        _step(session, key)
+        row = act(s, session)
+        s.flush()
+        shown = drawn_paths.showing(machine.step_of(session), row)
+        reply = state_of(request, s, session, machine.current(s, session))
+        if row is not None:
+            reply["problem"] = row.problem if row.state == "refused" else None
+    bridge = bridge_of(parts)
+    if shown is not None:
+        bridge.tell_stage(session.id, lambda stage: play_stroke(parts, stage, session.id, shown))
+    elif afresh or drawn_paths.met(row):
+        bridge.show(session.id)
+    bridge.changed(session.id)
+    return reply

@@ -1,0 +1,115 @@
+"""The API of a trial: start, a drive was seen or interrupted, watch again. Each change is committed, then played."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable
+from datetime import datetime
+from typing import Any, Literal
+
+from fastapi import APIRouter, Request
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.api.core.dependencies import TheHouse, house
+from backend.api.participant.requests import Json, drive_of
+from backend.api.participant.session_view import looking, state_of
+from backend.api.stage.stage_bridge import bridge_of
+from backend.store.models import Session, utc_now
+from backend.study.session import machine
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
+
+router = APIRouter()  # included in participant.router, which keeps guessers out
+
+
+@router.post("/api/session/{token}/trials/{key}/start")
+def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Play the first drive that was not seen yet."""
+
+    def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
+        if not session.simulated and not bridge_of(house(request)).connected(session.id):
+            raise Refused(
+                409,
+                "stage_not_ready",
+                "The picture is not there yet.",
+                session_id=session.id,
+                study_id=session.study_id,
+            )
+        return machine.start_trial(s, session, key, request_id=str(body.get("request_id", ""))[:64], now=now)
+
+    return _on_trial(request, token, "start", act)
+
+
+@router.post("/api/session/{token}/trials/{key}/seen")
+def seen(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """The stage told the page that a drive has been watched to its end."""
+    drive: Literal["a", "b"] = drive_of(body.get("drive"))
+    playback = body.get("playback_id")
+    return _on_trial(
+        request,
+        token,
+        "seen",
+        lambda s, session, now: machine.drive_seen(s, session, key, drive, playback, now=now),
+    )
+
+
+@router.post("/api/session/{token}/trials/{key}/again")
+def again(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """Play both drives once more, where the protocol allows it."""
+    return _on_trial(request, token, "again", lambda s, session, now: machine.watch_again(s, session, key, now=now))
+
+
+@router.post("/api/session/{token}/trials/{key}/interrupted")
+def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+    """A drive could not be watched: hidden tab (that drive again), lost picture or connection (the trial again)."""
+    reason = body.get("reason")
+    if reason not in ("hidden", "webgl_lost", "connection"):
+        raise Refused(
+            422, "bad_value", "must be hidden, webgl_lost or connection", field="reason", value=str(reason)[:40]
+        )
+
+    def act(s: DatabaseSession, session: Session, now: datetime) -> None:
+        if machine.step_of(session)["key"] == key:
+            again = machine.restart_drive if reason == "hidden" else machine.interrupted
+            again(s, session, reason=reason, now=now)
+
+    return _on_trial(request, token, "interrupted", act, afresh=True)
+
+
+def _on_trial(
+    request: Request,
+    token: str,
+    asked: str,
+    act: Callable[[DatabaseSession, Session, datetime], machine.Playback | None],
+    *,
+    afresh: bool = False,
+) -> dict[str, Any]:
+    """One change of a trial: commit it, then play what it says, then tell the page's stream.
+
+    Watching is no answer: if the power fails, the trial starts over, so nobody waits for the disk here.
+    """
+    parts = house(request)
+    now = utc_now()
+    with acting(parts.database, token, request=asked, now=now, durable=False) as (s, session):
+        playback = act(s, session, now)
+        reply = state_of(request, s, session, machine.current(s, session))
+    bridge = bridge_of(parts)
+    if playback is not None:
+        bridge.play(session.id, playback)
+    elif afresh:
+        bridge.show(session.id, afresh=True)
+    bridge.changed(session.id)
+    return reply
+
+
+@router.get("/api/session/{token}/trial-data")
+def trial_data(token: str, parts: TheHouse) -> dict[str, str]:
+    """The two drives of the current trial as NPZ in base64, for oracles; simulated sessions only."""
+    with looking(parts, token) as (s, session):
+        if not session.simulated:
+            raise Refused(403, "simulated_only", "Only simulated sessions may read drives.", session_id=session.id)
+        trial = machine.trial_of(s, session)
+        if trial is None:
+            raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
+    drives = {"a": trial.trajectory_a, "b": trial.trajectory_b}
+    return {name: base64.b64encode(parts.files.get(drive)).decode() for name, drive in drives.items()}

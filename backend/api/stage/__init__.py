@@ -1,0 +1,1 @@
+"""The 3D stage's door, and what joins it with the session machine."""

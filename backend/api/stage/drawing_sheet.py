@@ -1,0 +1,68 @@
+"""What a stage shows at a drawing: the paper with what was kept there, or the drive of the path that was drawn.
+
+The routes that change a drawing live in `drawing.py`; `stage_bridge.py` asks here when a stage has connected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from app.paper import Paper
+from backend.api.core.dependencies import House
+from backend.store.artefacts import load_trajectory
+from backend.store.models import Session, StrokeRow
+from backend.study.session import drawn_paths, machine, participant_walks
+from backend.study.words import DRAWN_KINDS
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+
+SPECK_M = 0.03  # kept paths are shown in steps of this; finer is not to be seen
+
+
+def play_stroke(parts: House, stage: Stage, session_id: str, shown: drawn_paths.Showing) -> None:
+    """Show a stroke's drive, unless the session went on meanwhile."""
+    with parts.database.session() as s:
+        step = machine.step_of(s.get_one(Session, session_id))
+        latest = drawn_paths.latest_stroke(s, session_id, step["key"])
+    if step["kind"] not in DRAWN_KINDS or drawn_paths.showing(step, latest) != shown:
+        return
+    # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
+    scene = participant_walks.scene_with(drawn_paths.scene_of(step), latest.walk if latest is not None else None)
+    drive = replace(load_trajectory(parts.files, shown.trajectory), scene=scene)
+    drawn = Paper(step["key"], drawn=latest.drawn, resting=True) if latest is not None else None
+    stage.play(
+        drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
+    )
+
+
+def present(parts: House, stage: Stage, session_id: str) -> None:
+    """Bring a stage to the drawing that its session stands at: the scene, what was kept there, what is drawn."""
+    with parts.database.session() as s:
+        session = s.get_one(Session, session_id)
+        step = machine.step_of(session)
+        kept = [_thinned(one) for one in drawn_paths.kept_strokes(s, session_id, step)]
+        latest = drawn_paths.latest_stroke(s, session_id, step["key"])
+        phase = drawn_paths.state_of(s, session, step)["phase"]
+    on_it = latest is not None and latest.state in ("drawn", "watched", "refused")
+    scene = drawn_paths.scene_of(step)
+    offered = participant_walks.offered(step)
+    paper = Paper(
+        step["key"],
+        kept,
+        latest.drawn if on_it and latest is not None else None,
+        resting=phase != "drawing",
+        problem=latest.problem if on_it and latest is not None else None,
+        walks=[participant_walks.scene_with(scene, walk) for walk in offered],
+        chosen=offered.index(latest.walk) if on_it and latest is not None and latest.walk in offered else None,
+    )
+    stage.draw(scene, step["view"], paper)
+
+
+def _thinned(stroke: StrokeRow) -> list[tuple[float, float]]:
+    points: list[tuple[float, float]] = []
+    for x, y in stroke.drawn["points"]:
+        if not points or (x - points[-1][0]) ** 2 + (y - points[-1][1]) ** 2 >= SPECK_M**2:
+            points.append((x, y))
+    return points

@@ -1,0 +1,83 @@
+"""Stages for signed-in people (two drives side by side, a protocol's preview): who may open one, and what it shows.
+
+A grant lives in memory for an hour; the stage's own door (`stage_proxy.py`) and bridge ask here about keys that begin
+with `replay:`. Participants' stages have nothing to do with this.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from app.beside import Beside
+from backend.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+    from backend.api.core.dependencies import House
+
+PREFIX = "replay:"
+GRANT_LASTS_S = 3_600.0
+MOST_GRANTS = 200  # drives are kept in memory; the oldest grants go first
+
+
+class Shown(Protocol):
+    """Something that a stage can show as soon as it has connected."""
+
+    def show(self, stage: Stage) -> None: ...
+
+
+@dataclass(frozen=True)
+class Replay:
+    """One drive, or two in one scene, with the names of their policies, and other paths beside them."""
+
+    drives: tuple[Trajectory, ...]
+    names: tuple[str, ...]
+    beside: tuple[Beside, ...] = ()
+
+    def show(self, stage: Stage) -> None:
+        stage.replay(self.drives, names=self.names, beside=self.beside)
+
+
+class ReplayStages:
+    """The replays that signed-in people opened."""
+
+    def __init__(self) -> None:
+        self._granted: dict[str, tuple[float, Shown]] = {}
+
+    def grant(self, shown: Shown) -> str:
+        """Admit one browser to a stage with this on it; returns the token for the stage's address."""
+        now = time.monotonic()
+        self._granted = {token: entry for token, entry in self._granted.items() if now - entry[0] < GRANT_LASTS_S}
+        while len(self._granted) >= MOST_GRANTS:
+            del self._granted[next(iter(self._granted))]
+        token = secrets.token_urlsafe(32)
+        self._granted[token] = (now, shown)
+        return token
+
+    def key_of(self, token: str) -> str | None:
+        """The stage key that a token opens, or None if it opens none (any more)."""
+        entry = self._granted.get(token)
+        if entry is None or time.monotonic() - entry[0] >= GRANT_LASTS_S:
+            return None
+        return f"{PREFIX}{token}"
+
+    def shown_by(self, token: str) -> Shown | None:
+        """What the stage of a token shows, None if the token opens none (any more)."""
+        return self._granted[token][1] if self.key_of(token) else None
+
+    def show(self, stage: Stage, key: str) -> bool:
+        """Show what belongs to the key on a stage that has just connected. False if the key is not one of ours."""
+        if not key.startswith(PREFIX):
+            return False
+        entry = self._granted.get(key.removeprefix(PREFIX))
+        if entry is not None:
+            entry[1].show(stage)
+        return True
+
+
+def replays(parts: House) -> ReplayStages:
+    """The house's replays; made at first use."""
+    return parts.part("replays", ReplayStages)

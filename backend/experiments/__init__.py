@@ -1,0 +1,1 @@
+"""Benchmarks, studies of asking, reproduction of chapters, shipping: may import everything; only commands import it."""

@@ -1,0 +1,221 @@
+"""How far 15 answers of each oracle move the instant policy, over query seeds and pre-trainings: one table.
+
+One alignment at a time, with its clock, is measured in `benchmark_align.py`; what an oracle is lives in `oracles.py`.
+Everything here is simulated and says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED, LONGEST_DRIVE_S
+from backend.learning.errors import LearningError
+from backend.learning.policies.conditioned import ConditionedPolicy, settings
+from backend.learning.policies.evaluate import mean_estimate, wilson
+from backend.learning.policies.movement import Drives, Movement, best_possible
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
+from backend.learning.preferences.oracles import HELD_OUT, TASTES, Oracle, make_oracle
+from backend.learning.preferences.posterior import Posterior
+from backend.learning.preferences.preferences import Preference
+from backend.learning.preferences.spans import seen_in
+from backend.learning.preferences.vocabulary import NAMES
+from backend.learning.queries.choosing import STRATEGIES, asked_in_turn
+from backend.learning.queries.queries import Query, QueryConfig, generate_queries
+from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
+from backend.learning.rewards.reward_weights import fit_weights
+from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.scene import Scene
+from backend.simulation.setups import get_setup
+from backend.simulation.trajectory import Trajectory
+
+Doubles = NDArray[np.float64]
+Source = Literal["ensemble", "varied"]
+
+
+@dataclass(frozen=True)
+class WantsConfig:
+    """What is measured. queries: drives of the ensemble, or of the shipped conditioned policy told different things,
+    as in `queries_varied_200`. choose: how the next query is chosen from a pool, as in studies; at random, all
+    `answers` queries that were made are asked. report_seed: reporting scenes that no card and no other benchmark uses.
+    """
+
+    oracles: tuple[str, ...] = tuple(TASTES)
+    noises: tuple[float, ...] = (0.0,)
+    query_seeds: tuple[int, ...] = tuple(range(70, 80))
+    queries: Source = "varied"
+    choose: str = "random"
+    pool: int = 60
+    answers: int = 15
+    scenes: int = 2_000
+    report_seed: int = 600
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """One policy in the reporting scenes. worth: (n,) by taste that was asked for, what it thinks of each drive."""
+
+    drives: Drives
+    worth: dict[str, Doubles]
+
+    @classmethod
+    def of(cls, policy: Policy, scenes: Sequence[Scene], tastes: Sequence[str]) -> _Driven:
+        trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.driver, scenes)
+        return cls(Drives.of(trajectories), {name: TASTES[name].value(trajectories) for name in tastes})
+
+
+def benchmark_wants(
+    setup: str,
+    pretrainings: Mapping[str, ConditionedPolicy] | None = None,
+    config: WantsConfig | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> dict[str, Any]:
+    """Every oracle answers `answers` queries per query seed; each pre-training is told what the posterior says.
+
+    pretrainings: by name; None: the shipped one. All policies drive the same scenes. Result: {"simulated": True,
+    "setup", "config", "scenes", "base", "neutral" (per pre-training), "rows", "summary"}. A row holds the oracle, what
+    the policy was told, `dominant_found` (its foremost objective has the largest weight; null outside the vocabulary),
+    rates, and for each objective that the oracle wants `moved`: share of the way, gains against base and neutral with
+    intervals (`Movement.moved`). `preferred`: share of the scenes in which both arrive where the oracle itself would
+    rather have the told policy's drive than the base policy's, a tie half, with its Wilson interval (rounded down to
+    whole scenes). Raises LearningError for unknown oracles or no query seeds.
+    """
+    config = config or WantsConfig()
+    unknown = [name for name in config.oracles if name not in TASTES]
+    if unknown or not config.query_seeds or not config.oracles:
+        raise LearningError(f"oracles = {list(config.oracles)}: known are {', '.join(TASTES)}; at least 1 query seed")
+    if config.choose not in STRATEGIES:
+        raise LearningError(f"choose = {config.choose!r}: known are {', '.join(STRATEGIES)}")
+    told = dict(pretrainings) if pretrainings else {f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned")}
+    scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=config.report_seed)
+    possible = best_possible(scenes)
+    base = _Driven.of(load_policy(f"{setup}/base"), scenes, config.oracles)
+    neutral = {name: _Driven.of(policy.at(settings()["neutral"]), scenes, ()) for name, policy in told.items()}
+    asked = {seed: _queries(setup, config, seed) for seed in config.query_seeds}
+    rows: list[dict[str, Any]] = []
+    for row in _rows(told, asked, scenes, possible, base, neutral, config):
+        rows.append(row)
+        if on_progress:
+            cells = len(told) * len(config.oracles) * len(config.noises) * len(asked)
+            on_progress(len(rows) / cells)
+    described = Movement(base.drives, {name: driven.drives for name, driven in neutral.items()}, possible).report()
+    return {
+        "simulated": True,
+        "setup": setup,
+        "config": asdict(config),
+        "scenes": describe(Purpose.REPORT, config.scenes, config.report_seed),
+        "base": described["base"],
+        "neutral": described["told"],
+        "ceiling_m": float(possible[:, NAMES.index("farther")].mean()),
+        "summary": summarise(rows),
+        "rows": rows,
+    }
+
+
+def _queries(setup: str, config: WantsConfig, seed: int) -> Sequence[Query]:
+    """Fresh queries that no shipped set holds."""
+    count = config.answers if config.choose == "random" else max(config.answers, config.pool)
+    asked = QueryConfig(count=count, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
+    if config.queries == "ensemble":
+        return generate_queries(load_ensemble(setup), asked).queries
+    return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
+
+
+def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> list[Preference]:
+    """The oracle's answers to all queries, or to those of a pool that are chosen one after the other, as in studies."""
+    preferences = oracle.answer(queries)
+    if config.choose == "random":
+        return preferences
+    answers = [one.chosen is query.trajectory_a for one, query in zip(preferences, queries, strict=True)]
+    prior, numbers = Posterior.prior(queries[0].scene.setup), range(len(queries))
+    unused = np.random.default_rng(0)  # one query by the other strategies depends on no chance
+    turns = asked_in_turn(prior, seen_in(queries), answers, numbers, config.answers, config.choose, unused)
+    return [preferences[k] for k, _ in turns]
+
+
+def _rows(
+    told: Mapping[str, ConditionedPolicy],
+    asked: Mapping[int, Sequence[Query]],
+    scenes: Sequence[Scene],
+    possible: Doubles,
+    base: _Driven,
+    neutral: Mapping[str, _Driven],
+    config: WantsConfig,
+) -> Iterator[dict[str, Any]]:
+    driven_by: dict[tuple[str, str, bytes], _Driven] = {}
+    for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
+        answers = _answers(make_oracle(oracle, noise=noise, seed=seed), asked[seed], config)
+        weights = fit_weights(answers).preference_weights()
+        wanted = TASTES[oracle].wants
+        for name, conditioned in told.items():
+            key = (oracle, name, weights.tobytes())  # many query sets end in the very same weights
+            if key not in driven_by:
+                driven_by[key] = _Driven.of(conditioned.at(weights), scenes, (oracle,))
+            driven = driven_by[key]
+            both = driven.drives.success & base.drives.success
+            better = np.sign(driven.worth[oracle][both] - base.worth[oracle][both])
+            crossings, lengths = (driven.drives.self_intersections, driven.drives.measured[both, 3])
+            yield {
+                "oracle": oracle,
+                "held_out": oracle in HELD_OUT,
+                "noise": noise,
+                "query_seed": seed,
+                "pretraining": name,
+                "told": {want: float(weight) for want, weight in zip(NAMES, weights, strict=True) if weight > 0},
+                "dominant_found": NAMES[int(weights.argmax())] == wanted[0] if wanted else None,
+                "success_rate": wilson(int(driven.drives.success.sum()), len(scenes)).as_dict(),
+                "self_intersections": mean_estimate(crossings).as_dict(),
+                "longer_m": float((lengths - base.drives.measured[both, 3]).mean()),
+                "both_succeed": int(both.sum()),
+                "preferred": wilson(int(((better + 1) / 2).sum()), int(both.sum())).as_dict(),
+                "moved": {
+                    want: Movement(base.drives, {want: driven.drives, "neutral": neutral[name].drives}, possible).moved(
+                        want
+                    )
+                    for want in wanted
+                },
+            }
+
+
+def summarise(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One line per oracle, noise and pre-training, over the query seeds.
+
+    share, share_lowest, share_highest: of the way, of the foremost objective. seeds_better: in how many query sets the
+    whole 95 % interval of every wanted measure's paired gain against the base policy lies above 0. The three are null
+    outside the vocabulary.
+    """
+    lines = []
+    for oracle, noise, name in dict.fromkeys((row["oracle"], row["noise"], row["pretraining"]) for row in rows):
+        of = [row for row in rows if (row["oracle"], row["noise"], row["pretraining"]) == (oracle, noise, name)]
+        moved = [list(row["moved"].values()) for row in of]
+        inside = bool(moved[0])
+        shares = [wants[0]["share_of_the_way"]["value"] for wants in moved if wants]
+        lines.append(
+            {
+                "oracle": oracle,
+                "held_out": of[0]["held_out"],
+                "noise": noise,
+                "pretraining": name,
+                "query_seeds": len(of),
+                "share": float(np.mean(shares)) if inside else None,
+                "share_lowest": min(shares) if inside else None,
+                "share_highest": max(shares) if inside else None,
+                "seeds_better": sum(all(want["better_than_base"]["low"] > 0 for want in wants) for wants in moved)
+                if inside
+                else None,
+                "dominant_found": float(np.mean([row["dominant_found"] for row in of])) if inside else None,
+                "preferred": float(np.mean([row["preferred"]["value"] for row in of])),
+                "success_lowest": min(row["success_rate"]["value"] for row in of),
+                "self_intersections": float(np.mean([row["self_intersections"]["value"] for row in of])),
+                "self_intersections_most": max(row["self_intersections"]["value"] for row in of),
+                "longer_m": float(np.mean([row["longer_m"] for row in of])),
+            }
+        )
+    return lines

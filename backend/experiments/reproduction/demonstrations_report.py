@@ -1,0 +1,238 @@
+"""Chapter 2 as a report: bars met and missed, measures beside the baselines', what each part of the training gives."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from backend.demonstrations.controllers import BASELINES
+from backend.demonstrations.judging import KINDS
+from backend.demonstrations.td3_bc import DEPARTURES
+from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WITHOUT, Plan
+from backend.experiments.reproduction.demonstrations_results import BARS, MEASURES, NAMES, SHOWN, Load, Row, measured
+from backend.experiments.reproduction.enquery_report import kinds
+from backend.experiments.reproduction.pieces import Run
+from backend.experiments.reproduction.running import told_time
+from backend.explain.pictures import Picture
+from backend.explain.printed import Section, Shown, Table, page, shown_picture
+
+PREFERRED_M = "1.1 ± 0.2 m"  # section 2.6.3
+_ABLATED = (
+    "Without cloning: no behavioural-cloning term. Without goal boost: the goal earns no more in the demonstrations "
+    "than in exploration."
+)
+_CONTROL = (
+    "TD3 without demonstrations: no demonstration buffer and no cloning; it is rewarded for reaching goals and for "
+    "progress in exploration, as base policies are."
+)
+_UNCONTROLLED = "Only the whole training was run; the budget `full` also leaves out its parts."
+
+
+def write_report(path: Path, plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Picture], run: Run) -> None:
+    """One HTML file with everything in it; figures are SVG."""
+    html = page(
+        __package__,
+        "demonstrations.html",
+        run={"budget": plan.budget.name, "seeds": ", ".join(map(str, plan.budget.seeds))},
+        brief=brief(plan, rows, load),
+        sections=sections(plan, rows, load, drawn, path.parent / "figures"),
+        facts=facts(plan, run),
+        kinds=kinds(run),
+    )
+    path.write_text(html, encoding="utf-8")
+
+
+def brief(plan: Plan, rows: Sequence[Row], load: Load) -> list[str]:
+    """The result in a few sentences, as the numbers have it."""
+    ours = [row for row in rows if row.controller == OURS]
+    told = []
+    for name, bar in BARS.items():
+        judged = [(row, bar.met(row.values[name])) for row in ours]
+        known = [(row, met) for row, met in judged if met is not None]
+        missed = [f"{_whose(row)} ({_number(row.values[name])})" for row, met in known if not met]
+        relation = "at least" if bar.at_least else "at most"
+        where = f"; missed: {', '.join(missed)}" if missed else ""
+        told.append(
+            f"{_capital(bar.name)}, {relation} {bar.bound}: met by {len(known) - len(missed)} of {len(known)} "
+            f"controllers, means over seeds{where}."
+        )
+    return [*told, *_trained_in(ours), *_without(rows), *_measures_brief(plan, load)]
+
+
+def _trained_in(ours: Sequence[Row]) -> list[str]:
+    """How long training took."""
+    spent = [row.cpu_s for row in ours if row.cpu_s is not None]
+    ready = [row.ready_s for row in ours]
+    known = [s for s in ready if s is not None]
+    slowest = f", the slowest seed after {max(known):.0f} s" if known else ""
+    return [
+        f"Training took {np.mean(spent):.0f} CPU seconds of one core ({min(spent):.0f}-{max(spent):.0f}), measuring "
+        f"every checkpoint included. {len(known)} of {len(ready)} controllers meet the bars on demonstrated starts "
+        f"at some checkpoint with every seed{slowest}."
+    ]
+
+
+def _without(rows: Sequence[Row]) -> list[str]:
+    """Whether the bar on the Frechet distance says anything: who has seen no demonstrations must miss it."""
+    plain = [row for row in rows if row.controller == WITHOUT]
+    if not plain:
+        return []
+    passing = [
+        f"{_whose(row)} (f = {_number(row.values['frechet_m'])} m at t* = {_number(row.values['t_star'])}, "
+        f"{100 * (row.values['followed_rate'] or 0):.0f} % of drives follow)"
+        for row in plain
+        if row.follows
+    ]
+    worthless = f"; it passes for {', '.join(passing)}, of whose paths the bar then says nothing" if passing else ""
+    return [
+        f"TD3 without demonstrations, which must miss the bar on the Frechet distance: it misses it for "
+        f"{len(plain) - len(passing)} of {len(plain)} demonstrators{worthless}."
+    ]
+
+
+def _measures_brief(plan: Plan, load: Load) -> list[str]:
+    """What the thesis says of ours beside the two baselines, counted."""
+    told = []
+    for name, title in MEASURES.items():
+        compared = [
+            {c: float(np.mean(measured(plan, load, environment, style, c, name))) for c in CONTROLLERS}
+            for environment in plan.budget.environments
+            for style in plan.budget.styles
+        ]
+        beaten = {b: sum(means[OURS] > means[b] for means in compared) for b in BASELINES}
+        told.append(f"{title} above {' and '.join(f'that of {NAMES[b]} in {n}' for b, n in beaten.items())}")
+    cases = len(plan.budget.environments) * len(plan.budget.styles)
+    return [
+        f"Ours beside the baselines, means over drives, of {cases} demonstrators and environments: {'; '.join(told)}."
+    ]
+
+
+def _whose(row: Row) -> str:
+    return f"{row.style.replace('_', ' ')} in the {row.environment}"
+
+
+def sections(plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Picture], folder: Path) -> list[Section]:
+    """The report's parts in order."""
+
+    def shown(*beginnings: str) -> list[Shown]:
+        return [shown_picture(one, folder) for one in drawn if one.name.startswith(beginnings)]
+
+    main = [row for row in rows if row.controller in (*CONTROLLERS, WITHOUT)]
+    whole = (plan.budget.environments[0], plan.budget.ablated)
+    ablated = [row for row in rows if (row.environment, row.style) == whole and row.controller in VARIANTS]
+    return [
+        Section("Demonstrations and drives", pictures=shown("paths")),
+        Section(
+            "Likeness to the demonstrations",
+            [
+                "Every controller drives once from every demonstrated start. f(t*) and t* are those of the "
+                "demonstration of the same pair that is followed best; a small f at a small t* says nothing. Two "
+                "medians may come from different drives, and a robot that circles where it starts has a small f at "
+                "t* = 1: so the share of drives is told, too, that arrive with f at most 0.25 m and t* at least 0.8. "
+                "Medians over drives, means over seeds; in brackets the worst seed. TD3 without demonstrations is one "
+                "controller per environment and seed, the same for all demonstrators."
+            ],
+            tables=[_bars_table(main)],
+        ),
+        Section(
+            "Path length, distance, area",
+            [f"The thesis's participants preferred a minimum human distance of {PREFERRED_M} in both environments."],
+            tables=[_measures_table(plan, load)],
+            pictures=shown("measures"),
+        ),
+        Section("Speed profiles", pictures=shown("speeds")),
+        Section("Where nothing was demonstrated", tables=[_unseen_table(main)], pictures=shown("unseen")),
+        Section(
+            "What the parts of the training give",
+            [_ABLATED, _CONTROL] if plan.budget.controls else [_UNCONTROLLED],
+            tables=[_bars_table(ablated)],
+            pictures=shown("curves"),
+        ),
+        Section("Where training departs from the thesis", points=DEPARTURES),
+    ]
+
+
+def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
+    """Command, budgets, durations."""
+    budget = plan.budget
+    return [
+        ("command", run.command),
+        ("commit", run.commit),
+        ("this run", f"{run.computed} pieces computed in {told_time(run.seconds)} by {run.processes} process(es)"),
+        ("all pieces", f"{len(run.made)} pieces, {told_time(run.core_seconds)} of one core"),
+        ("updates", f"{budget.updates:,} per controller"),
+        (
+            "demonstrations",
+            f"{budget.per_pair} of each of four pairs, by {len(budget.styles)} programmed demonstrators",
+        ),
+        ("unseen scenes", f"{budget.unseen} of each of {', '.join(KINDS)}, per seed"),
+    ]
+
+
+def _bars_table(rows: Sequence[Row]) -> Table:
+    heads = ["environment", "demonstrator", "controller", "seeds", *(bar.name for bar in BARS.values()), "CPU s"]
+    return Table(
+        "; ".join(f"{bar.name}: {'≥' if bar.at_least else '≤'} {bar.bound}" for bar in BARS.values()),
+        heads,
+        [
+            [
+                row.environment,
+                row.style,
+                NAMES[row.controller],
+                str(row.seeds),
+                *(_with_worst(row, name) for name in BARS),
+                f"{row.cpu_s:.0f}" if row.cpu_s is not None else "-",
+            ]
+            for row in rows
+        ],
+    )
+
+
+def _with_worst(row: Row, name: str) -> str:
+    value = _number(row.values[name])
+    return f"{value} ({_number(row.worst[name])})" if row.seeds > 1 else value
+
+
+def _measures_table(plan: Plan, load: Load) -> Table:
+    found = []
+    for environment in plan.budget.environments:
+        for style in plan.budget.styles:
+            for controller in SHOWN:
+                columns = [
+                    measured(plan, load, environment, style, controller, name)
+                    for name in ("relative_path_length", "min_human_distance", "path_area")
+                ]
+                told = [f"{np.mean(values):.2f} ± {np.std(values):.2f}" for values in columns]
+                found.append([environment, style, NAMES[controller], str(len(columns[0])), *told])
+    heads = [
+        "environment",
+        "demonstrator",
+        "controller",
+        "drives",
+        "relative length",
+        "human distance (m)",
+        "area (m²)",
+    ]
+    return Table("Means ± standard deviations over drives from demonstrated starts", heads, found)
+
+
+def _unseen_table(rows: Sequence[Row]) -> Table:
+    heads = ["environment", "demonstrator", "controller", *(f"random {kind}" for kind in KINDS)]
+    return Table(
+        "Success rates, means over seeds (worst seed); anywhere: start, goal and person",
+        heads,
+        [
+            [row.environment, row.style, NAMES[row.controller], *(_with_worst(row, kind) for kind in KINDS)]
+            for row in rows
+        ],
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]

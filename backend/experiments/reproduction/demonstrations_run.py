@@ -1,0 +1,73 @@
+"""`desirepath reproduce demonstrations`, without the command line: work, figures, report."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig
+from backend.experiments.reproduction.demonstrations import FUNCTIONS, Budget, make_plan
+from backend.experiments.reproduction.demonstrations_results import BARS, rows_of
+from backend.experiments.reproduction.pieces import Piece, Work
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.learning.cards import Card, card_path, file_sha256
+
+
+def reproduce_demonstrations(
+    out: Path, budget: Budget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
+) -> dict[str, Any]:
+    """Compute what is missing under `out`/work, then write figures, results.json with its card, and report.html.
+
+    Stopped in any way and started again, it goes on with the first piece that is not stored. Raises RuntimeError if
+    another run works in the same folder.
+    """
+    from backend.experiments.reproduction.demonstrations_figures import pictures  # matplotlib is slow to load
+    from backend.experiments.reproduction.demonstrations_report import brief, write_report
+
+    plan = make_plan(budget)
+    work = Work(out / "work")
+    with work.claimed():
+        run = compute(plan.pieces(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
+        rows = rows_of(plan, work.load)
+        told = brief(plan, rows, work.load)
+        tell("drawing")
+        drawn = pictures(plan, work.load)
+        files = [path for picture in drawn for path in picture.save(out / "figures")]
+        write_report(out / "report.html", plan, rows, work.load, drawn, run)
+        results = out / "results.json"
+        summary = write_results(
+            results,
+            run,
+            budget,
+            bars={name: asdict(bar) for name, bar in BARS.items()},
+            rows=[asdict(row) for row in rows],
+            brief=told,
+        )
+        card = Card(
+            kind="reproduction",
+            name=f"demonstrations/reproduce_{budget.name}",
+            setup=", ".join(budget.environments),
+            file=results.name,
+            sha256=file_sha256(results),
+            command=command,
+            seed=budget.seeds[0],
+            commit=run.commit,
+            config={**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
+            scenes={"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
+            results={"brief": told, "core_seconds": run.core_seconds},
+            departures=DEPARTURES,
+            notes=["Simulated throughout: those who demonstrate are programmed demonstrators."],
+        )
+        card.save(card_path(results))
+    return {
+        "report": str(out / "report.html"),
+        "results": str(results),
+        "figures": [str(path) for path in files],
+        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "brief")},
+    }
+
+
+def _name(piece: Piece) -> str:
+    whose = piece.params.get("style", piece.params.get("controller", ""))
+    return f"{piece.kind}, {whose} in the {piece.params['environment']}"

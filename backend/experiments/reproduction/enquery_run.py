@@ -1,0 +1,123 @@
+"""`desirepath reproduce enquery`, without the command line: work, figures, report."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from backend.experiments.reproduction.enquery import FUNCTIONS, SETUP, Budget, Plan, Speed, make_plan
+from backend.experiments.reproduction.enquery_results import Results, TableRow, results_of
+from backend.experiments.reproduction.pieces import Run, Work
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256
+from backend.learning.policies.shape import FAST_HEADS
+from backend.learning.scene_sets import Purpose, describe
+from backend.learning.td3.base import BaseConfig, BaseTraining
+
+TIMED_UPDATES = 60
+
+
+def measure_speed(heads: tuple[int, int]) -> Speed:
+    """Seconds of one TD3 update of this machine, with its share of environment steps, by a few real ones."""
+    per_update = {}
+    for width in {FAST_HEADS, heads}:
+        config = BaseConfig(SETUP, heads=width, n_envs=64, random_transitions=1_024, buffer_size=10_000)
+        training = BaseTraining(config)
+        while training.agent.updates < config.updates_per_step:  # the first ones are slow: they compile and warm up
+            training.vector_step()
+        before, began = training.agent.updates, time.process_time()
+        while training.agent.updates < before + TIMED_UPDATES:
+            training.vector_step()
+        per_update[width] = (time.process_time() - began) / (training.agent.updates - before)
+    return Speed(per_update)
+
+
+def reproduce_enquery(
+    out: Path, budget: Budget, *, seed: int = 0, processes: int = 2, command: str = "", tell: Tell = lambda words: None
+) -> dict[str, Any]:
+    """Compute what is missing under `out`/work, then write figures, results.json and report.html.
+
+    Stopped in any way and started again, it goes on with the first piece that is not stored. Raises RuntimeError if
+    another run works in the same folder, ValueError for a seed or number of processes that cannot be.
+    """
+    from backend.experiments.reproduction.enquery_figures import pictures  # matplotlib is slow to load
+    from backend.experiments.reproduction.enquery_report import write_report
+
+    plan = make_plan(budget, seed, measure_speed(budget.heads))
+    work = Work(out / "work")
+    with work.claimed():
+        run = compute(
+            plan.pieces(),
+            FUNCTIONS,
+            work,
+            command=command,
+            processes=processes,
+            tell=tell,
+            name=lambda piece: piece.kind.replace("_", " "),
+        )
+        results = results_of(plan, work.load)
+        tell("drawing")
+        drawn = pictures(plan, work.load, results)
+        files = [path for picture in drawn for path in picture.save(out / "figures")]
+        write_report(out / "report.html", plan, results, drawn, run)
+        told_results = out / "results.json"
+        summary = write_results(told_results, run, budget, setup=SETUP, seed=seed, results=asdict(results))
+        _card(plan, results, run, told_results).save(card_path(told_results))
+    return {
+        "report": str(out / "report.html"),
+        "results": str(out / "results.json"),
+        "figures": [str(path) for path in files],
+        **{key: summary[key] for key in ("budget", "seed", "seconds", "computed", "core_seconds", "commit")},
+        "tables": {recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()},
+        "crossings": results.crossings,
+        "ceiling_m": results.ceiling_m,
+    }
+
+
+def _card(plan: Plan, results: Results, run: Run, file: Path) -> Card:
+    """What the numbers were made of and how, beside them like every other artefact's card."""
+    scenes = plan.raw.params["scenes"]
+    begun = (plan.base, plan.ensemble, *(piece.needs[0] for piece in plan.sweep.values()))
+    parents = {
+        piece.params["name"]: ", ".join(piece.params["sha256"]) for piece in begun if piece.kind.startswith("shipped")
+    }
+    conditioned = [p.params for pieces in plan.alignments.values() for p in pieces if "conditioned" in p.params]
+    if conditioned:
+        parents[conditioned[0]["conditioned"]] = conditioned[0]["sha256"]
+    heads = ["heads"] if plan.budget.heads == FAST_HEADS else []
+    trained = ["progress", "calm", *heads, "environments", "average", "ensemble_start", "ensemble_choice"]
+    keys = [*trained, "refine", *(["instant", "refine_instant"] if conditioned else [])]
+    return Card(
+        kind="reproduction",
+        name=f"{SETUP}/reproduce_{plan.budget.name}",
+        setup=SETUP,
+        file=file.name,
+        sha256=file_sha256(file),
+        command=run.command,
+        seed=plan.seed,
+        commit=run.commit,
+        config=asdict(plan.budget),
+        scenes={
+            "table": describe(Purpose.REPORT, scenes["n"], scenes["seed"]),
+            "sweep": describe(Purpose.SELECT, plan.budget.sweep_scenes, scenes["seed"]),
+        },
+        results={
+            "tables": {
+                recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()
+            },
+            "ceiling_m": results.ceiling_m,
+            "crossings": results.crossings,
+            "core_seconds": run.core_seconds,
+        },
+        parents=parents,
+        departures=[DEPARTURES[key] for key in keys],
+        notes=["Simulated throughout: the answers are the oracle's, which prefers the larger minimum human distance."],
+    )
+
+
+def _row_summary(row: TableRow) -> dict[str, Any]:
+    names = ("min_human_distance_m", "success_rate", "collision_rate", "timeout_rate", "share_of_the_way")
+    p = row.per_alignment_test.p_corrected if row.per_alignment_test else None
+    return {name: getattr(row, name) for name in names} | {"p": p}

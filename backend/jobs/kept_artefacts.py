@@ -1,0 +1,122 @@
+"""How jobs find what they work on and keep what they made: with a card, and a lineage back to the answers."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from sqlalchemy.orm import Session as DbSession
+
+from backend.jobs.context import JobContext
+from backend.jobs.kinds import Params
+from backend.learning.cards import source_commit
+from backend.learning.policies.policy import Policy
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectory
+from backend.store.models import Artefact
+from backend.store.shipped import policy_artefact
+
+Parent = tuple[Artefact, str]  # the artefact and its role in what is made from it
+
+
+def find_artefact(s: DbSession, reference: str, kind: str) -> Artefact:
+    """The artefact with that id, or the shipped policy of that name (`study_room/base`).
+
+    Raises ArtefactError: unknown, another kind, or quarantined because somebody's answers behind it were erased.
+    """
+    found = policy_artefact(s, reference) if "/" in reference else s.get(Artefact, reference)
+    if found is None:
+        raise ArtefactError(f"no {kind} {reference!r}; it needs an id from the lists, or a shipped name")
+    if found.kind != kind:
+        raise ArtefactError(f"{reference!r} is a {found.kind}, needed is a {kind}")
+    if found.quarantined_at is not None:
+        raise ArtefactError(f"{kind} {reference!r} is quarantined: {QUARANTINED}")
+    return found
+
+
+def load_policy(context: JobContext, reference: str) -> tuple[Artefact, Policy]:
+    """A policy and its artefact. Raises ArtefactError as `find_artefact` does."""
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "policy")
+    return artefact, Policy.from_bytes(context.files.get(artefact.id))
+
+
+def keep(
+    context: JobContext,
+    *,
+    kind: str,
+    name: str,
+    setup: str,
+    content: bytes,
+    params: Params,
+    config: Mapping[str, Any],
+    results: Mapping[str, Any],
+    parents: Sequence[Parent] = (),
+    scenes: Mapping[str, Any] | None = None,
+    departures: Sequence[str] = (),
+) -> str:
+    """Store an artefact of this job with its card; returns its id.
+
+    Raises ArtefactError if a parent was erased or quarantined while the job ran: nothing is kept then.
+    """
+    with context.database.transaction() as s:
+        for parent, _ in parents:
+            find_artefact(s, parent.id, parent.kind)
+        card = {
+            "kind": kind,
+            "name": name,
+            "setup": setup,
+            **card_of(context, params, config=config, results=results, parents=parents, scenes=scenes),
+            "departures": list(departures),
+        }
+        made = save_artefact(
+            s,
+            context.files,
+            kind=kind,
+            name=name,
+            setup=setup,
+            content=content,
+            card=card,
+            parents=[(parent.id, role) for parent, role in parents],
+            study_id=context.job.study_id,
+            job_id=context.job.id,
+        )
+        return made.id
+
+
+def card_of(
+    context: JobContext,
+    params: Params,
+    *,
+    config: Mapping[str, Any],
+    results: Mapping[str, Any],
+    parents: Sequence[Parent] = (),
+    scenes: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """How an artefact came to be, enough to make it again; the keys are those of `backend.learning.cards.Card`."""
+    return {
+        "command": command_of(context.job.kind, params),
+        "job": context.job.id,
+        "seed": params.model_dump().get("seed"),
+        "commit": source_commit(),
+        "config": dict(config),
+        "scenes": dict(scenes or {}),
+        "results": dict(results),
+        "parents": {f"{role}: {parent.name}": parent.id for parent, role in parents},
+    }
+
+
+def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
+    """Store a drive of a policy; returns its id."""
+    with context.database.transaction() as s:
+        return save_trajectory(s, context.files, trajectory, made_by=made_by).id
+
+
+def command_of(kind: str, params: Params) -> str:
+    """The command that starts the same job again."""
+    settings: list[str] = []
+    for name, value in params.model_dump(mode="json", exclude_defaults=True).items():
+        settings += ["--set", f"{name}={json.dumps(value) if isinstance(value, list) else value}"]
+    return shlex.join(["desirepath", "jobs", "start", kind, *settings])

@@ -1,0 +1,1 @@
+"""From a reward model or posterior to a policy that may be shown."""

@@ -1,0 +1,1 @@
+"""Policies: their networks, how they are stored, evaluated, exported and found."""

@@ -1,0 +1,132 @@
+"""The conditioned policy: one policy that is told preference weights, so that aligning it takes no training.
+
+Recipe A of spec 06. Nine weights (`vocabulary.py`) enter beside the task inputs; `at(weights)` folds them into a bias,
+which leaves an ordinary policy of the setup. How the weights are learned from answers lives in `posterior.py`, how the
+policy is trained in `conditioned_training.py`, how far weights move it in `movement.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.policies.policy import (
+    Policy,
+    PolicyError,
+    StoredPolicy,
+    check_networks,
+    networks_from_bytes,
+    networks_to_bytes,
+)
+from backend.learning.policies.shape import NetworkShape
+from backend.learning.preferences.vocabulary import NAMES, SIZE, check_weights, preference_weights
+from backend.simulation.setups import SetupError, get_setup
+
+Floats = NDArray[np.float32]
+FORMAT = "desirepath-conditioned-1"
+
+
+@dataclass(frozen=True)
+class ConditionedPolicy(StoredPolicy):
+    """A deterministic actor of one setup that is told what somebody wants.
+
+    shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
+    the weights enter come after those of the task part. scales: (9,) reward per step of each objective's step term at
+    full weight, as in training. base: the base policy's actor, which frees a robot that is stuck, or empty: a robot
+    that has no such recovery.
+    """
+
+    setup: str
+    shape: NetworkShape
+    actor: tuple[Floats, ...]
+    critic: tuple[Floats, ...]
+    scales: tuple[float, ...]
+    base: tuple[Floats, ...] = ()
+
+    def __post_init__(self) -> None:
+        setup = get_setup(self.setup)
+        if self.shape.observation_size != setup.observation_size + SIZE:
+            raise SetupError(
+                f"conditioned policy reads {self.shape.observation_size} inputs; setup {self.setup} gives "
+                f"{setup.observation_size}, with {SIZE} weights {setup.observation_size + SIZE}"
+            )
+        if len(self.scales) != SIZE:
+            raise PolicyError(f"conditioned policy has {len(self.scales)} scales; there are {SIZE} objectives")
+        check_networks(self.shape, self.actor, self.critic)
+        if self.base:
+            check_networks(self._told_shape, self.base, ())
+
+    @property
+    def _told_shape(self) -> NetworkShape:
+        return replace(self.shape, task_inputs=self.shape.task_inputs - SIZE)
+
+    def at(self, weights: Floats) -> Policy:
+        """The ordinary policy that drives by these preference weights (9,), critic included.
+
+        While it is stuck the base policy drives, then this one with nothing wanted, where the base policy is known.
+        Exact: a constant input only moves the first task layer's bias. Raises LearningError for weights outside [0, 1]
+        or of two opposites at once.
+        """
+        weights = check_weights(weights)
+        shape = self._told_shape
+        actor, critic = (_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic))
+        unmoved = _folded(self.actor, shape.task_inputs, np.zeros(SIZE, dtype=np.float32))
+        return Policy(self.setup, shape, actor, critic, (self.base, unmoved) if self.base else ())
+
+    def stronger(self, objective: str, factor: float) -> Self:
+        """The policy that does at full weight of this objective what this one does at `factor` times full weight.
+
+        Beyond 1 that goes on where training ended: nobody was told so much. Exact, since weights enter linearly.
+        """
+        k = NAMES.index(objective)
+        row = self.shape.task_inputs - SIZE + k
+        scales = (*self.scales[:k], self.scales[k] * factor, *self.scales[k + 1 :])
+        actor, critic = (_scaled_row(arrays, row, factor) for arrays in (self.actor, self.critic))
+        return replace(self, actor=actor, critic=critic, scales=scales)
+
+    def to_bytes(self) -> bytes:
+        """NPZ without pickled objects; the same policy always gives the same bytes."""
+        meta = {
+            "format": FORMAT,
+            "setup": self.setup,
+            "shape": self.shape.as_dict(),
+            "objectives": list(NAMES),
+            "scales": list(self.scales),
+        }
+        return networks_to_bytes(meta, self.actor, self.critic, (self.base,) if self.base else ())
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
+        meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
+        if tuple(meta["objectives"]) != NAMES:
+            raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
+        if len(escapes) > 1:
+            raise PolicyError(f"conditioned policy has {len(escapes)} escapes; it can have one, the base policy")
+        shape, base = NetworkShape.from_dict(meta["shape"]), escapes[0] if escapes else ()
+        return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base)
+
+
+def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:
+    if not arrays:
+        return ()
+    first, bias = arrays[:2]
+    return (first[:task_inputs].copy(), bias + weights @ first[task_inputs:], *arrays[2:])
+
+
+def _scaled_row(arrays: tuple[Floats, ...], row: int, factor: float) -> tuple[Floats, ...]:
+    if not arrays:
+        return ()
+    first = arrays[0].copy()
+    first[row] *= np.float32(factor)
+    return (first, *arrays[1:])
+
+
+def settings(extra: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, Floats]:
+    """The wants a conditioned policy is judged by: nothing (`neutral`), then each objective alone at full strength."""
+    wanted: dict[str, Mapping[str, float]] = {"neutral": {}, **{name: {name: 1.0} for name in NAMES}, **(extra or {})}
+    return {name: preference_weights(weights) for name, weights in wanted.items()}

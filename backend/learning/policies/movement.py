@@ -1,0 +1,261 @@
+"""How far preference weights move a policy, objective by objective: against the base policy, and of what is possible.
+
+What an objective is lives in `vocabulary.py`, what takes weights in `conditioned.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.policies.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
+from backend.learning.policies.policy import Policy
+from backend.learning.preferences.vocabulary import (
+    CLEARANCE_CAP_M,
+    MEASURES,
+    NAMES,
+    OBJECTIVES,
+    gains,
+    measures,
+    near_person_m,
+)
+from backend.simulation.driving import begin
+from backend.simulation.fast import FastEngine
+from backend.simulation.kernels import surface_distance
+from backend.simulation.scene import Scene
+from backend.simulation.scenes import scene_to_row
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup, require_same
+from backend.simulation.trajectory import Outcome, Trajectory
+
+Doubles = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drives:
+    """One policy in n scenes. outcome (n,): Outcome; measured (n, 7): vocabulary's; self_intersections (n,)."""
+
+    outcome: NDArray[np.int8]
+    measured: Doubles
+    self_intersections: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, trajectories: Sequence[Trajectory]) -> Drives:
+        return cls(
+            np.array([t.outcome for t in trajectories], dtype=np.int8),
+            measures(trajectories),
+            np.array([t.self_intersections for t in trajectories], dtype=np.int32),
+        )
+
+    @property
+    def success(self) -> NDArray[np.bool_]:
+        return np.asarray(self.outcome == Outcome.SUCCESS)
+
+
+class Course:
+    """Scenes that one policy after another drives, each once to its end: checked and set up only once."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        """Raises SetupError for scenes of several setups, ValueError for none."""
+        if not scenes:
+            raise ValueError("scenes: none given; a course needs at least one")
+        self.setup = require_same(**{f"scene {k}": scene.setup for k, scene in enumerate(scenes)})
+        self._engine = FastEngine(get_setup(self.setup), len(scenes), auto_reset=False, scenes=scenes)
+        self._starts = self._engine.poses.copy()
+        self._people = np.array([(scene.person.pose.x, scene.person.pose.y) for scene in scenes])
+
+    def drive(self, policy: Policy) -> Drives:
+        """What `Drives.of` would say of the trajectories, which nobody keeps here. Raises SetupError."""
+        require_same(policy=policy.setup, scenes=self.setup)
+        engine, n = self._engine, len(self._starts)
+        engine.start_at(self._starts)
+        steer = begin(policy.driver, n)
+        actions = np.zeros((n, 2), dtype=np.float32)
+        most = get_setup(self.setup).max_steps
+        distances, speeds = np.full((most, n), np.inf), np.zeros((most, n))  # by step
+        nearest, side = engine.human_distance.copy(), self._bearing(np.arange(n))
+        step = 0
+        while not engine.dones.all():
+            running = np.flatnonzero(~engine.dones)
+            actions[running] = steer(engine.observations[running], running)
+            before = engine.poses[running, :2]
+            engine.step(actions)
+            moved = engine.poses[running, :2] - before
+            speeds[step, running] = np.hypot(moved[:, 0], moved[:, 1]) / CONTROL_DT_S
+            distances[step, running] = engine.human_distance[running]
+            nearer = running[engine.human_distance[running] < nearest[running]]
+            nearest[nearer], side[nearer] = engine.human_distance[nearer], self._bearing(nearer)
+            step += 1
+        near = distances[:step] <= near_person_m(distances[:step].min(0))
+        measured = [
+            engine.min_human_distance,
+            np.sin(side),
+            np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
+            engine.path_length,
+            engine.accumulated_angle,
+            (speeds[:step] * near).sum(0) / near.sum(0),
+            engine.steps * CONTROL_DT_S,
+        ]
+        return Drives(engine.outcomes.copy(), np.stack(measured, axis=1), engine.self_intersections.copy())
+
+    def _bearing(self, which: NDArray[np.int64]) -> Doubles:
+        """Where the person is from these robots (rad, of any turn)."""
+        poses = self._engine.poses[which]
+        offsets = self._people[which] - poses[:, :2]
+        return np.arctan2(offsets[:, 1], offsets[:, 0]) - poses[:, 2]
+
+
+def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
+    """Drive every scene once to its end. Raises SetupError."""
+    return Course(scenes).drive(policy)
+
+
+def best_possible(scenes: Sequence[Scene]) -> Doubles:
+    """(n, 9) the measure of each objective that no policy can better in that scene, whatever it gives up for it.
+
+    farther: spec 06's ceiling, to the goal's centre, which its edge may pass by its radius; closer: contact;
+    sides: straight beside; clearance: what the start has, at most 0.8 m; shorter and faster: the straight way at full
+    speed; smoother: the turn towards the goal's edge; slower: standing.
+    """
+    rows = []
+    for scene in scenes:
+        setup = get_setup(scene.setup)
+        dx, dy = scene.goal.x - scene.start.x, scene.goal.y - scene.start.y
+        distance = math.hypot(dx, dy)
+        way = distance - scene.goal_radius
+        bearing = abs((math.atan2(dy, dx) - scene.start.yaw + math.pi) % (2 * math.pi) - math.pi)
+        turn = max(0.0, bearing - math.asin(min(1.0, scene.goal_radius / distance)))
+        free = surface_distance(scene_to_row(scene), scene.start.x, scene.start.y) - ROBOT_RADIUS_M
+        rows.append(
+            [
+                scene.human_distance_ceiling_m(),
+                scene.person.radius + ROBOT_RADIUS_M,
+                1.0,
+                -1.0,
+                min(free, CLEARANCE_CAP_M),
+                way,
+                turn,
+                0.0,
+                way / setup.limits.v_max,
+            ]
+        )
+    return np.array(rows)
+
+
+@dataclass(frozen=True)
+class Movement:
+    """Policies by what they were told (objectives, `neutral`, mixtures) and the base policy, in the same scenes."""
+
+    base: Drives
+    told: dict[str, Drives]
+    possible: Doubles
+
+    @cached_property
+    def shares(self) -> dict[str, float]:
+        """For each objective that was told alone: share of the way from the base policy to what is possible.
+
+        Ratio of means over the scenes in which both policies succeed; NaN where there are none.
+        """
+        columns = {name: self._columns(name) for name in NAMES if name in self.told}
+        return {name: float(_share(c.mean(0))) if len(c) else math.nan for name, c in columns.items()}
+
+    def _columns(self, name: str) -> Doubles:
+        """(both succeed, 3): base's, the told policy's and the best possible value of the objective's measure."""
+        k = NAMES.index(name)
+        measure = OBJECTIVES[k].measure
+        both = self.base.success & self.told[name].success
+        return np.stack(
+            [self.base.measured[both, measure], self.told[name].measured[both, measure], self.possible[both, k]], axis=1
+        )
+
+    @cached_property
+    def score(self) -> float:
+        """Mean share of the way, less failures and self-intersections: what a checkpoint is chosen by.
+
+        A failure rate of 1 % weighs as much as 4 % of the way, another 2 % where it falls below the worst allowed (97 %
+        success); a self-intersection in every tenth episode as much as 10 %.
+        """
+        success = np.array([drives.success.mean() for drives in self.told.values()])
+        crossings = np.array([drives.self_intersections.mean() for drives in self.told.values()])
+        shares = np.array(list(self.shares.values()))
+        return float(
+            np.clip(np.nan_to_num(shares, nan=-1.0), -1, 1).mean()
+            - 4 * (1 - success.mean())
+            - 2 * max(0.0, 0.97 - float(success.min()))
+            - np.minimum(crossings, 1.0).mean()
+        )
+
+    def summary(self) -> dict[str, float]:
+        """A few numbers for a progress line: score, success, self-intersections, shares of the way."""
+        success = [float(drives.success.mean()) for drives in self.told.values()]
+        return {
+            "score": self.score,
+            "mean_success_rate": float(np.mean(success)),
+            "worst_success_rate": min(success),
+            "self_intersections": float(np.mean([d.self_intersections.mean() for d in self.told.values()])),
+            **{f"share_{name}": share for name, share in self.shares.items()},
+        }
+
+    def report(self) -> dict[str, Any]:
+        """Everything for a card: per policy its rates and measures, per objective what it moved, with intervals."""
+        return {
+            "scenes": len(self.possible),
+            "base": _described(self.base),
+            "told": {name: _described(drives) for name, drives in self.told.items()},
+            "moved": {name: self.moved(name) for name in self.shares},
+        }
+
+    def moved(self, name: str) -> dict[str, Any]:
+        """What telling this objective changed: its measure, paired gains and the share of the way, with intervals."""
+        k = NAMES.index(name)
+        columns = self._columns(name)
+        estimated = interval(self.shares[name], _share(resampled_means(columns))) if len(columns) else NOTHING
+        against = {"base": self.base} | ({"neutral": self.told["neutral"]} if "neutral" in self.told else {})
+        better = {}
+        for who, drives in against.items():
+            both = drives.success & self.told[name].success
+            gained = gains(self.told[name].measured[both] - drives.measured[both])[:, k]
+            better[f"better_than_{who}"] = mean_estimate(gained).as_dict() | {"both_succeed": int(both.sum())}
+        return {
+            "measure": MEASURES[OBJECTIVES[k].measure],
+            "base": float(columns[:, 0].mean()),
+            "told": float(columns[:, 1].mean()),
+            "best_possible": float(columns[:, 2].mean()),
+            **better,
+            "share_of_the_way": estimated.as_dict(),
+        }
+
+
+def _share(means: Doubles) -> Doubles:
+    """Share of the way, of means (..., 3) of the base's, the told policy's and the best possible value."""
+    share: Doubles = (means[..., 1] - means[..., 0]) / (means[..., 2] - means[..., 0])
+    return share
+
+
+def _described(drives: Drives) -> dict[str, Any]:
+    n = len(drives.outcome)
+    counts = {name: int((drives.outcome == which).sum()) for name, which in _OUTCOMES.items()}
+    reached = drives.measured[drives.success]
+    return {
+        **{f"{name}_rate": wilson(count, n).as_dict() for name, count in counts.items()},
+        "self_intersections": mean_estimate(drives.self_intersections).as_dict(),
+        "measures_where_successful": dict(zip(MEASURES, reached.mean(0).tolist(), strict=True)),
+    }
+
+
+_OUTCOMES = {"success": Outcome.SUCCESS, "collision": Outcome.COLLISION, "timeout": Outcome.TIMEOUT}
+
+
+def movement_of(told: Mapping[str, Policy], base: Policy, scenes: Sequence[Scene]) -> Movement:
+    """Drive all policies through the same scenes."""
+    course = Course(scenes)
+    return Movement(
+        course.drive(base),
+        {name: course.drive(policy) for name, policy in told.items()},
+        best_possible(scenes),
+    )

@@ -1,0 +1,97 @@
+"""Finding shipped artefacts by name (`study_room/base`, `open_field/ensemble/0`, `study_room/queries_200`) or path.
+
+Making them lives in `ship.py`, what their cards say in `artefacts.py`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from backend.learning.cards import ROOT, Card, card_path, file_sha256
+from backend.learning.errors import LearningError
+from backend.learning.policies.conditioned import FORMAT as CONDITIONED
+from backend.learning.policies.conditioned import ConditionedPolicy
+from backend.learning.policies.policy import Policy, stored_format
+from backend.learning.preferences.vocabulary import parsed_weights
+from backend.learning.queries.queries import QuerySet
+
+DATASETS = ROOT / "datasets"
+
+
+def shipped_names() -> list[str]:
+    """Names of everything shipped, sorted."""
+    return sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/**/*.npz"))
+
+
+def resolve(name_or_path: str) -> Path:
+    """The file behind a shipped name or a path. Raises LearningError naming what is shipped."""
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if name_or_path in shipped_names():
+        return DATASETS / f"{name_or_path}.npz"
+    raise LearningError(f"{name_or_path!r} is neither a file nor shipped; shipped are: {', '.join(shipped_names())}")
+
+
+def names_policy(reference: str) -> bool:
+    """Whether `load_policy` would find a file for the reference."""
+    name = reference.partition("@")[0]
+    return name in shipped_names() or Path(name).is_file()
+
+
+def load_policy(reference: str) -> Policy:
+    """A policy by shipped name or path.
+
+    A conditioned policy may be told what is wanted, `study_room/conditioned@farther=1,smoother=0.5`; without, nothing
+    is. Raises LearningError or PolicyError.
+    """
+    return told_policy(resolve(reference.partition("@")[0]).read_bytes(), reference)
+
+
+def told_policy(content: bytes, reference: str) -> Policy:
+    """The policy in `content`, told what stands behind `@` in its reference. Raises LearningError or PolicyError."""
+    name, told, wants = reference.partition("@")
+    if stored_format(content) == CONDITIONED:
+        return ConditionedPolicy.from_bytes(content).at(parsed_weights(wants))
+    if told:
+        raise LearningError(f"{name} takes no wants: write it without @{wants}, or name a conditioned policy")
+    return Policy.from_bytes(content)
+
+
+def load_conditioned(name_or_path: str) -> ConditionedPolicy:
+    """A conditioned policy by shipped name (`study_room/conditioned`) or path. Raises LearningError or PolicyError."""
+    return ConditionedPolicy.load(resolve(name_or_path))
+
+
+def load_ensemble(setup: str) -> list[Policy]:
+    """The shipped ensemble of a setup, members in order."""
+    names = [name for name in shipped_names() if name.startswith(f"{setup}/ensemble/")]
+    if not names:
+        raise LearningError(f"setup = {setup!r}: no ensemble is shipped for it")
+    return [load_policy(name) for name in names]
+
+
+def load_queries(name_or_path: str) -> QuerySet:
+    """A query set by shipped name or path. Raises LearningError."""
+    return QuerySet.load(resolve(name_or_path))
+
+
+def load_card(name_or_path: str) -> Card:
+    """The card beside an artefact."""
+    return Card.load(card_path(resolve(name_or_path)))
+
+
+def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet:
+    """The shipped artefact of that name, its bytes checked against its card.
+
+    Raises LearningError if the name is unknown or file and card disagree.
+    """
+    path, card = resolve(name), load_card(name)
+    if file_sha256(path) != card.sha256:
+        raise LearningError(f"{name}: file and card disagree (sha256); restore both from the repository")
+    kinds: dict[str, type[Policy] | type[ConditionedPolicy] | type[QuerySet]] = {
+        "policy": Policy,
+        "conditioned_policy": ConditionedPolicy,
+        "query_set": QuerySet,
+    }
+    return kinds[card.kind].load(path)

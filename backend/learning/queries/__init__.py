@@ -1,0 +1,1 @@
+"""Queries: making them, and choosing which to ask next."""

@@ -1,0 +1,299 @@
+"""Queries: one scene, two ensemble members, same start and goal; filtered so that an answer can mean something.
+
+Here live making, filtering and storing them, and the segment baseline of Christiano et al. Who answers lives in
+`oracles.py`, the study or the data; what an answer teaches lives in the reward models.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations, permutations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.errors import LearningError
+from backend.learning.policies.policy import Policy
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.scene import Scene
+from backend.simulation.setups import get_setup, require_same
+from backend.simulation.trajectory import Outcome, Trajectory
+
+Floats = NDArray[np.float32]
+FORMAT = "desirepath-queries-1"
+PATH_SAMPLES = 32
+
+
+@dataclass(frozen=True)
+class Query:
+    """One scene and two trajectories, A and B; `members` says which ensemble member drove which."""
+
+    scene: Scene
+    trajectory_a: Trajectory
+    trajectory_b: Trajectory
+    members: tuple[int, int]
+
+    def digest(self) -> str:
+        """sha256 over both trajectories, the query's identity in the store."""
+        joined = self.trajectory_a.digest() + self.trajectory_b.digest()
+        return hashlib.sha256(joined.encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class QueryConfig:
+    """What queries are made and which are dropped. The first three filters are the thesis's (6.4.2), the rest ours.
+
+    count: scenes. drives: of each scene so many, every two of them a query; 3 for probes of transitivity.
+    """
+
+    count: int = 200
+    drives: int = 2
+    seed: int = 0
+    max_duration_s: float = 12.0  # ours: people watch both drives of every query
+    min_duration_s: float = 3.0  # ours: a drive that is over at once shows nothing
+    min_gap_m: float = 0.5  # ours: two drives closer than this everywhere, and about equally long, look the same
+    min_duration_ratio: float = 1.3  # ours: ... unless one takes this much longer
+    scenes_per_round: int = 256
+    max_scenes: int = 10_000
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class QuerySet:
+    """Queries of one setup, and how many candidate pairs each filter dropped."""
+
+    setup: str
+    queries: tuple[Query, ...]
+    filtered: dict[str, int]
+
+    def __len__(self) -> int:
+        return len(self.queries)
+
+    def to_bytes(self) -> bytes:
+        """Compact NPZ without pickled objects; same set, same bytes.
+
+        Poses, actions and rewards are stored as they are (float32). Observations are rounded to float16 (at 6 m lidar
+        range that is 3 mm, at 10 m goal distance 5 mm) and shared between steps: the next observation of a step is the
+        observation of the following one. Sets made by `generate_queries` are rounded before they are returned, so
+        that a round trip is exact.
+        """
+        trajectories = [t for query in self.queries for t in (query.trajectory_a, query.trajectory_b)]
+        meta = {
+            "format": FORMAT,
+            "setup": self.setup,
+            "filtered": self.filtered,
+            "queries": [{"scene": query.scene.as_dict(), "members": list(query.members)} for query in self.queries],
+        }
+        observations = [np.concatenate([t.observations, t.next_observations[-1:]]) for t in trajectories]
+        out = io.BytesIO()
+        np.savez_compressed(
+            out,
+            allow_pickle=False,
+            meta=np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8),
+            steps=np.array([len(t.actions) for t in trajectories], dtype=np.int32),
+            outcomes=np.array([t.outcome for t in trajectories], dtype=np.int8),
+            self_intersections=np.array([t.self_intersections for t in trajectories], dtype=np.int32),
+            poses=np.concatenate([t.poses for t in trajectories]),
+            actions=np.concatenate([t.actions for t in trajectories]),
+            rewards=np.concatenate([t.rewards for t in trajectories]),
+            observations=np.concatenate(observations).astype(np.float16),
+        )
+        return out.getvalue()
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> QuerySet:
+        """Read `to_bytes` back, never unpickling. Raises LearningError on anything else."""
+        try:
+            with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            meta = json.loads(arrays["meta"].tobytes())
+        except (ValueError, KeyError, OSError, EOFError) as problem:
+            raise LearningError(f"not a desirepath query set (.npz): {problem}") from None
+        if meta.get("format") != FORMAT:
+            raise LearningError(f"query set format {meta.get('format')!r} is unknown; this version reads {FORMAT!r}")
+        ends = np.cumsum(arrays["steps"])
+        trajectories: list[Trajectory] = []
+        for k, (end, steps) in enumerate(zip(ends, arrays["steps"], strict=True)):
+            first = int(end - steps)
+            rows, rows_with_end = slice(first, end), slice(first + k, end + k + 1)
+            observations = arrays["observations"][rows_with_end].astype(np.float32)
+            dones = np.zeros(steps, dtype=np.bool_)
+            dones[-1] = arrays["outcomes"][k] != Outcome.RUNNING
+            trajectories.append(
+                Trajectory(
+                    scene=Scene.from_dict(meta["queries"][k // 2]["scene"]),
+                    outcome=Outcome(int(arrays["outcomes"][k])),
+                    poses=arrays["poses"][rows_with_end],
+                    observations=observations[:-1],
+                    actions=arrays["actions"][rows],
+                    rewards=arrays["rewards"][rows],
+                    next_observations=observations[1:],
+                    dones=dones,
+                    self_intersections=int(arrays["self_intersections"][k]),
+                )
+            )
+        queries = tuple(
+            Query(a.scene, a, b, (entry["members"][0], entry["members"][1]))
+            for entry, a, b in zip(meta["queries"], trajectories[0::2], trajectories[1::2], strict=True)
+        )
+        return cls(meta["setup"], queries, meta["filtered"])
+
+    def save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.to_bytes())
+
+    @classmethod
+    def load(cls, path: Path) -> QuerySet:
+        """Raises LearningError if the file is missing or no query set."""
+        try:
+            data = path.read_bytes()
+        except OSError as problem:
+            raise LearningError(f"cannot read query set {path}: {problem.strerror}") from None
+        return cls.from_bytes(data)
+
+
+def resampled_path(poses: Floats) -> Floats:
+    """PATH_SAMPLES points (m) evenly spaced along a path of poses (T + 1, 3)."""
+    points = poses[:, :2]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], PATH_SAMPLES)
+    return np.stack([np.interp(at, along, points[:, k]) for k in (0, 1)], axis=1).astype(np.float32)
+
+
+def path_gap_m(a: Trajectory, b: Trajectory) -> float:
+    """Largest distance (m) between the two paths at equal shares of their lengths: what an eye sees as different."""
+    return float(np.linalg.norm(resampled_path(a.poses) - resampled_path(b.poses), axis=1).max())
+
+
+def flaw(trajectory: Trajectory, config: QueryConfig) -> str | None:
+    """Why this drive may not be shown, or None."""
+    if trajectory.outcome == Outcome.COLLISION:
+        return "collision"
+    if trajectory.outcome != Outcome.SUCCESS:
+        return "timeout"
+    if trajectory.self_intersections:
+        return "self_intersection"
+    if trajectory.duration_s > config.max_duration_s:
+        return "too_long"
+    if trajectory.duration_s < config.min_duration_s:
+        return "too_short"
+    return None
+
+
+def look_alike(a: Trajectory, b: Trajectory, config: QueryConfig) -> bool:
+    """True if a person could hardly tell the two drives apart."""
+    ratio = max(a.duration_s, b.duration_s) / min(a.duration_s, b.duration_s)
+    return path_gap_m(a, b) < config.min_gap_m and ratio < config.min_duration_ratio
+
+
+def rounded(trajectory: Trajectory) -> Trajectory:
+    """The trajectory with its observations as a stored query set keeps them (float16 precision)."""
+    return replace(
+        trajectory,
+        observations=trajectory.observations.astype(np.float16).astype(np.float32),
+        next_observations=trajectory.next_observations.astype(np.float16).astype(np.float32),
+    )
+
+
+def generate_queries(
+    members: Sequence[Policy],
+    config: QueryConfig | None = None,
+    on_progress: Callable[[float, dict[str, float]], None] | None = None,
+) -> QuerySet:
+    """Queries of `config.count` scenes: in each every pair of `config.drives` random members' drives without a flaw.
+
+    Raises LearningError if `config.max_scenes` scenes do not give that many, with what the filters dropped.
+    """
+    config = config or QueryConfig()
+    if len(members) < config.drives:
+        raise LearningError(f"members = {len(members)}: {config.drives} drives need as many ensemble members")
+    setup = get_setup(require_same(**{f"member {k}": member.setup for k, member in enumerate(members)}))
+    random = np.random.default_rng([config.seed, 6])
+    scenes = scene_set(setup.name, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
+    reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
+    filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
+    of_scenes: list[list[Query]] = []
+    for first in range(0, config.max_scenes, config.scenes_per_round):
+        round_scenes = scenes[first : first + config.scenes_per_round]
+        drives = [rollout(setup, member.driver, round_scenes) for member in members]
+        for row in range(len(round_scenes)):
+            filtered["scenes"] += 1
+            found = _queries_in_scene([drive[row] for drive in drives], config, random, filtered)
+            if not found:
+                continue
+            of_scenes.append(found)
+            if len(of_scenes) == config.count:
+                return QuerySet(setup.name, tuple(query for of_one in of_scenes for query in of_one), filtered)
+        if on_progress:
+            on_progress(len(of_scenes) / config.count, {"queries": len(of_scenes), "scenes": filtered["scenes"]})
+    raise LearningError(
+        f"count = {config.count}: {config.max_scenes} scenes gave queries in only {len(of_scenes)}; dropped: "
+        f"{filtered}. Ask for fewer, allow longer drives (max_duration_s) or train a better ensemble."
+    )
+
+
+def _queries_in_scene(
+    drives: Sequence[Trajectory], config: QueryConfig, random: np.random.Generator, filtered: dict[str, int]
+) -> list[Query]:
+    """Every pair of the first drawn drives that all look different; none where there are not so many."""
+    good: list[int] = []
+    for k, drive in enumerate(drives):
+        filtered["drives"] += 1
+        reason = flaw(drive, config)
+        if reason is None:
+            good.append(k)
+        else:
+            filtered[reason] += 1
+    if len(good) < config.drives:
+        filtered["one_drive_left"] += 1
+        return []
+    choices = list(permutations(good, config.drives))
+    for k in random.permutation(len(choices)):
+        pairs = list(combinations(choices[k], 2))
+        if not any(look_alike(drives[i], drives[j], config) for i, j in pairs):
+            return [Query(drives[i].scene, rounded(drives[i]), rounded(drives[j]), (i, j)) for i, j in pairs]
+    filtered["look_alike"] += 1
+    return []
+
+
+def segment_queries(
+    base: Policy, count: int, *, seed: int, segment_steps: int = 20, pool_scenes: int = 400
+) -> list[tuple[Trajectory, Trajectory]]:
+    """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy drives in different scenes."""
+    setup = get_setup(base.setup)
+    pool = rollout(setup, base.driver, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
+    long_enough = [drive for drive in pool if len(drive.actions) >= segment_steps]
+    if len(long_enough) < 2:
+        raise LearningError(f"segment_steps = {segment_steps}: fewer than two of {pool_scenes} drives are that long")
+    random = np.random.default_rng([seed, 20])
+    pairs = []
+    for _ in range(count):
+        chosen = random.choice(len(long_enough), 2, replace=False)
+        segments = [_segment(long_enough[int(k)], segment_steps, random) for k in chosen]
+        pairs.append((segments[0], segments[1]))
+    return pairs
+
+
+def _segment(drive: Trajectory, steps: int, random: np.random.Generator) -> Trajectory:
+    first = int(random.integers(0, len(drive.actions) - steps + 1))
+    rows = slice(first, first + steps)
+    return replace(
+        drive,
+        outcome=drive.outcome if drive.dones[rows].any() else Outcome.RUNNING,
+        poses=drive.poses[first : first + steps + 1],
+        observations=drive.observations[rows],
+        actions=drive.actions[rows],
+        rewards=drive.rewards[rows],
+        next_observations=drive.next_observations[rows],
+        dones=drive.dones[rows],
+        self_intersections=0,
+    )

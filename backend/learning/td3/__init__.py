@@ -1,0 +1,1 @@
+"""TD3 and what is trained with it: base policy, ensemble, conditioned policy."""

@@ -1,0 +1,399 @@
+"""Pre-training of the conditioned policy: TD3 on the core reward plus what each episode's imagined person wants.
+
+The policy itself lives in `conditioned.py`. All ours (spec 06, recipe A).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from backend.learning.errors import LearningError
+from backend.learning.policies.conditioned import ConditionedPolicy, settings
+from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from backend.learning.policies.movement import Movement, best_possible, drives_of, movement_of
+from backend.learning.policies.networks import use_one_thread
+from backend.learning.policies.policy import Policy
+from backend.learning.preferences.vocabulary import (
+    MIRRORED,
+    NAMES,
+    OPPOSITES,
+    SIZE,
+    preference_weights,
+    step_terms,
+    worth,
+)
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.td3.base import OnProgress, no_progress
+from backend.learning.td3.replay import Explorer, ReplayBuffer
+from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from backend.simulation.fast import FastEngine
+from backend.simulation.scene import Scene
+from backend.simulation.setups import Setup, SetupError, get_setup
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Stakes:
+    """What an episode is about during this training, in reward. Evaluation and cards use the setup's core reward.
+
+    scales: per step of each objective's step term at full weight, in the order of OBJECTIVES. goal, collision,
+    self_intersection: instead of the setup's core reward: whoever pays per step must neither stay away from the goal
+    nor crash to end it, nor drive in circles. progress: per metre, more than in base training: else a step towards a
+    far goal is too small beside the wants for the critic to see, and the robot stands. time: cost of a step, since
+    waiting must not be free. turning: cost of a step of turning at full rate.
+    """
+
+    scales: tuple[float, ...]
+    goal: float
+    collision: float
+    self_intersection: float = -6.0
+    progress: float = 3.0
+    time: float = 0.1
+    turning: float = 0.15
+
+
+STAKES = {
+    "open_field": Stakes(
+        scales=(3.0, 1.0, 1.2, 1.2, 2.5, 2.0, 1.5, 1.2, 0.8), goal=30.0, collision=-30.0, progress=5.0
+    ),
+    # A drive has a third of the open field's steps, so that the same wants need more per step to matter. Time and
+    # turning are dear because robots that would rather not pass the person wait or circle.
+    "study_room": Stakes(
+        scales=(24.0, 7.0, 15.0, 15.0, 16.0, 7.0, 6.0, 10.0, 5.0), goal=65.0, collision=-80.0, time=0.6, turning=1.0
+    ),
+}
+
+
+MIXTURES = {
+    "farther_smoother": {"farther": 1.0, "smoother": 0.5},
+    "slower_clearance": {"slower_near_person": 1.0, "clearance": 0.7},
+    "left_faster": {"person_on_left": 1.0, "faster": 1.0},
+}
+"""Wants whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
+
+
+@dataclass(frozen=True)
+class ConditionedConfig:
+    """How a conditioned policy is trained. All ours; measured in the open field and the study room (card)."""
+
+    setup: str
+    seed: int = 0
+    stakes: Stakes | None = None  # None: the setup's own, from STAKES
+    updates: int = 50_000
+    batch_size: int = 256
+    gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
+    learning_rate: float = 6e-4
+    final_learning_rate: float = 3e-5  # reached linearly over the second half
+    tau: float = 0.005
+    average_decay: float = 0.9995  # running average of the actor's weights, per update
+    n_envs: int = 128
+    updates_per_step: int = 8
+    buffer_size: int = 1_100_000
+    base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
+    exploration: tuple[float, float] = (0.03, 0.4)
+    neutral_share: float = 0.12  # of the episodes: nothing is wanted
+    one_share: float = 0.4  # one objective; of the rest, half have two and half three
+    full_share: float = 0.7  # of the episodes with wants: the largest weight is 1, as the posterior gives it
+    smallest_weight: float = 0.15
+    relabelled_share: float = 0.5  # of each batch: judged by the wants of another episode
+    mirrored_share: float = 0.5  # of each batch: left and right exchanged
+    checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
+    selection_scenes: int = 150
+    # Full `farther` shall go this part of the way from base policy to ceiling. Reports are lower by two or three points
+    # in the room, and issue 3 asks for 85 % there. Set after a look at three trainings of either setup.
+    strong_share: float = 0.875
+    strengths: tuple[float, ...] = (1.0, 1.125, 1.25, 1.375, 1.5)  # it is told so many times: the first that does
+    strong_scenes: int = 2_000  # the selection scenes and more of their set, in which that is measured
+    strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
+    recovery: bool = False  # whether the base policy frees a robot that is stuck
+
+    @property
+    def at_stake(self) -> Stakes:
+        """The stakes given, or the setup's own."""
+        return self.stakes or STAKES[self.setup]
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(replace(self, stakes=self.at_stake))
+
+
+CONFIGS = {
+    "open_field": ConditionedConfig("open_field"),
+    # A robot that looks further ahead waits less: half as many timeouts (tuning scenes). More scenes and checkpoints
+    # to choose from, since what goes wrong in the room is rare: one drive in six hundred shuttled before furniture
+    # until its time was up. Exploration's noise ends such a loop, so the critic thinks of it as of a start (-20; in
+    # truth some hundreds below) and nothing is learned from it. No training mended that (crossing five times as dear,
+    # noise correlated in time, environments without noise, with `farther` dearer beside them in scenes where it got
+    # stuck): fewer loops cost success or what was wanted. A recovery does, with more success, too. In the open field
+    # there is nothing to get stuck at.
+    "study_room": ConditionedConfig(
+        "study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600, recovery=True
+    ),
+}
+"""How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
+
+
+@dataclass(frozen=True)
+class ConditionedResult:
+    """The selected policy, how it moved on the selection scenes (optimistic: it was chosen there), the history.
+
+    strength: how many times what it learned as full `farther` it is told now (`strong_enough`).
+    """
+
+    policy: ConditionedPolicy
+    strength: float
+    selection: Movement
+    transitions: int
+    history: list[dict[str, float]]
+
+
+def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generator) -> Floats:
+    """(n, 9) what n imagined people want: nothing, one objective, two or three; never opposites."""
+    weights = np.zeros((n, SIZE), dtype=np.float32)
+    kind = random.random(n)
+    many = config.neutral_share + config.one_share
+    for row in np.flatnonzero(kind >= config.neutral_share):
+        count = 1 if kind[row] < many else 2 + int(kind[row] > (1 + many) / 2)
+        chosen: list[int] = []
+        for k in random.permutation(SIZE):
+            if len(chosen) < count and not any({int(k), other} in map(set, OPPOSITES) for other in chosen):
+                chosen.append(int(k))
+        strengths = random.uniform(config.smallest_weight, 1, count)
+        if random.random() < config.full_share:
+            strengths[0] = 1.0
+        weights[row, chosen] = strengths
+    return weights
+
+
+def training_engine(setup: Setup, stakes: Stakes, n_envs: int, *, seed: int) -> FastEngine:
+    """Environments of the setup with the stakes' rewards for how an episode goes, without wants, time and turning."""
+    core = replace(
+        setup.reward, goal=stakes.goal, collision=stakes.collision, self_intersection=stakes.self_intersection
+    )
+    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=stakes.progress)
+
+
+class Drawn(NamedTuple):
+    """Transitions with the step terms (n, 9) that they led to and the weights (n, 9) they were driven by."""
+
+    batch: Batch
+    terms: torch.Tensor
+    weights: torch.Tensor
+
+
+class WantsBuffer(ReplayBuffer):
+    """A ring of transitions that also keeps their step terms, and the weights that they were driven by."""
+
+    def __init__(self, capacity: int, setup: Setup) -> None:
+        super().__init__(capacity, setup.observation_size)
+        self._setup = setup
+        self.terms, self.weights = torch.zeros(capacity, SIZE), torch.zeros(capacity, SIZE)
+        self.driven_by = np.zeros((0, SIZE), dtype=np.float32)
+        """(n, 9) the weights of the n transitions that are added next."""
+
+    def add(
+        self,
+        observations: Floats,
+        actions: Floats,
+        rewards: Floats,
+        next_observations: Floats,
+        dones: NDArray[np.bool_],
+    ) -> None:
+        rows = (self._next + np.arange(len(rewards))) % self.capacity
+        self.terms.numpy()[rows] = step_terms(actions, next_observations, self._setup)
+        self.weights.numpy()[rows] = self.driven_by
+        super().add(observations, actions, rewards, next_observations, dones)
+
+    def draw(self, n: int, generator: torch.Generator) -> Drawn:
+        """n transitions drawn uniformly, with replacement."""
+        rows = torch.randint(self.size, (n,), generator=generator)
+        batch = Batch(*(part.index_select(0, rows) for part in self.data))
+        return Drawn(batch, self.terms.index_select(0, rows), self.weights.index_select(0, rows))
+
+
+class ConditionedTraining:
+    """The training loop as an object: one `vector_step` drives every environment once and updates some times."""
+
+    def __init__(self, base: Policy, config: ConditionedConfig) -> None:
+        use_one_thread()
+        _check(base, config)
+        self.config = config
+        self.setup = get_setup(config.setup)
+        polar = self.setup.polar_size
+        self._base = base.actor if config.recovery else ()
+        self.shape = replace(base.shape, task_inputs=polar + SIZE)
+        td3 = Td3Config(config.gamma, config.batch_size, config.learning_rate, config.tau)
+        self.agent = Td3Agent(self.shape, td3, seed=config.seed)
+        self.agent.actor.load_arrays(_with_weight_inputs(base.actor, polar))
+        self.agent.critic.load_arrays(_with_weight_inputs(base.critic, polar))
+        self.agent.synchronise_targets()
+        self._average = self.agent.actor.flat.clone()
+        self._random = np.random.default_rng([config.seed, 9])
+        self._sampler = torch.Generator().manual_seed(config.seed + 1)
+        self._mirror = mirror_of(self.setup)
+        self.buffer = WantsBuffer(config.buffer_size, self.setup)
+        self._explore_with(base)
+        engine = training_engine(self.setup, config.at_stake, config.n_envs, seed=config.seed + 1)
+        self._explorer = Explorer(engine, noise=config.exploration, seed=config.seed + 1)
+        self._wants = sample_weights(config.n_envs, config, self._random)
+        self.transitions = 0
+
+    def _explore_with(self, base: Policy) -> None:
+        """Fill the buffer with drives of the base policy, judged by wants that had no part in them."""
+        config, n_envs = self.config, 256
+        engine = training_engine(self.setup, config.at_stake, n_envs, seed=config.seed)
+        explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
+        for _ in range(-(-config.base_transitions // n_envs)):
+            self.buffer.driven_by = sample_weights(n_envs, config, self._random)
+            explorer.step(base.act, self.buffer)
+
+    def vector_step(self) -> None:
+        """One step of all environments, each by its own wants, then `updates_per_step` updates."""
+        config, engine = self.config, self._explorer.engine
+        self.buffer.driven_by = self._wants
+        self._explorer.step(lambda o: self.agent.act(self._told(o, self._wants)), self.buffer)
+        self.transitions += config.n_envs
+        ended = engine.dones
+        if ended.any():
+            self._wants[ended] = sample_weights(int(ended.sum()), config, self._random)
+        late = max(0.0, 2 * self.agent.updates / config.updates - 1)
+        self.agent.set_learning_rate(
+            config.learning_rate + min(1.0, late) * (config.final_learning_rate - config.learning_rate)
+        )
+        for _ in range(config.updates_per_step):
+            self.agent.update(self.batch())
+            self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
+
+    def batch(self) -> Batch:
+        """What the agent learns from: reward = core + progress + sum_k scale_k worth_k term_k - turning - time.
+
+        Part of it is judged by the wants of other rows, part of it is mirrored; both are as true as what was driven.
+        """
+        config, stakes = self.config, self.config.at_stake
+        n = config.batch_size
+        (observations, actions, rewards, following, continues), terms, weights = self.buffer.draw(n, self._sampler)
+        wants = weights.numpy()
+        shuffled = int(n * config.relabelled_share)
+        wants[:shuffled] = wants[self._random.permutation(n)[:shuffled]]
+        judged = (worth(wants) * terms.numpy()) @ np.array(stakes.scales, dtype=np.float32)
+        judged -= np.float32(stakes.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(stakes.time)
+        turned = self._random.random(n) < config.mirrored_share
+        seen, then, done = observations.numpy(), following.numpy(), actions.numpy()
+        order, signs = self._mirror
+        for part in (seen, then):
+            part[turned] = part[turned][:, order] * signs
+        done[turned] *= ACTION_SIGNS
+        wants[turned] = wants[turned][:, MIRRORED]
+        return Batch(
+            torch.from_numpy(self._told(seen, wants)),
+            actions,
+            rewards + torch.from_numpy(judged),
+            torch.from_numpy(self._told(then, wants)),
+            continues,
+        )
+
+    def _told(self, observations: Floats, weights: Floats) -> Floats:
+        """What the conditioned networks read: task part, weights, lidar."""
+        polar = self.setup.polar_size
+        return np.concatenate([observations[:, :polar], weights, observations[:, polar:]], axis=1)
+
+    def policy(self, *, averaged: bool) -> ConditionedPolicy:
+        """The current policy with its critic; `averaged` takes the running average of the actor's weights."""
+        kept = self.agent.actor.flat.clone()
+        if averaged:
+            self.agent.actor.flat.copy_(self._average)
+        actor, critic = tuple(self.agent.actor.to_arrays()), tuple(self.agent.critic.to_arrays())
+        self.agent.actor.flat.copy_(kept)
+        return ConditionedPolicy(self.setup.name, self.shape, actor, critic, self.config.at_stake.scales, self._base)
+
+
+def _with_weight_inputs(arrays: tuple[Floats, ...], task_inputs: int) -> list[Floats]:
+    """A network's arrays with SIZE more task inputs that have no effect yet."""
+    first = arrays[0]
+    new = np.zeros((SIZE, first.shape[1]), dtype=np.float32)
+    return [np.concatenate([first[:task_inputs], new]), *arrays[1:]]
+
+
+def _check(base: Policy, config: ConditionedConfig) -> None:
+    if base.setup != config.setup:
+        raise SetupError(f"base policy is of {base.setup}, setup = {config.setup}")
+    if not base.critic:
+        raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
+    scales = config.at_stake.scales
+    if len(scales) != SIZE or min(scales) < 0:
+        raise LearningError(f"stakes.scales = {scales}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}")
+    if config.mirrored_share and any(scales[k] != scales[m] for k, m in enumerate(MIRRORED)):
+        raise LearningError(f"stakes.scales = {scales}: mirroring needs the same scale for the person on either side")
+    if config.buffer_size < config.base_transitions + config.n_envs:
+        raise LearningError(
+            f"buffer_size = {config.buffer_size}: must hold base_transitions ({config.base_transitions}) and more"
+        )
+    if not 1 <= config.checkpoints <= config.updates:
+        raise LearningError(f"checkpoints = {config.checkpoints}: between 1 and updates ({config.updates})")
+
+
+def train_conditioned(
+    base: Policy, config: ConditionedConfig, on_progress: OnProgress = no_progress
+) -> ConditionedResult:
+    """Train from the base policy, then keep the checkpoint (averaged weights) that scores best on the selection scenes.
+
+    The score rewards movement in the wanted directions and punishes failures and self-intersections
+    (`Movement.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
+    """
+    training = ConditionedTraining(base, config)
+    scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    marks = [round(config.updates * (2 / 3 + (k + 1) / config.checkpoints / 3)) for k in range(config.checkpoints)]
+    history: list[dict[str, float]] = []
+    tried: list[tuple[ConditionedPolicy, Movement]] = []
+    while marks:
+        training.vector_step()
+        updates = training.agent.updates
+        if updates < marks[0]:
+            if updates % (100 * config.updates_per_step) == 0:
+                on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
+            continue
+        marks.pop(0)
+        policy = training.policy(averaged=True)
+        movement = _movement(policy, base, scenes)
+        metrics = {"updates": updates, "transitions": training.transitions, **movement.summary()}
+        history.append(metrics)
+        on_progress(min(1.0, updates / config.updates), metrics)
+        tried.append((policy, movement))
+    policy, movement = max(tried, key=lambda entry: entry[1].score)
+    strength = strong_enough(policy, base, config)
+    if strength != 1.0:
+        policy = policy.stronger("farther", strength)
+        movement = _movement(policy, base, scenes)
+    return ConditionedResult(policy, strength, movement, training.transitions, history)
+
+
+def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Movement:
+    return movement_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
+
+
+def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedConfig) -> float:
+    """How many times full `farther` must be told for `strong_share` of the way, at most; 1 for what goes it by itself.
+
+    What a training makes of the same wants differs by chance (seed 2 stopped a tenth of the way before seeds 0 and 1);
+    told more than it learned from, it goes on smoothly. Only here, since elsewhere the possible is out of reach.
+    Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
+    """
+    scenes = scene_set(config.setup, config.strong_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    driven = drives_of(base, scenes)
+    possible = best_possible(scenes)
+    farther = preference_weights({"farther": 1.0})
+    kept = 1.0
+    for strength in config.strengths:
+        drives = drives_of(policy.stronger("farther", strength).at(farther), scenes)
+        if drives.success.mean() < config.strong_success:
+            break
+        kept = strength
+        if Movement(driven, {"farther": drives}, possible).shares["farther"] >= config.strong_share:
+            break
+    return kept

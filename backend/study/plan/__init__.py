@@ -1,0 +1,1 @@
+"""A participant's plan: which steps, which queries, which order. Pure."""

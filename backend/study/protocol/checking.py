@@ -1,0 +1,222 @@
+"""What a protocol's keys must be together: the order of stages, counts that fit, references that lead somewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from backend.study.plan.counterbalancing import design_of
+from backend.study.protocol import source as yaml_source
+from backend.study.protocol.blocks import BlockStage, Queries
+from backend.study.protocol.error_words import meant
+from backend.study.protocol.named import questionnaires_of
+from backend.study.protocol.questionnaires import Questionnaire
+from backend.study.protocol.schema import Protocol
+from backend.study.protocol.skipping import ItemWhen, When, problems_with
+from backend.study.protocol.source import Problem, Source
+from backend.study.protocol.stages import ComprehensionStage, stage_keys
+
+ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
+ONCE = ("consent", "train", "comparison", "evaluation")
+
+
+def problems_across(
+    protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source
+) -> Iterator[Problem]:
+    """Everything that no single key can know. questionnaires: those that could be read."""
+    yield from _order(protocol, source)
+    yield from _blocks(protocol, source)
+    yield from _conditions(protocol, source)
+    yield from _references(protocol, questionnaires, source)
+    yield from _checks(protocol, questionnaires, source)
+
+
+def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
+    """What the order of stages must be, so that nobody is asked before they have consented, or shown nothing."""
+    kinds = [entry.kind for entry in protocol.stages]
+
+    def at(index: int, message: str) -> Problem:
+        return source.problem(("stages", index, kinds[index]), message)
+
+    def first(kind: str) -> int:
+        return kinds.index(kind) if kind in kinds else len(kinds)
+
+    if "consent" not in kinds:
+        yield source.problem(("stages",), "needs a consent stage before anything is asked")
+    if kinds[-1] != "debriefing" or kinds.count("debriefing") != 1:
+        yield source.problem(("stages",), "must end with its one debriefing stage")
+    for once in ONCE:
+        if kinds.count(once) > 1:
+            again = len(kinds) - 1 - kinds[::-1].index(once)
+            yield at(again, f"stands {kinds.count(once)} times; a protocol has at most one {once} stage")
+    for index, kind in enumerate(kinds):
+        if kind in ASKING and index < first("consent") < len(kinds):
+            yield at(index, "stands before the consent stage; nothing may be asked before it")
+        if kind == "appointment" and index < first("consent"):
+            yield at(index, "stands before the consent stage; nobody can be asked to come back before they consented")
+        if kind == "appointment" and kinds[index + 1 : index + 2] in (["appointment"], ["debriefing"]):
+            yield at(index, f"is followed by {kinds[index + 1]}; the next appointment needs something to do")
+        elif kind == "appointment" and not _met_by_everybody(protocol, index + 1):
+            yield at(index, "is followed by stages with 'when' only; the next appointment needs one for everybody")
+    if "block" not in kinds and "demonstrations" not in kinds:
+        yield source.problem(("stages",), "needs at least one block of trials, or demonstrations")
+    if "block" in kinds and protocol.query_set is None:
+        yield source.problem(("query_set",), "is needed: it is what the block's queries are drawn from")
+    if "evaluation" in kinds:
+        if first("evaluation") < first("train") or "demonstrations" not in kinds:
+            yield at(first("evaluation"), "needs demonstrations and a train stage before it: it shows what was learned")
+        if kinds[first("evaluation") - 1] == "appointment":
+            yield at(first("evaluation"), "needs a page before it, so that the new appointment begins with words")
+    learning = next((entry.train for entry in protocol.stages if entry.train), None)
+    if learning is not None:
+        taught_by = "block" if learning.job == "align" else "demonstrations"
+        if first("train") < first(taught_by):
+            told = f"stands before any {taught_by}; there is nothing to learn from yet for job {learning.job}"
+            yield at(first("train"), told)
+        own = kinds[: first("train")].count("appointment")
+        for index, kind in enumerate(kinds):
+            if kind in (taught_by, "comparison") and kinds[:index].count("appointment") != own:
+                yield at(index, "stands in another appointment than train, which learns from and shows its own only")
+        compared = next((entry.comparison for entry in protocol.stages if entry.comparison), None)
+        other = "base" if learning.job == "align" else "dwa"
+        if compared is not None and compared.arms[0] != other:
+            here = ("stages", first("comparison"), "comparison", "arms")
+            third = ", or [base, own, other]," if learning.job == "align" else ""
+            yield source.problem(here, f"must be [{other}, own]{third} after a train stage with job {learning.job}")
+    if "comparison" in kinds and first("comparison") < first("train"):
+        yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
+    for index, entry in enumerate(protocol.stages):
+        if entry.when is not None and entry.kind in ("consent", "train", "comparison", "appointment", "debriefing"):
+            yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")
+
+
+def _met_by_everybody(protocol: Protocol, begins: int) -> bool:
+    """Whether the appointment whose stages begin there has one without `when`."""
+    for entry in protocol.stages[begins:]:
+        if entry.kind in ("appointment", "debriefing"):
+            return False
+        if entry.when is None:
+            return True
+    return False
+
+
+def _blocks(protocol: Protocol, source: Source) -> Iterator[Problem]:
+    showing = sum(1 if not entry.block.each else 2 for entry in protocol.stages if entry.block)  # two mean several
+    for index, entry in enumerate(protocol.stages):
+        if not isinstance(entry.stage, BlockStage):
+            continue
+        here: yaml_source.Path = ("stages", index, "block")
+        regular = 0
+        for t, one in enumerate(entry.stage.trials):
+            queries, at = one.queries, (*here, "trials", t, "queries")
+            probes = queries.probes
+            regular += queries.count * (queries.role == "regular")
+            if probes.repeat + probes.swap > queries.count or (queries.role == "learning" and probes.trials):
+                yield source.problem(
+                    (*at, "probes"), "asks for more probes than there are regular queries to ask again"
+                )
+            yield from _chosen(queries, at, several=showing > 1, source=source)
+        if not regular:
+            yield source.problem((*here, "trials"), "has learning trials only; add queries of role regular")
+        if entry.stage.attention_checks > regular > 0:
+            yield source.problem(
+                (*here, "attention_checks"), f"is more than the {regular} regular queries of the block"
+            )
+
+
+def _chosen(queries: Queries, here: yaml_source.Path, *, several: bool, source: Source) -> Iterator[Problem]:
+    """Where queries may follow the answers: not in practice, not where several blocks must show the same ones."""
+    if queries.choose == "random":
+        if queries.stop is not None:
+            yield source.problem((*here, "stop"), "needs queries that are chosen by disagreement or information")
+        return
+    if queries.role == "learning":
+        yield source.problem((*here, "choose"), "must be random for learning trials; their answers teach nothing")
+    if several:
+        yield source.problem(
+            (*here, "choose"),
+            "must be random, because this protocol's blocks show the same queries; keep one block in one view, or "
+            "choose: random",
+        )
+    if queries.stop is not None and queries.stop.at_least > queries.count:
+        yield source.problem((*here, "stop", "at_least"), f"is more than the {queries.count} queries there are")
+
+
+def _conditions(protocol: Protocol, source: Source) -> Iterator[Problem]:
+    scheme = protocol.assignment.scheme
+    try:
+        design = design_of(protocol)
+    except ValueError as wrong:
+        yield source.problem(("assignment", "scheme"), str(wrong))
+        return
+    if scheme != "random" and not design.blocks:
+        yield source.problem(
+            ("assignment", "scheme"),
+            "needs a block with 'each' or 'one_of', or an evaluation; otherwise there is no order",
+        )
+    names = [
+        {condition.name for group in range(len(block.groups)) for condition in block.conditions(group)}
+        for block in design.blocks.values()
+    ]
+    for n, one in enumerate(names):
+        if any(one & other for other in names[:n]):
+            index = stage_keys(protocol.stages).index(list(design.blocks)[n])
+            told = f"has conditions called as those of another block: {', '.join(sorted(one))}; add a factor"
+            yield source.problem(("stages", index, protocol.stages[index].kind), told)
+
+
+def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source) -> Iterator[Problem]:
+    """`when` and quotas must name an item that was asked, and an answer that it can have."""
+    asked: dict[str, int] = {}
+    for index, entry in enumerate(protocol.stages):
+        if entry.when is not None:
+            here: yaml_source.Path = ("stages", index, "when")
+            if asked.get(entry.when.questionnaire, index) >= index:
+                told = "is not asked before this stage" + meant(entry.when.questionnaire, list(asked))
+                yield source.problem((*here, "questionnaire"), told)
+            else:
+                yield from _answers(entry.when, questionnaires, here, source)
+        for name, path in questionnaires_of(entry):
+            used = questionnaires[name].items if name in questionnaires else []
+            at = ("stages", index, entry.kind, *path)
+            seen: list[ItemWhen] = []  # the items of a screen share its condition
+            for one in [one for item in used for one in item.when if one.questionnaire not in (None, name)]:
+                if one in seen:
+                    continue
+                seen.append(one)
+                about = When.model_validate(one.model_dump(by_alias=True))
+                if asked.get(about.questionnaire, index) >= index:
+                    told = f"has an item with 'when' about {about.questionnaire}, which is not asked before this stage"
+                    yield source.problem(at, told + meant(about.questionnaire, list(asked)))
+                else:
+                    yield from _answers(about, questionnaires, at, source)
+        for name, _ in questionnaires_of(entry):
+            asked.setdefault(name, index)
+    for q, quota in enumerate(protocol.quotas):
+        if quota.questionnaire not in asked:
+            told = f"is not asked in this protocol; asked are {', '.join(asked) or 'none'}"
+            yield source.problem(("quotas", q, "questionnaire"), told)
+        else:
+            wanted = When.model_validate({"questionnaire": quota.questionnaire, "item": quota.item, "is": quota.is_})
+            yield from _answers(wanted, questionnaires, ("quotas", q), source)
+
+
+def _answers(
+    when: When, questionnaires: Mapping[str, Questionnaire], here: yaml_source.Path, source: Source
+) -> Iterator[Problem]:
+    if when.questionnaire in questionnaires:  # one that could not be read is an error of its own
+        yield from problems_with(when, when.questionnaire, questionnaires[when.questionnaire].items, here, source)
+
+
+def _checks(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source) -> Iterator[Problem]:
+    """Comprehension checks have right answers, and nothing else has."""
+    for index, entry in enumerate(protocol.stages):
+        for name, path in questionnaires_of(entry):
+            if name not in questionnaires:
+                continue
+            here = ("stages", index, entry.kind, *path)
+            right = [item.key for item in questionnaires[name].items if item.correct is not None]
+            if isinstance(entry.stage, ComprehensionStage) and not right:
+                yield source.problem(here, "has no item with 'correct'; a comprehension check needs right answers")
+            elif right and not isinstance(entry.stage, ComprehensionStage):
+                told = f"has right answers ({', '.join(right)}); ask it as a comprehension stage, or remove 'correct'"
+                yield source.problem(here, told)

@@ -1,0 +1,176 @@
+"""Reads study protocols: the YAML and all that it names, checked and frozen.
+
+Every error names file, line, field, value and what is allowed. What the keys mean stands in `schema.py`; what is made
+of a protocol (plans, pages) lives elsewhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from backend.store.models import ProtocolVersion, Study, protocol_digest
+from backend.study.protocol.checking import problems_across
+from backend.study.protocol.error_words import meant, parsed
+from backend.study.protocol.named import all_questionnaires, all_texts
+from backend.study.protocol.questionnaires import Questionnaire
+from backend.study.protocol.reading import Read, Reader
+from backend.study.protocol.schema import Protocol
+from backend.study.protocol.source import Problem, ProtocolError, Source
+from backend.study.protocol.stages import ConsentStage
+from backend.study.protocol.texts import filled, local, variant
+
+PROTOCOLS = Path(__file__).resolve().parents[3] / "study_protocols"
+DATASETS = PROTOCOLS.parent / "datasets"
+POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
+Content = tuple[str, tuple[tuple[str, Any], ...]]
+"""YAML and the files that it names."""
+
+__all__ = ["FrozenProtocol", "ProtocolError", "freeze", "freeze_text", "thaw", "validate_protocol_file"]
+
+
+@dataclass(frozen=True)
+class FrozenProtocol:
+    """A checked protocol with all that it names. `files`: name -> content; `hash`: sha256 of all of it."""
+
+    yaml: str
+    protocol: Protocol
+    questionnaires: dict[str, Questionnaire]
+    files: dict[str, str]
+    hash: str
+
+    @property
+    def data(self) -> dict[str, Any]:
+        """The protocol as plain data, with defaults filled in."""
+        return self.protocol.model_dump(mode="json", by_alias=True)
+
+    def title(self, language: str) -> str:
+        return local(self.protocol.title, language)
+
+    def text(self, name: str, language: str) -> tuple[str, str]:
+        """Title (the first heading) and the rest of a markdown text in that language."""
+        content = self.files.get(variant(name, language))
+        if content is None:
+            content = self.files.get(name) or self.files[variant(name, self.protocol.languages[0])]
+        first, _, rest = filled(content, self.protocol).strip().partition("\n")
+        if first.startswith("# "):
+            return first[2:].strip(), rest.strip()
+        return self.title(language), content.strip()
+
+    @property
+    def consent(self) -> ConsentStage:
+        """The protocol's consent stage; every protocol has one."""
+        return next(entry.consent for entry in self.protocol.stages if entry.consent)
+
+    def consent_hash(self, language: str) -> str:
+        """sha256 of the consent text exactly as it is shown in that language."""
+        name = self.consent.text
+        content = filled(self.files.get(variant(name, language), self.files.get(name, "")), self.protocol)
+        return hashlib.sha256(content.encode()).hexdigest()
+
+
+def freeze(file: Path | str, query_sets: Mapping[str, str] | None = None) -> FrozenProtocol:
+    """Read a protocol and everything it names. Raises ProtocolError with every problem.
+
+    query_sets: id -> description of the sets that a protocol may name by id (`store.query_sets.query_sets_here`).
+    """
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as wrong:
+        reason = wrong.strerror if isinstance(wrong, OSError) else "is not UTF-8 text"
+        raise ProtocolError([Problem(str(file), 1, "(file)", None, f"cannot be read: {reason}")]) from None
+    return freeze_text(text, file=path.name, folder=path.parent, query_sets=query_sets)
+
+
+def freeze_text(
+    text: str,
+    *,
+    file: str = "protocol.yaml",
+    folder: Path = PROTOCOLS,
+    query_sets: Mapping[str, str] | None = None,
+) -> FrozenProtocol:
+    """The same for YAML that was uploaded or pasted; its texts and questionnaires come from `folder`."""
+
+    def read(name: str) -> str | None:
+        path = folder / name
+        try:
+            return path.read_text(encoding="utf-8") if path.is_file() else None
+        except (OSError, UnicodeDecodeError):
+            return None
+
+    frozen = _frozen(text, file, read)
+    named = frozen.protocol.query_set
+    problem = _query_set(named, query_sets or {}, Source(file, text)) if named is not None else None
+    if problem:
+        raise ProtocolError([problem])
+    return frozen
+
+
+def thaw(study: Study | ProtocolVersion) -> FrozenProtocol:
+    """The frozen protocol of a study or of a later version, from its own copy alone."""
+    content = (study.protocol_yaml, tuple(sorted(study.files.items())))
+    found = _thawed.get(content)
+    if found is None:
+        found = _frozen(study.protocol_yaml, "protocol.yaml", study.files.get)
+        _thawed[content] = found
+    return found
+
+
+_thawed: dict[Content, FrozenProtocol] = {}  # by content, so never stale; one small entry per protocol version
+
+
+def validate_protocol_file(file: Path | str, query_sets: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """{"valid": bool, "errors": [{file, line, field, value, message}]}; never raises for what the file says."""
+    try:
+        freeze(file, query_sets)
+    except ProtocolError as wrong:
+        return {"valid": False, "errors": wrong.errors}
+    return {"valid": True, "errors": []}
+
+
+def shipped_protocols() -> list[Path]:
+    """The protocol files that come with the product."""
+    return sorted(PROTOCOLS.glob("*.yaml"))
+
+
+# ---- reading -------------------------------------------------------------------------------------------------------
+
+
+def _frozen(text: str, file: str, read: Read) -> FrozenProtocol:
+    source = Source(file, text)
+    protocol = parsed(source, Protocol)
+    reader = Reader(protocol, source, read)
+    problems = reader.language_problems()
+    questionnaires: dict[str, Questionnaire] = {}
+    for name, path in all_questionnaires(protocol):
+        try:
+            questionnaires[name] = reader.questionnaire(name, path)
+        except ProtocolError as wrong:
+            problems += [problem for problem in wrong.problems if problem not in problems]
+    for name, path in all_texts(protocol):
+        problems += reader.text(name, path)
+    problems += problems_across(protocol, questionnaires, source)
+    if problems:
+        raise ProtocolError(problems)
+    files = dict(sorted(reader.files.items()))
+    return FrozenProtocol(text, protocol, questionnaires, files, hash=protocol_digest(text, files))
+
+
+def _query_set(name: str, here: Mapping[str, str], source: Source) -> Problem | None:
+    """Whether there is such a query set, without opening it (`learning` and torch take seconds to import)."""
+    shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/queries*.npz"))
+    if name in shipped or name in here or (name.endswith(".npz") and Path(name).is_file()):
+        return None
+    allowed = ", ".join(shipped) or "none"
+    # shipped sets that a study has used are here, too, under their names
+    made = ", ".join(f"{id_}: {told}" for id_, told in here.items() if told.partition(" (")[0] not in shipped) or "none"
+    return source.problem(
+        ("query_set",),
+        f"is no query set; shipped are: {allowed}; made here, by id: {made}; or the path of a .npz file"
+        f"{meant(name, [*shipped, *here])}",
+    )

@@ -1,0 +1,215 @@
+"""Reads the texts and questionnaires that a protocol names, with every problem where it stands in its file."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Collection
+from dataclasses import asdict
+from pathlib import Path
+
+from backend.analysis.scales import SCALES, Scale, frozen_items, wording_digest
+from backend.study.protocol import source as yaml_source
+from backend.study.protocol.error_words import meant, parsed
+from backend.study.protocol.named import all_texts
+from backend.study.protocol.questionnaires import Item, ItemBlock, Questionnaire
+from backend.study.protocol.schema import Protocol
+from backend.study.protocol.skipping import problems_within
+from backend.study.protocol.source import Problem, ProtocolError, Source
+from backend.study.protocol.texts import text_numbers, variant
+
+_BRACES = re.compile(r"\{(\w+)\}")
+Read = Callable[[str], str | None]
+"""Content of a file named relative to the protocol, None if there is none."""
+
+
+class Reader:
+    """Reads what one protocol names. `files` collects the content of all that was read, by name."""
+
+    def __init__(self, protocol: Protocol, source: Source, read: Read) -> None:
+        self.protocol, self.source, self.files = protocol, source, {}
+        self._read = read
+        self.absent = [language for language in protocol.languages if self._is_absent(language)]
+        self._languages = [language for language in protocol.languages if language not in self.absent]
+
+    files: dict[str, str]
+
+    def _is_absent(self, language: str) -> bool:
+        """Whether nothing at all is there in that language, so that one error says it for every text."""
+        texts = (self._read(variant(name, language)) for name, _ in all_texts(self.protocol))
+        return language not in self.protocol.title and all(text is None for text in texts)
+
+    def language_problems(self) -> list[Problem]:
+        """Languages that are named twice or in which nothing is there, and a title that is not there in all."""
+        named = self.protocol.languages
+        problems = [
+            self.source.problem(
+                ("languages", named.index(language)),
+                "has no title and no text; write them in this language, or take it out of the languages",
+            )
+            for language in self.absent
+        ]
+        if len(set(named)) != len(named):
+            problems.append(self.source.problem(("languages",), "names a language twice"))
+        problems += self.localized(self.protocol.title, ("title",), self.source)
+        if self.protocol.payment:
+            problems += self.localized(self.protocol.payment, ("payment",), self.source)
+        for index, entry in enumerate(self.protocol.stages):
+            for purpose, text in (entry.consent.purposes if entry.consent else {}).items():
+                here = ("stages", index, "consent", "purposes", purpose)
+                problems += self.localized(text, here, self.source)
+        return problems
+
+    def localized(self, text: dict[str, str], path: yaml_source.Path, source: Source) -> list[Problem]:
+        """What is wrong with a text that stands in the file itself, in each language."""
+        missing = [language for language in self._languages if not text.get(language, "").strip()]
+        unknown = [language for language in text if language not in self.protocol.languages]
+        problems = []
+        if missing:
+            problems.append(source.problem(path, f"has no text for {', '.join(missing)}; needed: one per language"))
+        if unknown:
+            allowed = ", ".join(self.protocol.languages)
+            problems.append(source.problem((*path, unknown[0]), f"is not one of the protocol's languages ({allowed})"))
+        return problems
+
+    # ---- markdown texts ----------------------------------------------------------------------------------------------
+
+    def text(self, name: str, path: yaml_source.Path) -> list[Problem]:
+        """Read a text in every language; `path`: where the protocol names it."""
+        if Path(name).is_absolute() or ".." in Path(name).parts:
+            return [self.source.problem(path, "must be a path below the protocol's folder, without '..'")]
+        missing = []
+        for language in self._languages:
+            chosen = variant(name, language)
+            content = self._read(chosen)
+            if content is None and len(self.protocol.languages) == 1:
+                chosen, content = name, self._read(name)
+            if content is None:
+                missing.append(chosen)
+            elif not content.strip():
+                return [self.source.problem(path, f"the text {chosen} is empty")]
+            elif unknown := self._unfilled(content):
+                known = list(text_numbers(self.protocol))
+                allowed = ", ".join(f"{{{word}}}" for word in known)
+                told = f"the text {chosen} has {{{unknown}}}; what is filled in: {allowed}"
+                return [self.source.problem(path, told + meant(unknown, known))]
+            else:
+                self.files[chosen] = content
+        return [self.source.problem(path, f"needs the file {', '.join(missing)} beside the protocol")] * bool(missing)
+
+    def _unfilled(self, content: str) -> str | None:
+        known = text_numbers(self.protocol)
+        return next((word for word in _BRACES.findall(content) if word not in known), None)
+
+    # ---- questionnaires ----------------------------------------------------------------------------------------------
+
+    def questionnaire(self, name: str, path: yaml_source.Path) -> Questionnaire:
+        """Read a questionnaire, validated scales filled in. Raises ProtocolError with every problem."""
+        file = f"questionnaires/{name}.yaml"
+        content = self._read(file)
+        if content is None:
+            raise ProtocolError([self.source.problem(path, f"there is no file {file} beside the protocol")])
+        self.files[file] = content
+        own = Source(file, content)
+        questionnaire = parsed(own, Questionnaire)
+        problems = self.localized(questionnaire.title, ("title",), own)
+        if questionnaire.text:
+            problems += self.localized(questionnaire.text, ("text",), own)
+        blocks = []
+        for b, block in enumerate(questionnaire.blocks):
+            if block.title:
+                problems += self.localized(block.title, ("blocks", b, "title"), own)
+            for i, item in enumerate(block.items):
+                problems += self._item(item, ("blocks", b, "items", i), own)
+            try:
+                items = self._scale(block, ("blocks", b, "scale"), own) if block.scale else block.items
+                blocks.append(block.with_items(items))
+            except ProtocolError as wrong:
+                problems += wrong.problems
+        whole = questionnaire.model_copy(update={"blocks": blocks})
+        problems += [*_keys_twice(whole, own), *_borrowed_names(name, whole, own), *problems_within(name, whole, own)]
+        if problems:
+            raise ProtocolError(problems)
+        return whole
+
+    def _item(self, item: Item, here: yaml_source.Path, own: Source) -> list[Problem]:
+        problems = []
+        for field in ("text", "low", "high"):
+            text = getattr(item, field)
+            if text is not None:
+                problems += self.localized(text, (*here, field), own)
+        for o, option in enumerate(item.options):
+            problems += self.localized(option.label, (*here, "options", o, "label"), own)
+        return problems
+
+    def _scale(self, block: ItemBlock, path: yaml_source.Path, own: Source) -> list[Item]:
+        """The scale's items, which become part of the study's own copy."""
+        scale = SCALES.get(block.scale or "")
+        if scale is None:
+            told = f"is no validated scale; there are: {', '.join(SCALES)}{meant(block.scale, list(SCALES))}"
+            raise ProtocolError([own.problem(path, told)])
+        missing = [language for language in self._languages if language not in scale.languages]
+        if missing:
+            told = (
+                f"is there in {', '.join(scale.languages)}, not in {', '.join(missing)}: no translation of it that we "
+                "could check; leave the language out, or ask items of your own under another name"
+            )
+            raise ProtocolError([own.problem(path, told)])
+        if block.items and not all(_is_verbatim(block.items, scale, language) for language in self._languages):
+            told = (
+                f"has items that are not those of {scale.names[0]} word by word; leave 'items' out to ask the scale "
+                "itself, or leave 'scale' out and give the questionnaire another name"
+            )
+            raise ProtocolError([own.problem(path, told)])
+        kept = f"scales/{scale.name}.json"
+        frozen = self._read(kept) or _as_file(scale)
+        self.files[kept] = frozen
+        return [Item(**item) for item in frozen_items(frozen)]
+
+
+def _as_file(scale: Scale) -> str:
+    return json.dumps(asdict(scale), ensure_ascii=False, indent=1)
+
+
+def _is_verbatim(items: Collection[Item], scale: Scale, language: str) -> bool:
+    wording = [
+        (item.text.get(language, ""), (item.low or {}).get(language, ""), (item.high or {}).get(language, ""))
+        for item in items
+    ]
+    marks = [(item.type, item.points, item.reversed, bool(item.when)) for item in items]
+    wanted = [("scale", scale.points, item.reversed, False) for item in scale.items]  # a scale is asked whole
+    return wording_digest(wording, scale.points) == scale.digest(language) and marks == wanted
+
+
+def _keys_twice(questionnaire: Questionnaire, own: Source) -> list[Problem]:
+    problems = []
+    seen: set[str] = set()
+    for b, block in enumerate(questionnaire.blocks):
+        for i, item in enumerate(block.items):
+            if item.key in seen:
+                path = ("blocks", b, "scale") if block.scale else ("blocks", b, "items", i, "key")
+                problems.append(own.problem(path, f"{item.key!r} is used twice; every item needs its own"))
+            seen.add(item.key)
+    return problems
+
+
+def _borrowed_names(name: str, questionnaire: Questionnaire, own: Source) -> list[Problem]:
+    """A validated scale's name over items that are not its own."""
+    asked = {block.scale for block in questionnaire.blocks}
+    problems = []
+    for scale in SCALES.values():
+        if scale.name in asked:
+            continue
+        words = re.compile(r"\b(" + "|".join(map(re.escape, (*scale.names, scale.name))) + r")\b", re.IGNORECASE)
+        told = (
+            f"carries the name of the validated scale {scale.names[0]}, whose items are not asked here; "
+            f"ask it with '- scale: {scale.name}', or choose another name"
+        )
+        titles: list[tuple[yaml_source.Path, dict[str, str] | None]] = [(("title",), questionnaire.title)]
+        titles += [(("blocks", b, "title"), block.title) for b, block in enumerate(questionnaire.blocks)]
+        problems += [
+            own.problem(path, told) for path, title in titles if words.search(" / ".join((title or {}).values()))
+        ]
+        if words.fullmatch(name):
+            problems.append(own.problem(("title",), f"the file's name {told}"))
+    return problems

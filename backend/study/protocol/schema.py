@@ -1,0 +1,105 @@
+"""What a study protocol may say as a whole. Its stages are in `schema_stages.py`, questionnaires in
+`schema_questionnaires.py`; reading files and checks across keys live in `protocol.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from backend.report.plan import AnalysisPlan
+from backend.study.protocol.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
+from backend.study.protocol.stages import StageEntry
+
+
+class Assignment(Part):
+    """How participants differ. Queries and sides are always each participant's own, from `seed` and their code.
+
+    scheme: the orders of a block's conditions. `random` draws each one's by lot; `all_orders` (every permutation),
+    `williams` (every condition follows every other equally often) and `latin_square` (every condition stands in every
+    place equally often) fill their orders evenly, by completed and active sessions.
+    lease_hours: an unfinished session holds its place so long after its last sign of life. excluded: whether excluding
+    somebody frees their place; it must be declared before the study.
+    """
+
+    scheme: Literal["random", "all_orders", "williams", "latin_square"] = "random"
+    seed: int = Field(0, ge=0)
+    lease_hours: float = Field(24.0, gt=0, le=24 * 365)  # ours
+    excluded: Literal["keep_place", "free_place"] = "keep_place"
+
+
+class Sample(Part):
+    """Which queries of the set a participant may get. different_scenes: no scene twice. longest_s, shortest_s: of both
+    drives.
+    """
+
+    different_scenes: bool = False
+    longest_s: float | None = Field(None, gt=0)
+    shortest_s: float | None = Field(None, gt=0)
+
+
+class DeviceGate(Part):
+    """What a device must have before the consent; what is not named is not asked. Sizes in CSS pixels of the window.
+
+    pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in pictures per second, measured on the page;
+    below `light_below` a lighter scene is shown before anybody is refused below `min_frame_rate`.
+    """
+
+    webgl: bool = True
+    min_width: int | None = Field(None, ge=200, le=4000)
+    min_height: int | None = Field(None, ge=200, le=4000)
+    pointers: list[Literal["fine", "coarse"]] = Field(["fine", "coarse"], min_length=1)
+    min_frame_rate: float | None = Field(None, gt=0, le=120)
+    light_below: float | None = Field(None, gt=0, le=120)
+
+
+class Quota(Part):
+    """At most `most` participants (completed or under way) may give this answer; who comes later leaves kindly."""
+
+    questionnaire: Slug
+    item: Slug
+    is_: Value = Field(alias="is")
+    most: int = Field(ge=0)
+
+
+class ScreenOut(Part):
+    """The last page of somebody who cannot go on (comprehension check, quota); as a debriefing."""
+
+    text: FileName
+    completion_code: Code = "random"
+    return_url: Address | None = None
+
+
+class Protocol(Part):
+    """A study protocol. `query_set`: name of a shipped set, id of one made here, or path of a `.npz` file."""
+
+    protocol: Slug
+    version: int = Field(ge=1)
+    title: Localized
+    languages: list[Language] = Field(min_length=1)
+    minutes: int = Field(15, ge=1, le=240, description="how long a session takes, as participants are told")
+    participants: int | None = Field(None, ge=1, description="how many people are taken in; default as many as come")
+    link_valid_days: int = Field(14, ge=1, le=365, description="how long a session can be continued")
+    contact: str | None = Field(None, max_length=200, description="whom participants may ask; default the house's")
+    licence: str | None = Field(None, max_length=200, description="of the data, written into every export")
+    citation: str | None = Field(None, max_length=400, description="how to cite the data")
+    assignment: Assignment = Assignment()
+    symmetry: Literal["none", "left_right"] = Field(
+        "none", description="left_right: nobody minds on which side the robot passes, so no answer is read as a side"
+    )
+    query_set: str | None = Field(
+        None, min_length=1, max_length=300, description="needed where the protocol has a block"
+    )
+    sample: Sample = Sample()
+    payment: Localized | None = Field(None, description="how payment stands, also for who stops early or withdraws")
+    device: DeviceGate | None = None
+    quotas: list[Quota] = []
+    screen_out: ScreenOut | None = Field(None, description="default: a page in the product's own words")
+    analysis: AnalysisPlan | None = Field(None, description="what the report tests, declared before the data")
+    stages: list[StageEntry] = Field(min_length=1)
+
+
+def json_schema(of: type[Part] = Protocol) -> dict[str, Any]:
+    """JSON Schema of a protocol, or of a questionnaire's file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema(by_alias=True)

@@ -1,0 +1,1 @@
+"""A running session: joining, its state machine, watching, answering, leaving."""

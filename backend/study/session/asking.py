@@ -1,0 +1,189 @@
+"""Which query a trial asks about: the planned one, or the one that teaches most after the answers so far.
+
+What answers say is `learning.posterior`'s, what teaches most `learning.choosing`'s; here both meet the stored rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.artefacts import ArtefactStore, load_artefact
+from backend.store.database import Database
+from backend.store.models import ProtocolVersion, Response, Session, Study, Trial
+from backend.store.query_sets import StoredQuery, queries_of
+from backend.study.plan.planning import Step
+from backend.study.protocol.blocks import Trials
+from backend.study.protocol.freezing import thaw
+from backend.study.protocol.stages import StageEntry
+from backend.study.session.versions import newest_number, protocol_row, row_of
+
+if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
+    from backend.learning.preferences.posterior import Posterior
+
+Doubles = NDArray[np.float64]
+Answers = tuple[tuple[str, str], ...]
+KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a trial shows. `turned`: the query's second drive is A. `probe_of`: the trial that is asked again. `why`:
+    for the event log, None where the plan knew the query before.
+    """
+
+    query: str
+    trajectory_a: str
+    trajectory_b: str
+    turned: bool
+    probe_of: str | None = None
+    why: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class MeasuredQueries:
+    """A query set with what its trajectories measure: differences (n, spans, 7) of first minus second, in its order.
+
+    symmetry: the protocol's.
+    """
+
+    setup: str
+    symmetry: str
+    queries: tuple[StoredQuery, ...]
+    differences: Doubles
+
+    def index(self) -> dict[str, int]:
+        """Where each query stands, by id."""
+        return {query.id: i for i, query in enumerate(self.queries)}
+
+
+def asked_in(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> Asked:
+    """What the trial of that step shows."""
+    if "again" in step:
+        return _asked_again(s, session, step)
+    if "query" in step:
+        return Asked(step["query"], step["trajectory_a"], step["trajectory_b"], step["turned"])
+    from backend.learning.queries.choosing import next_query
+
+    measured = measured_queries(s, files, row_of(s, session))
+    used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
+    used |= {one["query"] for one in session.plan if "query" in one}
+    left = [i for i, query in enumerate(measured.queries) if query.id not in used]
+    posterior = posterior_after(measured, answers_of(s, session))
+    random = np.random.default_rng([session.seed, 31, session.position])
+    chosen = next_query(posterior, measured.differences[left], step["choose"], random)
+    query = measured.queries[left[chosen.index]]
+    sides = (query.trajectory_a, query.trajectory_b)
+    a, b = sides[::-1] if step["turned"] else sides
+    why = {"by": step["choose"], "bits": round(chosen.bits, 4), "answers": len(posterior.chosen), "of": len(left)}
+    return Asked(query.id, a, b, step["turned"], why=why)
+
+
+def _asked_again(s: DatabaseSession, session: Session, step: Step) -> Asked:
+    before = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step["again"])).one()
+    sides = (before.trajectory_a, before.trajectory_b)
+    a, b = sides[::-1] if step["role"] == "swap" else sides
+    return Asked(str(before.query_id), a, b, step["turned"], probe_of=before.id)
+
+
+def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> bool:
+    """Does the protocol's stopping rule end the chosen queries here?"""
+    if step.get("stop") is None:
+        return False
+    from backend.learning.queries.choosing import StoppingRule, best_information
+
+    rule = StoppingRule(**step["stop"])
+    answers = answers_of(s, session)
+    measured = measured_queries(s, files, row_of(s, session))
+    promised = [np.inf] * len(answers)  # only the last ones count
+    for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
+        used = {query for query, _ in answers[:after]}
+        left = [i for i, query in enumerate(measured.queries) if query.id not in used]
+        promised[after - 1] = best_information(posterior_after(measured, answers[:after]), measured.differences[left])
+        if promised[after - 1] >= rule.below_bits:
+            return False
+    return rule.met(promised)
+
+
+def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> Posterior:
+    """What the session's answers so far say, without practice and probes."""
+    return posterior_after(measured_queries(s, files, row_of(s, session)), answers_of(s, session))
+
+
+def answers_of(s: DatabaseSession, session: Session) -> Answers:
+    """(query, id of the trajectory that was chosen) of the regular trials, in the order in which they were asked."""
+    rows = s.execute(
+        select(Trial, Response)
+        .join(Response, Response.trial_id == Trial.id)
+        .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role == "regular")
+        .order_by(Trial.index)
+    )
+    return tuple(
+        (str(trial.query_id), trial.trajectory_a if response.value["choice"] == "a" else trial.trajectory_b)
+        for trial, response in rows
+        if "choice" in response.value  # not where the time for it was over
+    )
+
+
+def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
+    """The posterior after those answers; goes on from the longest beginning of them that is remembered."""
+    from backend.learning.preferences.posterior import Posterior, PosteriorConfig
+
+    def key(n: int) -> tuple[str, str, Answers]:
+        return measured.setup, measured.symmetry, answers[:n]  # queries are named by their content
+
+    known = next((n for n in range(len(answers), 0, -1) if key(n) in _posteriors), 0)
+    if known:
+        posterior = _posteriors[key(known)]
+    else:
+        config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
+        posterior = Posterior.prior(measured.setup, config)
+    places = measured.index()
+    for n in range(known, len(answers)):
+        query, chosen = answers[n]
+        row = places[query]
+        posterior = posterior.updated(measured.differences[row], chosen == measured.queries[row].trajectory_a)
+    _posteriors[key(len(answers))] = posterior
+    while len(_posteriors) > KEPT_POSTERIORS:
+        _posteriors.pop(next(iter(_posteriors)), None)
+    return posterior
+
+
+_posteriors: dict[tuple[str, str, Answers], Posterior] = {}
+
+
+def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
+    """The query set of a study's protocol, measured once per process."""
+    set_id, symmetry = study.protocol["materials"]["query_set"], thaw(study).protocol.symmetry
+    known = _measured.get((set_id, symmetry))
+    if known is None:
+        from backend.learning.preferences.spans import seen_in
+        from backend.learning.queries.queries import QuerySet
+
+        artefact, content = load_artefact(s, files, set_id, kind="query_set")
+        queries = QuerySet.from_bytes(content).queries
+        stored = tuple(queries_of(s, files, set_id))
+        known = MeasuredQueries(artefact.setup, symmetry, stored, seen_in(queries))
+        _measured[set_id, symmetry] = known
+    return known
+
+
+def prepare(database: Database, files: ArtefactStore) -> None:
+    """Measure the query sets of the open studies that choose, before the first participant has to wait for it."""
+    with database.session() as s:
+        for study in s.scalars(select(Study).where(Study.state == "open")):
+            row = protocol_row(s, study, newest_number(s, study))
+            if any(one.queries.choose != "random" for entry in thaw(row).protocol.stages for one in _trials(entry)):
+                measured_queries(s, files, row)
+
+
+def _trials(entry: StageEntry) -> list[Trials]:
+    return entry.block.trials if entry.block else []
+
+
+_measured: dict[tuple[str, str], MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries

@@ -1,0 +1,78 @@
+"""What a session's answers have taught so far, answer by answer, and how the robot would drive by it now.
+
+For experimenters who watch. What a participant is shown is made by jobs and `personalisation.py`.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.models import Session
+from backend.study.session import asking
+from backend.study.session.versions import row_of
+
+if TYPE_CHECKING:
+    from backend.simulation.trajectory import Trajectory
+
+SCENES = 3
+SCENES_SEED = 0  # of the figures' scenes: the same for everybody, so that participants can be compared
+KEPT = 64  # pages ask every few seconds, answers come every half minute
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """shares: after each answer, the expected share of each objective in what is wanted, by name. weights: what the
+    conditioned policy is told now, those above zero. pairs: drives of base and told policy in the same scenes; empty
+    where no conditioned policy comes with the setup."""
+
+    shares: tuple[dict[str, float], ...]
+    weights: dict[str, float]
+    entropy_bits: float
+    pairs: tuple[tuple[Trajectory, Trajectory], ...]
+
+
+def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
+    """What is learned from the session's regular answers so far; practice and probes teach nothing."""
+    measured = asking.measured_queries(s, files, row_of(s, session))
+    answers = asking.answers_of(s, session)
+    key = (session.id, answers)
+    if key in _known:
+        _known.move_to_end(key)
+        return _known[key]
+    from backend.learning.preferences.vocabulary import NAMES, SIZE
+
+    after = [asking.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
+    told = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
+    _known[key] = learnt = Learnt(
+        shares=tuple(posterior.importance() for posterior in after[1:]),
+        weights={name: float(weight) for name, weight in zip(NAMES, told, strict=True) if weight},
+        entropy_bits=after[-1].entropy_bits(),
+        pairs=_drives(measured.setup, told),
+    )
+    while len(_known) > KEPT:
+        _known.popitem(last=False)
+    return learnt
+
+
+_known: OrderedDict[tuple[str, asking.Answers], Learnt] = OrderedDict()
+
+
+def _drives(setup: str, told: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:
+    from backend.learning.policies.shipped import load_conditioned, load_policy, shipped_names
+    from backend.learning.scene_sets import Purpose, scene_set
+    from backend.simulation.fast import rollout
+    from backend.simulation.setups import get_setup
+
+    if f"{setup}/conditioned" not in shipped_names():
+        return ()
+    scenes = scene_set(setup, SCENES, purpose=Purpose.FIGURE, seed=SCENES_SEED)
+    policies = (load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(told))
+    drives = [rollout(get_setup(setup), policy.driver, scenes) for policy in policies]
+    return tuple(zip(*drives, strict=True))

@@ -1,0 +1,148 @@
+"""How the drives of a trial are watched: start, seen, interrupted, watched again. The server's clock decides.
+
+Only a session that was created as simulated may be faster. What is answered then is `machine.py`'s.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.events import log_event
+from backend.store.models import Session, Trial
+from backend.study.protocol.blocks import Viewing
+from backend.study.session import strokes_drawn
+from backend.study.session.steps import (
+    Drive,
+    Playback,
+    current_trial,
+    duration_s,
+    label_s,
+    playback_id,
+    playing,
+    refused,
+    set_phase,
+    step_of,
+    trial_of,
+)
+from backend.study.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
+
+
+def viewing_of(session: Session) -> Viewing:
+    """The view rules of the current step."""
+    return Viewing.model_validate(step_of(session).get("viewing", {}))
+
+
+def start_trial(
+    s: DatabaseSession, session: Session, step_key: str, *, request_id: str | None, now: datetime
+) -> Playback | None:
+    """Play the next unseen drive: A, or B where only B was interrupted. None: it plays already (a double click)."""
+    trial = current_trial(s, session, step_key, now)
+    if trial.phase in PLAYING:
+        return None
+    if trial.phase != "ready":
+        raise refused(session, 409, "not_ready", "Both drives were shown already.", trial, phase=trial.phase)
+    set_phase(s, trial, "ready", "playing_b" if trial.a_seen_at is not None else "playing_a", now)
+    log_event(s, "trial_started", session_id=session.id, trial_id=trial.id, phase=trial.phase, request=request_id)
+    return playing(trial)
+
+
+def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: datetime) -> Playback | None:
+    """Play both drives once more, where the protocol allows it. Before the choice, as often as `viewing.replays`."""
+    trial = current_trial(s, session, step_key, now)
+    allowed = viewing_of(session).replays
+    if trial.phase != "choosing" or trial.replays >= allowed:
+        told = "This pair cannot be watched again."
+        raise refused(session, 409, "no_replay", told, trial, phase=trial.phase, replays=trial.replays, allowed=allowed)
+    trial.replays += 1
+    trial.a_seen_at = trial.b_seen_at = None
+    set_phase(s, trial, "choosing", "playing_a", now)
+    log_event(s, "watched_again", session_id=session.id, trial_id=trial.id, replays=trial.replays)
+    return playing(trial)
+
+
+def drive_seen(
+    s: DatabaseSession, session: Session, step_key: str, drive: Drive, playback: str | None, *, now: datetime
+) -> Playback | None:
+    """A drive was watched to its end, by the server's clock too. After A this plays B; None: nothing more to play."""
+    trial = current_trial(s, session, step_key, now)
+    if (trial.a_seen_at if drive == "a" else trial.b_seen_at) is not None:
+        return None  # told twice
+    if trial.phase != f"playing_{drive}":
+        raise refused(session, 409, "not_playing", f"Drive {drive.upper()} is not playing.", trial, phase=trial.phase)
+    if playback != playback_id(trial, drive) and not (session.simulated and playback is None):
+        raise refused(session, 409, "other_playback", "This is not the drive that is being shown.", trial, drive=drive)
+    _check_watched(s, session, trial, drive, now)
+    if drive == "a":
+        trial.a_seen_at = now
+        set_phase(s, trial, "playing_a", "choosing" if trial.kind in SINGLE_KINDS else "playing_b", now)
+    else:
+        trial.b_seen_at = now
+        set_phase(s, trial, "playing_b", "choosing", now)
+    log_event(s, "drive_seen", session_id=session.id, trial_id=trial.id, drive=drive)
+    return playing(trial)
+
+
+def _check_watched(s: DatabaseSession, session: Session, trial: Trial, drive: Drive, now: datetime) -> None:
+    """Raise Refused if the label and the drive cannot have been seen yet. Simulated sessions need not watch."""
+    if session.simulated:
+        return
+    assert trial.phase_since is not None  # noqa: S101  set with every phase
+    elapsed = (now - trial.phase_since).total_seconds()
+    needed = label_s(trial) + duration_s(s, trial, drive)
+    if elapsed < needed - TOLERANCE_S:
+        raise refused(
+            session,
+            409,
+            "too_early",
+            f"Drive {drive.upper()} takes {needed:.1f} s and began {elapsed:.1f} s ago.",
+            trial,
+            drive=drive,
+            elapsed_s=round(elapsed, 2),
+            needed_s=round(needed, 2),
+        )
+
+
+def restart_drive(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
+    """The drive that plays was not seen to its end (hidden tab): it has to be started again; A stays seen.
+
+    Returns whether anything was playing.
+    """
+    return _interrupt(s, session, reason, now, keep_seen=True)
+
+
+def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
+    """The checkpoint rule: an unfinished trial whose drives were not both seen starts over, as often as it happens.
+
+    For reloads, lost connections, another tab, a server that came back. In the phase `choosing` both drives were seen
+    to the end; nothing is repeated then, so that a reload is no second look.
+    """
+    return _interrupt(s, session, reason, now, keep_seen=False)
+
+
+def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime, *, keep_seen: bool) -> bool:
+    if step_of(session)["kind"] in DRAWN_KINDS:
+        return strokes_drawn.interrupted(s, session, step_of(session), reason=reason)
+    trial = trial_of(s, session) if step_of(session)["kind"] in TRIAL_KINDS else None
+    if trial is None or session.state not in ("active", "paused"):
+        return False
+    half_seen = trial.phase == "ready" and trial.a_seen_at is not None and not keep_seen
+    if trial.phase not in PLAYING and not half_seen:
+        return False
+    before = trial.phase
+    if not keep_seen:
+        trial.a_seen_at = None
+    trial.restarts += 1
+    set_phase(s, trial, before, "ready", now)
+    log_event(
+        s,
+        "trial_interrupted",
+        session_id=session.id,
+        trial_id=trial.id,
+        reason=reason,
+        phase=before,
+        restarts=trial.restarts,
+        goes_on_with="b" if trial.a_seen_at is not None else "a",
+    )
+    return True

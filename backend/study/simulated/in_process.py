@@ -1,0 +1,148 @@
+"""Bots in this process: through the real state machine and tables, without a server. For power and benchmarks.
+
+What bots answer lives in `bots.py`; over HTTP or here, the same seed leaves the same data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+from uuid import uuid4
+
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.database import Database
+from backend.store.models import Participant, Session, Study, utc_now
+from backend.store.outbox import cancel_job
+from backend.study.session import drawn_paths, machine, participant_walks, personalisation, strokes_drawn
+from backend.study.session.joining import join_study
+from backend.study.session.links import next_token
+from backend.study.session.refusals import Refused
+from backend.study.session.sessions import acting
+from backend.study.simulated.bot_view import told_to_bots
+from backend.study.simulated.bots import BotError, Character, State, walk_all
+
+
+def walk_in_process(
+    database: Database,
+    files: ArtefactStore,
+    study: Study,
+    participants: int,
+    character: Character | None = None,
+    *,
+    without_jobs: bool = False,
+) -> dict[str, Any]:
+    """Walk `participants` bots one after another through the study; returns what `bots.walk_all` does.
+
+    In a study with a train stage a worker must run; without_jobs: its jobs are cancelled instead, and bots go on
+    without comparisons. Raises BotError if the machine refuses a bot something, LearningError for an unknown oracle.
+    """
+    drives: dict[str, Trajectory] = {}
+    ways = (_InProcess(database, files, study, drives, without_jobs) for _ in range(participants))
+    return walk_all(ways, character or Character())
+
+
+class _InProcess:
+    """A bot's session by direct calls, each in its own transaction, as a request would."""
+
+    def __init__(
+        self,
+        database: Database,
+        files: ArtefactStore,
+        study: Study,
+        drives: dict[str, Trajectory],
+        without_jobs: bool,
+    ) -> None:
+        self._database, self._files, self._study, self._drives = database, files, study, drives
+        self._without_jobs, self._token = without_jobs, ""
+
+    def join(self, told: Mapping[str, Any]) -> str:
+        try:
+            with self._database.transaction() as s:
+                session, self._token = join_study(
+                    s, self._study, language="en", simulated=True, oracle=told, files=self._files
+                )
+                return s.get_one(Participant, session.participant_id).code
+        except Refused as refused:
+            raise BotError(f"the study refused a bot: {refused.message}") from refused
+
+    def come_back(self) -> State:
+        self._token = next_token(self._token)
+        return self.state()
+
+    def state(self) -> State:
+        def act(s: DatabaseSession, session: Session) -> None:
+            for job in personalisation.jobs_of(s, session) if self._without_jobs else ():
+                if job.state == "queued":
+                    cancel_job(s, job.id, by="a walk without jobs")
+            machine.settle(s, self._files, session, now=utc_now())
+
+        return self._do("look", act)
+
+    def start(self, key: str) -> State:
+        return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
+
+    def seen(self, key: str, drive: str, playback_id: str) -> State:
+        side: machine.Drive = "a" if drive == "a" else "b"
+        return self._do("seen", lambda s, x: machine.drive_seen(s, x, key, side, playback_id, now=utc_now()))
+
+    def drives(self) -> tuple[Trajectory, Trajectory]:
+        with acting(self._database, self._token, request="drives", now=utc_now()) as (s, session):
+            trial = machine.trial_of(s, session)
+            if trial is None:
+                raise BotError("the current step is no trial")
+            shown = trial.trajectory_a, trial.trajectory_b
+        for trajectory in shown:
+            if trajectory not in self._drives:
+                self._drives[trajectory] = load_trajectory(self._files, trajectory)
+        return self._drives[shown[0]], self._drives[shown[1]]
+
+    def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
+        problems: list[dict[str, Any] | None] = []
+
+        def act(s: DatabaseSession, session: Session) -> None:
+            step, now = machine.step_of(session), utc_now()
+            attempt = strokes_drawn.attempt_of(step, stroke, simulated=True)
+            problems.append(attempt.problem)
+            strokes_drawn.add_stroke(
+                s, self._files, session, step, attempt, request_id=uuid4().hex, client_time=None, now=now
+            )
+
+        return {**self._do("draw", act), "problem": problems[0]}
+
+    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+        problems: list[dict[str, Any] | None] = []
+
+        def act(s: DatabaseSession, session: Session) -> None:
+            step = machine.step_of(session)
+            stroke = drawn_paths.latest_stroke(s, session.id, key)
+            if stroke is None:
+                raise BotError(f"{key}: nothing was drawn to walk beside")
+            scene = drawn_paths.scene_of(step)
+            walked = participant_walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
+            problems.append(walked.problem)
+            strokes_drawn.driven(s, self._files, session, step, playback_id, walked, now=utc_now())
+
+        return {**self._do("walked", act), "problem": problems[0]}
+
+    def submit(self, key: str, value: Mapping[str, Any]) -> State:
+        def act(s: DatabaseSession, session: Session) -> bool:
+            submitted = machine.submit(
+                s, self._files, session, key, value, request_id=uuid4().hex, client_time=None, now=utc_now()
+            )
+            return submitted.duplicate
+
+        return self._do("submit", act)
+
+    def _do(self, request: str, act: Callable[[DatabaseSession, Session], object]) -> dict[str, Any]:
+        """What the API would answer after `act`."""
+        try:
+            with acting(self._database, self._token, request=request, now=utc_now()) as (s, session):
+                done = act(s, session)
+                view = machine.current(s, session)
+                told = view.as_dict() | told_to_bots(s, session, view)
+                return {"state": session.state, "step": told, "duplicate": done if isinstance(done, bool) else False}
+        except Refused as refused:
+            raise BotError(f"the machine refused {request!r}: {refused.code}, {refused.message}") from refused
