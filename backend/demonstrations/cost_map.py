@@ -51,15 +51,6 @@ class Grid:
         return int(i), int(j)
 
 
-@k.compiled
-def _mark_free(row: k.Row, places: NDArray[np.float64], radius: float, free: NDArray[np.bool_]) -> None:
-    for i in range(free.shape[0]):
-        for j in range(free.shape[1]):
-            x, y = places[i, j, 0], places[i, j, 1]
-            apart = k.person_distance(row, x, y) - row[k.PERSON_RADIUS]
-            free[i, j] = min(apart, k.surface_distance(row, x, y)) >= radius
-
-
 def free_grid(scene: Scene, *, spare_m: float, around_person: bool = True) -> Grid:
     """Where the robot fits with `spare_m` to spare; `around_person` False: as if nobody stood there.
 
@@ -73,7 +64,7 @@ def free_grid(scene: Scene, *, spare_m: float, around_person: bool = True) -> Gr
     row = scene_to_row(scene)
     if not around_person:
         row[k.PERSON_X] = math.inf
-    _mark_free(row, grid.places(), ROBOT_RADIUS_M + spare_m, grid.free)
+    k.mark_free(row, grid.places(), ROBOT_RADIUS_M + spare_m, grid.free)
     return grid
 
 

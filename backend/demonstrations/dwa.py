@@ -61,12 +61,13 @@ class Dwa:
             distance, bearing = seen[0] * setup.distance_scale_m, seen[1] * math.pi
             goal = np.array([distance * math.cos(bearing), distance * math.sin(bearing)])
             speeds, turns = self._window(seen[4] * setup.limits.v_max, seen[5] * setup.limits.w_max)
-            commands[i] = _best(
+            commands[i] = k.best_command(
                 speeds,
                 turns,
                 goal,
                 np.ascontiguousarray(points),
                 round(config.ahead_s / CONTROL_DT_S),
+                CONTROL_DT_S,
                 ROBOT_RADIUS_M + config.spare_m,
                 config.enough_clearance_m,
                 np.array([config.heading_weight, config.clearance_weight, config.speed_weight]),
@@ -81,46 +82,3 @@ class Dwa:
         turn = config.turn_acceleration * CONTROL_DT_S
         left, right = min(config.fastest_turn, w + turn), max(-config.fastest_turn, w - turn)
         return np.linspace(min(low, high), high, config.speeds), np.linspace(right, left, config.turns)
-
-
-@k.compiled
-def _best(
-    speeds: NDArray[np.float64],
-    turns: NDArray[np.float64],
-    goal: NDArray[np.float64],
-    points: NDArray[np.float64],
-    steps: int,
-    radius: float,
-    enough: float,
-    weights: NDArray[np.float64],
-) -> tuple[float, float]:
-    """The command (m/s, rad/s) of the highest score; where each arc hits something, the one that hits latest."""
-    best, chosen_v, chosen_w = -1e9, speeds[0], turns[0]
-    dt = 0.2
-    for v in speeds:
-        for w in turns:
-            clearance, x, y, free_steps = enough, 0.0, 0.0, steps
-            for t in range(1, steps + 1):
-                x, y = k.arc(0.0, 0.0, 0.0, v * t * dt, w * t * dt)
-                nearest = 1e9
-                for p in range(points.shape[0]):
-                    dx, dy = points[p, 0] - x, points[p, 1] - y
-                    nearest = min(nearest, dx * dx + dy * dy)
-                clearance = min(clearance, math.sqrt(nearest) - radius)
-                if clearance < 0.0:
-                    free_steps = t
-                    break
-                if (goal[0] - x) ** 2 + (goal[1] - y) ** 2 < 0.04:
-                    break
-            if clearance < 0.0:
-                score = -1e6 + free_steps
-            else:
-                bearing = k.wrap(math.atan2(goal[1] - y, goal[0] - x) - w * steps * dt)
-                score = (
-                    weights[0] * (1.0 - abs(bearing) / math.pi)
-                    + weights[1] * clearance / enough
-                    + weights[2] * v / speeds[-1]
-                )
-            if score > best:
-                best, chosen_v, chosen_w = score, v, w
-    return chosen_v, chosen_w

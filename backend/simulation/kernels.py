@@ -1,7 +1,8 @@
-"""Every compiled function of the simulation: geometry of a scene row, scene drawing, lidar, driving, rewards.
+"""Every compiled function of a scene row: its geometry, scene drawing, lidar, driving, rewards, what planners ask it.
 
-They share one file because Numba's cache on disk notices a change only in the file of the function itself. Nothing
-here knows of Scene objects, policies or Gymnasium; `scenes.py` and `fast.py` call these functions.
+They share one file because Numba's cache on disk notices a change only in the file of the function itself
+(`tests/test_compiled_functions.py` holds it). Nothing here knows of Scene objects, policies or Gymnasium; `scenes.py`,
+`fast.py` and the controllers of `backend.demonstrations` call these functions.
 
 A *scene row* is a scene as float64 numbers, with the columns named below.
 """
@@ -948,3 +949,64 @@ def path_area(path: NDArray[np.float64], goal_x: float, goal_y: float) -> float:
                 total, lobe = total + abs(lobe), 0.0
         along, aside = next_along, next_aside
     return total + abs(lobe)
+
+
+# --- planning -------------------------------------------------------------------------------------------------------
+
+
+@compiled
+def mark_free(row: Row, places: NDArray[np.float64], radius: float, free: NDArray[np.bool_]) -> None:
+    """Write into `free` (columns, lines) where of the places (columns, lines, 2) a disc of that radius (m) fits."""
+    for i in range(free.shape[0]):
+        for j in range(free.shape[1]):
+            x, y = places[i, j, 0], places[i, j, 1]
+            apart = person_distance(row, x, y) - row[PERSON_RADIUS]
+            free[i, j] = min(apart, surface_distance(row, x, y)) >= radius
+
+
+@compiled
+def best_command(
+    speeds: NDArray[np.float64],
+    turns: NDArray[np.float64],
+    goal: NDArray[np.float64],
+    points: NDArray[np.float64],
+    steps: int,
+    dt: float,
+    radius: float,
+    enough: float,
+    weights: NDArray[np.float64],
+) -> tuple[float, float]:
+    """Of all speeds (m/s) and turn rates (rad/s): the command of the highest score, for the dynamic window approach.
+
+    goal (2,) and points (n, 2) of a lidar scan, metres, in the robot's frame. Each command is kept up for `steps` of
+    `dt` seconds; more clearance than `enough` (m) of a body of that `radius` earns nothing. weights (3,): of heading,
+    clearance and speed. Where every arc hits something, the one that hits latest.
+    """
+    best, chosen_v, chosen_w = -1e9, speeds[0], turns[0]
+    for v in speeds:
+        for w in turns:
+            clearance, x, y, free_steps = enough, 0.0, 0.0, steps
+            for t in range(1, steps + 1):
+                x, y = arc(0.0, 0.0, 0.0, v * t * dt, w * t * dt)
+                nearest = 1e9
+                for p in range(points.shape[0]):
+                    dx, dy = points[p, 0] - x, points[p, 1] - y
+                    nearest = min(nearest, dx * dx + dy * dy)
+                clearance = min(clearance, math.sqrt(nearest) - radius)
+                if clearance < 0.0:
+                    free_steps = t
+                    break
+                if (goal[0] - x) ** 2 + (goal[1] - y) ** 2 < 0.04:
+                    break
+            if clearance < 0.0:
+                score = -1e6 + free_steps
+            else:
+                bearing = wrap(math.atan2(goal[1] - y, goal[0] - x) - w * steps * dt)
+                score = (
+                    weights[0] * (1.0 - abs(bearing) / math.pi)
+                    + weights[1] * clearance / enough
+                    + weights[2] * v / speeds[-1]
+                )
+            if score > best:
+                best, chosen_v, chosen_w = score, v, w
+    return chosen_v, chosen_w
