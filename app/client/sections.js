@@ -9,7 +9,7 @@
   const SPACING_M = 0.015; // a point that is nearer to the last one says nothing new
   const WAYPOINT_SPACING_M = 0.05; // of the points between two that keys set
   const CUT_BACK_M = 0.35; // ours: so much before a place of trouble there is room to steer around it
-  const MOST_POINTS = 4000; // as backend/study/session/strokes_drawn.py
+  const MOST_POINTS = 4000; // as backend/study/drawing/strokes.py
 
   /**
    * @typedef {{points: number[][], speeds: number[], times: number[]}} Section

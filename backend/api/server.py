@@ -19,7 +19,7 @@ from backend.api.core.dependencies import House
 from backend.api.stage.stage_bridge import StageBridge, create_stage_application
 from backend.jobs.process import start_worker
 from backend.settings import Settings
-from backend.study.session import asking
+from backend.study.personalising import next_query
 
 log = structlog.get_logger("desirepath.server")
 
@@ -69,7 +69,7 @@ def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
 
 def _prepare(house: House) -> None:
     try:
-        asking.prepare(house.database, house.files)
+        next_query.prepare(house.database, house.files)
     except Exception:
         log.exception("the open studies' queries could not be measured; their sessions will say why")
 

@@ -31,12 +31,12 @@ from backend.store.database import Database
 from backend.store.models import Job, Session, Study, utc_now
 from backend.store.outbox import cancel_job
 from backend.store.shipped import register_shipped
+from backend.study.personalising.training import train_stage
 from backend.study.protocol.freezing import freeze
 from backend.study.session import machine
+from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
-from backend.study.session.personalisation import train_stage
-from backend.study.session.sessions import acting
-from backend.study.simulated.bots import any_answer
+from backend.study.simulated.participant import any_answer
 from backend.study.studies import create_study
 
 POLL_S = 0.1

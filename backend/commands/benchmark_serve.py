@@ -1,7 +1,7 @@
 """`desirepath benchmark serve`: many participants at once against a server of our own, and every answer counted after.
 
 Each participant is a real HTTP client with its event stream open, and a real websocket through the stage's door that
-hears the drives it is to watch. What simulated participants answer lives in `backend/study/simulated/bots.py`.
+hears the drives it is to watch. What simulated participants answer lives in `backend/study/simulated/participant.py`.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from backend.store.models import Job, Response, Session, Study
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.shipped import register_shipped
 from backend.store.snapshots import take_snapshot
+from backend.study.links import token_hash
 from backend.study.protocol.freezing import freeze
-from backend.study.session.links import token_hash
-from backend.study.simulated.bots import BUSY_TRIES, any_answer, put_off_s
+from backend.study.simulated.participant import BUSY_TRIES, any_answer, put_off_s
 from backend.study.studies import create_study
 
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment

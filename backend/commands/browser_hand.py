@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backend.study.simulated.bots import BotError
+from backend.study.simulated.participant import BotError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Frame, Page

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import httpx
 
 from backend.commands.browser_hand import BrowserHand
-from backend.study.simulated.bots import BotError, Character, HttpWay, State, walk_all
-from backend.study.words import PLAYING
+from backend.study.grammar.words import PLAYING
+from backend.study.simulated.participant import BotError, Character, HttpWay, State, walk_all
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page

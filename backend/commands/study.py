@@ -126,7 +126,7 @@ def simulate(
     from backend.learning.preferences.oracles import Habits
     from backend.report.cohorts import read_cohort
     from backend.store.models import Study
-    from backend.study.simulated.bots import Character, simulate_study
+    from backend.study.simulated.participant import Character, simulate_study
 
     if browser > participants:
         raise ValueError(f"--browser {browser}: there are only {participants} participants")

@@ -21,8 +21,8 @@ def register() -> None:
 @plain_errors
 def validate(file: Path, as_json: JsonFlag = False) -> None:
     """Check a protocol file; exit code 1 if it is not valid."""
+    from backend.study.grammar.source import Problem
     from backend.study.protocol.freezing import validate_protocol_file
-    from backend.study.protocol.source import Problem
 
     result = validate_protocol_file(file, query_sets())
     if as_json or result["valid"]:
@@ -118,7 +118,7 @@ def schema_command(
     """Print the JSON Schema of protocols, for editors that complete and check while you write."""
     import json
 
-    from backend.study.protocol.questionnaires import Questionnaire
+    from backend.study.grammar.questionnaires import Questionnaire
     from backend.study.protocol.schema import Protocol, json_schema
 
     typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=1, ensure_ascii=False))

@@ -22,8 +22,8 @@ from backend.report.reading import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.study.protocol.freezing import FrozenProtocol
-from backend.study.simulated.bots import Character
 from backend.study.simulated.in_process import walk_in_process
+from backend.study.simulated.participant import Character
 from backend.study.studies import create_study
 
 

@@ -13,7 +13,7 @@ from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
 from backend.study.plan.planning import PlanError, make_plan
 from backend.study.protocol.freezing import FrozenProtocol
-from backend.study.session.refusals import Refused
+from backend.study.refusals import Refused
 from backend.study.session.versions import FIRST, protocol_row
 
 TOKEN_BYTES = 24

@@ -20,8 +20,8 @@ from backend.settings import Settings
 from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
 from backend.study.protocol.freezing import freeze, shipped_protocols
 from backend.study.session import machine
+from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
-from backend.study.session.sessions import acting
 from backend.study.studies import create_study
 
 PASSWORD = "seven quiet robots"

@@ -16,7 +16,7 @@ from backend.learning.preferences.oracles import path_length_m
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Job, Participant, Response, Session, Study, Trial
 from backend.study.protocol.freezing import freeze_text
-from backend.study.simulated.bots import BotError, Character, simulate_study
+from backend.study.simulated.participant import BotError, Character, simulate_study
 from backend.study.studies import create_study
 from tests.api.participant_house import logged, to_first_trial
 

@@ -15,7 +15,7 @@ from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
 from backend.api.stage.stage_bridge import bridge_of
 from backend.settings import Settings
 from backend.store.models import Event
-from backend.study.session import refusals
+from backend.study import refusals
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from backend.api.participant.session_view import leads_to, next_kind
 from backend.settings import Settings
 from backend.store.models import Session
 from backend.study.plan.planning import make_plan
-from backend.study.plan.query_plan import placeholders
+from backend.study.plan.queries import placeholders
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.studies import create_study
 from tests.study import walking

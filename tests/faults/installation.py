@@ -29,8 +29,8 @@ from backend.store.database import Database
 from backend.store.models import Event, Response, Session, Study, Trial
 from backend.store.shipped import register_shipped
 from backend.study.protocol.freezing import freeze_text
-from backend.study.session.sessions import token_hash
-from backend.study.simulated.bots import any_answer
+from backend.study.session.finding import token_hash
+from backend.study.simulated.participant import any_answer
 from backend.study.studies import create_study
 from tests.study.walking import QUICK, VALUES, twenty_queries
 

@@ -24,7 +24,7 @@ from backend.commands.loopback import free_port_pair
 from backend.settings import Settings
 from backend.store.models import Event, ProblemReport, Response, Session
 from backend.study.protocol.freezing import freeze
-from backend.study.session.sessions import token_hash
+from backend.study.session.finding import token_hash
 from backend.study.studies import create_study
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Response, Session, Trial
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
-from backend.study.simulated.bots import Character
+from backend.study.simulated.participant import Character
 from backend.study.studies import create_study
 from tests.journeys.conftest import Installation
 

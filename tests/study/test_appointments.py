@@ -6,11 +6,11 @@ import pytest
 from sqlalchemy import select
 
 from backend.store.models import Response, Session
+from backend.study.links import next_token, token_hash
+from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.appointments import end_of
-from backend.study.session.links import next_token, token_hash
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
+from backend.study.session.finding import acting
 from tests.study.small_protocol import ABOUT, BLOCK, COME_BACK, RATING
 from tests.study.walking import session_row
 

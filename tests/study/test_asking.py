@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import select
 
 from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
+from backend.study.personalising import next_query
 from backend.study.protocol.freezing import ProtocolError, freeze_text
-from backend.study.session import asking
 from backend.study.studies import create_study
 from tests.study.walking import QUICK, VALUES, Walker
 
@@ -89,8 +89,8 @@ def test_the_posterior_after_the_answers_is_of_these_answers(database, files, ma
     answer_all(walker, shortest_time)
     with database.session() as s:
         session = s.get_one(Session, walker.session.id)
-        posterior = asking.posterior_of(s, files, session)
-        given = asking.answers_of(s, session)
+        posterior = next_query.posterior_of(s, files, session)
+        given = next_query.answers_of(s, session)
     assert len(posterior.chosen) == len(given) == 10
     assert posterior.importance()["faster"] + posterior.importance()["shorter"] > 0.4
     assert posterior.importance()["faster"] > 1 / 9
@@ -100,7 +100,7 @@ def test_where_left_and_right_are_alike_nobody_wants_a_side(database, files, mak
     walker = make_walker("queries: {count: 4, choose: information}", symmetry="left_right")
     answer_all(walker, shortest_time)
     with database.session() as s:
-        importance = asking.posterior_of(s, files, s.get_one(Session, walker.session.id)).importance()
+        importance = next_query.posterior_of(s, files, s.get_one(Session, walker.session.id)).importance()
         jobs = s.scalars(select(Job).where(Job.session_id == walker.session.id)).all()
     assert importance["person_on_left"] == importance["person_on_right"] == 0
     assert {job.params["symmetry"] for job in jobs} == {"left_right"}
@@ -141,8 +141,8 @@ def test_studies_measure_their_queries_once(database, files, make_walker):
     walker = make_walker("queries: {count: 3, choose: information}")
     with database.session() as s:
         study = s.get_one(Study, walker.session.study_id)
-        measured = asking.measured_queries(s, files, study)
-        assert asking.measured_queries(s, files, study) is measured
+        measured = next_query.measured_queries(s, files, study)
+        assert next_query.measured_queries(s, files, study) is measured
     assert measured.differences.shape == (20, 3, 7)
     assert len(measured.queries) == 20
 

@@ -22,10 +22,11 @@ from backend.store.export import export_study
 from backend.store.importing import import_dataset
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
 from backend.store.strokes import StrokeError, demonstrations_of, read_demonstrations, take_demonstrations
+from backend.study.drawing import paths, strokes, walks
 from backend.study.protocol.freezing import freeze_text
-from backend.study.session import drawn_paths, machine, participant_walks, strokes_drawn
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.session.finding import acting
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.study.walking import Walker
@@ -83,9 +84,9 @@ def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -
     walker.requests += 1
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
         step = machine.step_of(session)
-        attempt = strokes_drawn.attempt_of(step, given, simulated=session.simulated)
+        attempt = strokes.attempt_of(step, given, simulated=session.simulated)
         name = request_id or f"{session.id}-stroke-{walker.requests}"
-        row = strokes_drawn.add_stroke(
+        row = strokes.add_stroke(
             s, walker.files, session, step, attempt, request_id=name, client_time=None, now=walker.now
         )
         s.flush()
@@ -99,12 +100,10 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
         step = machine.step_of(session)
         walked = None
         if walk is not None:
-            stroke = drawn_paths.latest_stroke(s, session.id, step["key"])
-            scene = drawn_paths.scene_of(step)
-            walked = participant_walks.walked_beside(
-                step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False
-            )
-        return strokes_drawn.driven(s, walker.files, session, step, playback, walked, now=walker.now)
+            stroke = paths.latest_stroke(s, session.id, step["key"])
+            scene = paths.scene_of(step)
+            walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
+        return strokes.driven(s, walker.files, session, step, playback, walked, now=walker.now)
 
 
 def strokes(walker: Walker) -> list[StrokeRow]:
@@ -138,7 +137,7 @@ def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: A
     driven(walker, state["playback_id"])
     assert walker.view.trial["phase"] == "watched"
     walker.submit(key, keep)
-    assert [row.state for row in strokes(walker)] == ["kept"]
+    assert [row.state for row in stored_strokes(walker)] == ["kept"]
     # The next path of this place is wanted only by who likes; with it the others fall away, and training begins.
     assert walker.view.payload["optional"] is True
     assert refusal(lambda: walker.submit(walker.view.key, {})) == "bad_value"
@@ -165,7 +164,7 @@ def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: A
 
 
 def test_what_cannot_be_driven_is_told_and_stored_all_the_same(walker: Walker):
-    y = drawn_paths.scene_of(_step(walker)).person.pose.y
+    y = paths.scene_of(_step(walker)).person.pose.y
     told = draw(walker, path(y))
     assert (told.state, told.trajectory, told.problem["code"], told.problem["thing"]) == (
         *("refused", None, "collides", "person"),
@@ -176,8 +175,8 @@ def test_what_cannot_be_driven_is_told_and_stored_all_the_same(walker: Walker):
     away = path(0.7) | {"points": [[x + 1.5, y] for x, y in path(0.7)["points"]]}
     assert draw(walker, away).problem["code"] in ("starts_away", "leaves_room")
     assert walker.view.trial["phase"] == "drawing"
-    assert [row.attempt for row in strokes(walker)] == [1, 2, 3]
-    assert strokes(walker)[0].drawn["points"] == path(y)["points"]
+    assert [row.attempt for row in stored_strokes(walker)] == [1, 2, 3]
+    assert stored_strokes(walker)[0].drawn["points"] == path(y)["points"]
     assert refusal(lambda: draw(walker, {"points": [["x", 1]], "speeds": [1], "times_s": [0]})) == "bad_value"
     assert refusal(lambda: draw(walker, path(0.7, pointer="bot"))) == "bad_value"
 
@@ -189,19 +188,19 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is True
     assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is False
     assert walker.view.trial["phase"] == "ready"
-    act(walker, strokes_drawn.drive, now=walker.now)
+    act(walker, strokes.drive, now=walker.now)
     assert walker.view.trial["playback_id"]
-    act(walker, strokes_drawn.redraw)
+    act(walker, strokes.redraw)
     assert walker.view.trial["phase"] == "drawing"
     assert refusal(lambda: walker.submit(walker.view.key, {"stroke": first.id})) == "nothing_drawn"
     assert draw(walker, path(0.75)).attempt == 2
-    assert [row.state for row in strokes(walker)] == ["redone", "drawn"]
+    assert [row.state for row in stored_strokes(walker)] == ["redone", "drawn"]
     # A later drive than the one that is being shown was never watched.
     shown = walker.view.trial
     walker.do(machine.pause, now=walker.now)
     walker.do(machine.resume, now=walker.now)
     walker.later(1.0)
-    act(walker, strokes_drawn.drive, now=walker.now)
+    act(walker, strokes.drive, now=walker.now)
     walker.later(shown["duration_s"] + 1)
     told = refusal(lambda: driven(walker, shown["playback_id"]))
     assert told == "other_playback"
@@ -220,7 +219,7 @@ def who_walks(database: Database, files: ArtefactStore, person: str) -> Walker:
 
 def recording(walker: Walker, to: tuple[float, float], duration_s: float, hz: int = 30) -> dict[str, Any]:
     """Who walks at 1 m/s from where the person stands to a place, and stays."""
-    begin = drawn_paths.scene_of(_step(walker)).person.pose
+    begin = paths.scene_of(_step(walker)).person.pose
     times = np.arange(0.0, duration_s, 1 / hz)
     way = np.subtract(to, (begin.x, begin.y))
     share = np.clip(times / np.linalg.norm(way), 0.0, 1.0)[:, None]
@@ -233,8 +232,8 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     drawn = draw(walker, path(0.7))
     state = walker.view.trial
     assert (state["phase"], state["walking"], drawn.demonstration, drawn.walk) == ("driving", True, None, None)
-    side = -1.0 if drawn_paths.scene_of(_step(walker)).person.pose.y < 0 else -1.1
-    place = (drawn_paths.scene_of(_step(walker)).person.pose.x + 0.6, side)
+    side = -1.0 if paths.scene_of(_step(walker)).person.pose.y < 0 else -1.1
+    place = (paths.scene_of(_step(walker)).person.pose.x + 0.6, side)
     walk = recording(walker, place, state["duration_s"] + 0.1)
     walker.later(state["duration_s"] + 3.0)
     # What nobody can have walked, walked sparsely, walked too short, or elsewhere is not taken.
@@ -248,7 +247,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     assert refusal(lambda: driven(walker, state["playback_id"])) == "not_walked"
     assert refusal(lambda: driven(walker, state["playback_id"], recording(walker, place, 5.0))) == "not_walked"
     driven(walker, state["playback_id"], walk)
-    (row,) = strokes(walker)
+    (row,) = stored_strokes(walker)
     assert (row.state, row.walk["source"], row.walk["beside"]) == ("watched", "walked", drawn.trajectory)
     assert (row.walk["times_s"], row.walk["poses"]) == (walk["times_s"], walk["poses"])
     made = Demonstration.from_bytes(files.get(row.demonstration))
@@ -256,34 +255,31 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     assert np.abs(where[:, :2] - np.array(walk["poses"])[:, :2]).max() < 0.05
     assert load_trajectory(files, row.trajectory).scene.walk == made.drawn_in.walk == made.scene.walk
     # Watched from outside, then walked once more: the walk before stays stored.
-    act(walker, strokes_drawn.drive, now=walker.now)
+    act(walker, strokes.drive, now=walker.now)
     assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", False)
     with database.session() as s:
-        assert (
-            drawn_paths.showing(_step(walker), drawn_paths.latest_stroke(s, row.session_id, row.step_key)).view
-            == "top_down"
-        )
+        assert paths.showing(_step(walker), paths.latest_stroke(s, row.session_id, row.step_key)).view == "top_down"
     walker.later(state["duration_s"] + 0.1)
     driven(walker, walker.view.trial["playback_id"])
-    act(walker, strokes_drawn.walk_again, request_id="again", now=walker.now)
+    act(walker, strokes.walk_again, request_id="again", now=walker.now)
     assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", True)
     # Into the robot's way: told kindly, with the place and the second, and both stay stored.
     robot = load_trajectory(files, drawn.trajectory)
     at = robot.poses[len(robot.poses) // 2]
     walker.later(state["duration_s"] + 3.0)
     driven(walker, walker.view.trial["playback_id"], recording(walker, (at[0], at[1]), state["duration_s"]))
-    told = strokes(walker)[-1]
+    told = stored_strokes(walker)[-1]
     assert (told.state, told.problem["code"], told.problem["thing"]) == ("refused", "collides", "person")
     assert 0 < told.problem["after_s"] < state["duration_s"]
     assert np.hypot(told.problem["at"][0] - at[0], told.problem["at"][1] - at[1]) < 1.0
     assert (walker.view.trial["phase"], walker.view.trial["met"]) == ("drawing", True)
     assert told.walk["beside"] == drawn.trajectory
-    act(walker, strokes_drawn.walk_again, request_id="and-again", now=walker.now)
-    assert refusal(lambda: walker.submit(walker.view.key, {"stroke": strokes(walker)[-1].id})) == "too_early"
+    act(walker, strokes.walk_again, request_id="and-again", now=walker.now)
+    assert refusal(lambda: walker.submit(walker.view.key, {"stroke": stored_strokes(walker)[-1].id})) == "too_early"
     walker.later(state["duration_s"] + 3.0)
     driven(walker, walker.view.trial["playback_id"], walk)
-    last = strokes(walker)[-1]
-    assert [one.state for one in strokes(walker)] == ["redone", "refused", "watched"]
+    last = stored_strokes(walker)[-1]
+    assert [one.state for one in stored_strokes(walker)] == ["redone", "refused", "watched"]
     walker.submit(walker.view.key, {"stroke": last.id})
     with database.session() as s:
         (job,) = s.scalars(select(Job)).all()
@@ -293,7 +289,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
 
 def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: ArtefactStore):
     walker = who_walks(database, files, "recorded")
-    offered = participant_walks.offered(_step(walker))
+    offered = walks.offered(_step(walker))
     assert [walk["source"] for walk in offered] == ["planned"] * 3
     assert refusal(lambda: draw(walker, path(0.7))) == "bad_value"
     assert refusal(lambda: draw(walker, path(0.7, walk=3))) == "bad_value"
@@ -304,11 +300,8 @@ def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: Ar
         outcomes[bend, choice] = row.state
         if row.state == "drawn":
             demonstration = Demonstration.from_bytes(files.get(row.demonstration))
-            assert (
-                demonstration.scene.walk
-                == participant_walks.scene_with(drawn_paths.scene_of(_step(walker)), row.walk).walk
-            )
-            act(walker, strokes_drawn.redraw)
+            assert demonstration.scene.walk == walks.scene_with(paths.scene_of(_step(walker)), row.walk).walk
+            act(walker, strokes.redraw)
         else:
             assert (row.problem["thing"], row.problem["after_s"] > 0) == ("person", True)
     assert "drawn" in outcomes.values()

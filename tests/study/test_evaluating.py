@@ -14,14 +14,15 @@ from sqlalchemy import select
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
+from backend.study.drawing import paths, strokes
+from backend.study.links import next_token
 from backend.study.plan.counterbalancing import design_of
 from backend.study.plan.planning import make_plan
 from backend.study.protocol.freezing import freeze_text
-from backend.study.session import drawn_paths, machine, strokes_drawn
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
-from backend.study.session.links import next_token
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
 from backend.study.studies import create_study
 from tests.study.walking import DEMOGRAPHICS, Walker
 
@@ -64,20 +65,20 @@ def keep_a_path(walker: Walker) -> None:
     along = [k / 80 for k in range(81)]
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
         step = machine.step_of(session)
-        side = -0.75 if drawn_paths.scene_of(step).person.pose.y > 0 else 0.75
+        side = -0.75 if paths.scene_of(step).person.pose.y > 0 else 0.75
         given = {
             "points": [[-3.2 + 6.4 * u, side * 4 * u * (1 - u)] for u in along],
             "speeds": [0.25] * 81,
             "times_s": along,
         }
-        attempt = strokes_drawn.attempt_of(step, given, simulated=False)
-        strokes_drawn.add_stroke(
+        attempt = strokes.attempt_of(step, given, simulated=False)
+        strokes.add_stroke(
             s, walker.files, session, step, attempt, request_id=f"for {key}", client_time=None, now=walker.now
         )
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        strokes_drawn.driven(s, walker.files, session, machine.step_of(session), state["playback_id"], now=walker.now)
+        strokes.driven(s, walker.files, session, machine.step_of(session), state["playback_id"], now=walker.now)
     walker.submit(key, {"stroke": state["stroke"]})
 
 

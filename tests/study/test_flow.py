@@ -7,8 +7,8 @@ from sqlalchemy import select
 
 from backend.store.models import Event, Participant, Study
 from backend.study.protocol.freezing import ProtocolError
+from backend.study.refusals import Refused
 from backend.study.session import machine
-from backend.study.session.refusals import Refused
 from tests.study.small_protocol import ABOUT, BLOCK, COME_BACK, CROSSED, QUIZ, RATING, VIEWS, small_protocol
 from tests.study.walking import GIVEN, Walker, answer, session_row
 

@@ -12,9 +12,9 @@ from sqlalchemy.exc import DatabaseError
 
 from backend.store.models import Artefact, Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
 from backend.store.snapshots import load_snapshot
+from backend.study.refusals import Refused
 from backend.study.session import machine
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
+from backend.study.session.finding import acting
 from tests.study.walking import Walker
 
 CONSENT = {"given": True, "version": "2026-11"}

@@ -9,8 +9,8 @@ from sqlalchemy import select
 
 from backend.store.models import Artefact, Event, Job, Response, Session, Study, TrajectoryRow, Trial, utc_now
 from backend.study.protocol.freezing import freeze_text
+from backend.study.refusals import Refused
 from backend.study.session import machine
-from backend.study.session.refusals import Refused
 from backend.study.studies import create_study, queries_of_study
 from tests.study.walking import ITEMS, QUICK, Walker
 

@@ -11,6 +11,8 @@ import pytest
 import yaml
 
 from backend.analysis.scales import SCALES
+from backend.study.grammar.questionnaires import Questionnaire
+from backend.study.grammar.words import STAGE_KINDS
 from backend.study.protocol.freezing import (
     PROTOCOLS,
     ProtocolError,
@@ -20,13 +22,11 @@ from backend.study.protocol.freezing import (
     validate_protocol_file,
 )
 from backend.study.protocol.outline import describe_stages, expected_minutes
-from backend.study.protocol.questionnaires import Questionnaire
 from backend.study.protocol.schema import DeviceGate, json_schema
 from backend.study.protocol.stages import StageEntry
+from backend.study.refusals import Refused
 from backend.study.session.devices import device_problems, fitted
 from backend.study.session.pages import payload_of
-from backend.study.session.refusals import Refused
-from backend.study.words import STAGE_KINDS
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"

@@ -12,8 +12,8 @@ from backend.learning.queries.queries import QuerySet
 from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
 from backend.store.query_sets import query_sets_here, save_query_set
 from backend.study.protocol.freezing import freeze, freeze_text, thaw
+from backend.study.refusals import Refused
 from backend.study.session.joining import join_study
-from backend.study.session.refusals import Refused
 from backend.study.studies import StudyError, create_study, queries_of_study, study_by_link
 from tests.study.walking import QUICK
 

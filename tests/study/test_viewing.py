@@ -6,8 +6,8 @@ import pytest
 from sqlalchemy import select
 
 from backend.store.models import Trial
+from backend.study.refusals import Refused
 from backend.study.session import machine
-from backend.study.session.refusals import Refused
 from tests.study.small_protocol import BLOCK
 from tests.study.walking import answer
 

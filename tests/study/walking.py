@@ -15,8 +15,8 @@ from backend.store.database import Database
 from backend.store.models import Response, Session, Study, utc_now
 from backend.study.protocol.freezing import freeze_text
 from backend.study.session import machine
+from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
-from backend.study.session.sessions import acting
 from backend.study.studies import create_study
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"

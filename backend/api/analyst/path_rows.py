@@ -18,7 +18,7 @@ from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
 from backend.store.strokes import KEPT, read_demonstrations
-from backend.study.session.personalisation import PATHS_JOB
+from backend.study.personalising.training import PATHS_JOB
 
 Who = Literal["people", "simulated"]
 Placed = tuple[str, int]

@@ -18,7 +18,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab.study_tabs import TABS, the_participant, the_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Participant, Session
-from backend.study.session.learnt import Learnt, learnt_in
+from backend.study.personalising.learnt import Learnt, learnt_in
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 

@@ -23,7 +23,7 @@ from backend.store.models import Study
 from backend.store.query_sets import query_sets_here
 from backend.store.worth_money import REMOVED
 from backend.study.plan.planning import Step, make_plan
-from backend.study.plan.query_plan import placeholders
+from backend.study.plan.queries import placeholders
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.session.machine import StepView
 from backend.study.session.pages import payload_of

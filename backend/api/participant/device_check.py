@@ -16,9 +16,9 @@ from backend.api.core.dependencies import contact, house, page
 from backend.api.participant.requests import told_device
 from backend.store.models import Session, utc_now
 from backend.study.protocol.schema import DeviceGate
+from backend.study.refusals import Refused
 from backend.study.session import appointments, devices
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
+from backend.study.session.finding import acting
 from backend.study.session.versions import protocol_of
 
 router = APIRouter()  # included in participant.router, which keeps guessers out

@@ -18,10 +18,10 @@ from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.api.participant.device_check import remember
 from backend.api.participant.requests import storable, told_device, too_many
 from backend.store.models import Participant
+from backend.study.links import as_issued
 from backend.study.protocol.schema import DeviceGate
+from backend.study.refusals import Refused
 from backend.study.session.joining import check_open, join_study
-from backend.study.session.links import as_issued
-from backend.study.session.refusals import Refused
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import study_by_link
 

@@ -18,8 +18,8 @@ from starlette.responses import JSONResponse, Response
 from backend.api.core.dependencies import contact, house, page
 from backend.api.core.throttle import REFUSALS_PER_ADDRESS, address_of, count, exhausted
 from backend.store.models import utc_now
-from backend.study.session.refusals import Refused, log_refusal
-from backend.study.session.sessions import find_session
+from backend.study.refusals import Refused, log_refusal
+from backend.study.session.finding import find_session
 from backend.study.studies import study_by_link
 
 

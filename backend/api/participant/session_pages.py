@@ -25,12 +25,12 @@ from backend.api.stage.stage_bridge import bridge_of, stage_cookie
 from backend.store.events import log_event
 from backend.store.models import Participant, Session, utc_now
 from backend.store.models import Response as Answer
+from backend.study.links import token_hash
 from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.refusals import Refused
 from backend.study.session import machine
-from backend.study.session.links import token_hash
+from backend.study.session.finding import acting
 from backend.study.session.pages import payload_of
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
 from backend.study.session.versions import protocol_of
 
 router = APIRouter(dependencies=[Depends(not_guessing)])

@@ -12,14 +12,15 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.core.dependencies import House, contact, public_url, stage_origin
 from backend.api.stage.stage_bridge import bridge_of, stage_token
 from backend.store.models import Participant, Session, utc_now
+from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.personalising import training
 from backend.study.plan.planning import Step
 from backend.study.protocol.texts import local
-from backend.study.session import machine, personalisation
-from backend.study.session.refusals import Refused, log_refusal
-from backend.study.session.sessions import acting, find_session
+from backend.study.refusals import Refused, log_refusal
+from backend.study.session import machine
+from backend.study.session.finding import acting, find_session
 from backend.study.session.versions import protocol_of
 from backend.study.simulated.bot_view import told_to_bots
-from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 
 def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
@@ -85,7 +86,7 @@ def _may_settle(s: DatabaseSession, session: Session) -> bool:
     if session.state != "active" or machine.step_of(session)["kind"] != "wait":
         return False
     protocol = protocol_of(s, session).protocol
-    return personalisation.outcome_of(s, session, protocol, utc_now()) is not None
+    return training.outcome_of(s, session, protocol, utc_now()) is not None
 
 
 def _settle(parts: House, token: str) -> None:

@@ -18,10 +18,12 @@ from backend.api.participant.session_view import looking
 from backend.api.stage.stage_bridge import Listener, bridge_of
 from backend.store.database import DatabaseBusy
 from backend.store.models import Session, utc_now
-from backend.study.session import drawn_paths, machine, personalisation
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
-from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.drawing import paths
+from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.personalising import training
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.session.finding import acting
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 
@@ -52,14 +54,14 @@ class _Glance:
         trial = machine.trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
         shown: tuple[object, ...] | None = (trial.phase, trial.restarts) if trial is not None else None
         if step["kind"] in DRAWN_KINDS:
-            stroke = drawn_paths.latest_stroke(s, session.id, step["key"])
+            stroke = paths.latest_stroke(s, session.id, step["key"])
             shown = (stroke.attempt, stroke.state, stroke.shown_since) if stroke is not None else None
         self.state = (session.state, session.position, shown)
         self.position = session.position
         self.waiting = step["kind"] == "wait" and session.state == "active"
         self.job: dict[str, Any] | None = None
         if self.waiting:
-            self.job = {"progress": round(personalisation.progress_of(s, session), 3), "done": False}
+            self.job = {"progress": round(training.progress_of(s, session), 3), "done": False}
 
 
 def _glance(parts: House, token: str) -> _Glance:

@@ -18,11 +18,12 @@ from backend.api.participant.session_view import looking, state_of
 from backend.api.stage.drawing_sheet import play_stroke
 from backend.api.stage.stage_bridge import bridge_of
 from backend.store.models import Session, StrokeRow, utc_now
-from backend.study.session import drawn_paths, machine, participant_walks, strokes_drawn
-from backend.study.session.participant_walks import Walked
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
-from backend.study.words import DRAWN_KINDS
+from backend.study.drawing import paths, strokes, walks
+from backend.study.drawing.walks import Walked
+from backend.study.grammar.words import DRAWN_KINDS
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.session.finding import acting
 
 REASONS = ("hidden", "webgl_lost", "connection")
 router = APIRouter()  # included in participant.router, which keeps guessers out
@@ -38,11 +39,11 @@ def stroke(token: str, key: str, request: Request, body: Json) -> dict[str, Any]
         if not session.simulated and not bridge_of(parts).connected(session.id):
             raise Refused(409, "stage_not_ready", "The picture is not there yet.", session_id=session.id)
         simulated = session.simulated
-    attempt = strokes_drawn.attempt_of(step, body, simulated=simulated)  # outside any transaction: it computes
+    attempt = strokes.attempt_of(step, body, simulated=simulated)  # outside any transaction: it computes
     client_time = client_time_of(body.get("client_time"))
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes_drawn.add_stroke(
+        return strokes.add_stroke(
             s, parts.files, session, step, attempt, request_id=request_id, client_time=client_time, now=utc_now()
         )
 
@@ -57,7 +58,7 @@ def drive(token: str, key: str, request: Request) -> dict[str, Any]:
         token,
         key,
         "drive",
-        lambda s, session: strokes_drawn.drive(s, session, _step(session, key), now=utc_now()),
+        lambda s, session: strokes.drive(s, session, _step(session, key), now=utc_now()),
     )
 
 
@@ -68,7 +69,7 @@ def driven(token: str, key: str, request: Request, body: Json) -> dict[str, Any]
     walked = _walked(parts, token, key, body["walk"]) if body.get("walk") is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes_drawn.driven(s, parts.files, session, _step(session, key), playback, walked, now=utc_now())
+        return strokes.driven(s, parts.files, session, _step(session, key), playback, walked, now=utc_now())
 
     return _on_drawing(request, token, key, "driven", act)
 
@@ -77,11 +78,11 @@ def _walked(parts: House, token: str, key: str, given: object) -> Walked | None:
     """What was walked beside the drive that is shown; made outside any transaction, as it computes."""
     with looking(parts, token) as (s, session):
         step = _step(session, key)
-        stroke = drawn_paths.latest_stroke(s, session.id, key)
-        if stroke is None or not drawn_paths.is_walked(step, stroke):
+        stroke = paths.latest_stroke(s, session.id, key)
+        if stroke is None or not paths.is_walked(step, stroke):
             return None
         drawn, beside, simulated = stroke.drawn, stroke.trajectory, session.simulated
-    return participant_walks.walked_beside(step, drawn_paths.scene_of(step), drawn, beside, given, simulated=simulated)
+    return walks.walked_beside(step, paths.scene_of(step), drawn, beside, given, simulated=simulated)
 
 
 @router.post("/api/session/{token}/drawing/{key}/walk")
@@ -90,7 +91,7 @@ def walk(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     request_id = request_id_of(body)
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes_drawn.walk_again(s, session, _step(session, key), request_id=request_id, now=utc_now())
+        return strokes.walk_again(s, session, _step(session, key), request_id=request_id, now=utc_now())
 
     return _on_drawing(request, token, key, "walk", act)
 
@@ -104,7 +105,7 @@ def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str,
 
     def act(s: DatabaseSession, session: Session) -> None:
         if machine.step_of(session)["key"] == key:
-            strokes_drawn.interrupted(s, session, machine.step_of(session), reason=str(reason))
+            strokes.interrupted(s, session, machine.step_of(session), reason=str(reason))
 
     return _on_drawing(request, token, key, "interrupted", act, afresh=True)
 
@@ -114,7 +115,7 @@ def redraw(token: str, key: str, request: Request) -> dict[str, Any]:
     """Take the path back and draw another one."""
 
     def act(s: DatabaseSession, session: Session) -> None:
-        strokes_drawn.redraw(s, session, _step(session, key))
+        strokes.redraw(s, session, _step(session, key))
 
     return _on_drawing(request, token, key, "redraw", act, afresh=True)
 
@@ -149,14 +150,14 @@ def _on_drawing(
         _step(session, key)
         row = act(s, session)
         s.flush()
-        shown = drawn_paths.showing(machine.step_of(session), row)
+        shown = paths.showing(machine.step_of(session), row)
         reply = state_of(request, s, session, machine.current(s, session))
         if row is not None:
             reply["problem"] = row.problem if row.state == "refused" else None
     bridge = bridge_of(parts)
     if shown is not None:
         bridge.tell_stage(session.id, lambda stage: play_stroke(parts, stage, session.id, shown))
-    elif afresh or drawn_paths.met(row):
+    elif afresh or paths.met(row):
         bridge.show(session.id)
     bridge.changed(session.id)
     return reply

@@ -15,9 +15,9 @@ from backend.api.participant.requests import Json, drive_of
 from backend.api.participant.session_view import looking, state_of
 from backend.api.stage.stage_bridge import bridge_of
 from backend.store.models import Session, utc_now
+from backend.study.refusals import Refused
 from backend.study.session import machine
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
+from backend.study.session.finding import acting
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 

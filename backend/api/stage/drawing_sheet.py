@@ -12,8 +12,9 @@ from app.paper import Paper
 from backend.api.core.dependencies import House
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Session, StrokeRow
-from backend.study.session import drawn_paths, machine, participant_walks
-from backend.study.words import DRAWN_KINDS
+from backend.study.drawing import paths, walks
+from backend.study.grammar.words import DRAWN_KINDS
+from backend.study.session import machine
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -21,15 +22,15 @@ if TYPE_CHECKING:
 SPECK_M = 0.03  # kept paths are shown in steps of this; finer is not to be seen
 
 
-def play_stroke(parts: House, stage: Stage, session_id: str, shown: drawn_paths.Showing) -> None:
+def play_stroke(parts: House, stage: Stage, session_id: str, shown: paths.Showing) -> None:
     """Show a stroke's drive, unless the session went on meanwhile."""
     with parts.database.session() as s:
         step = machine.step_of(s.get_one(Session, session_id))
-        latest = drawn_paths.latest_stroke(s, session_id, step["key"])
-    if step["kind"] not in DRAWN_KINDS or drawn_paths.showing(step, latest) != shown:
+        latest = paths.latest_stroke(s, session_id, step["key"])
+    if step["kind"] not in DRAWN_KINDS or paths.showing(step, latest) != shown:
         return
     # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
-    scene = participant_walks.scene_with(drawn_paths.scene_of(step), latest.walk if latest is not None else None)
+    scene = walks.scene_with(paths.scene_of(step), latest.walk if latest is not None else None)
     drive = replace(load_trajectory(parts.files, shown.trajectory), scene=scene)
     drawn = Paper(step["key"], drawn=latest.drawn, resting=True) if latest is not None else None
     stage.play(
@@ -42,19 +43,19 @@ def present(parts: House, stage: Stage, session_id: str) -> None:
     with parts.database.session() as s:
         session = s.get_one(Session, session_id)
         step = machine.step_of(session)
-        kept = [_thinned(one) for one in drawn_paths.kept_strokes(s, session_id, step)]
-        latest = drawn_paths.latest_stroke(s, session_id, step["key"])
-        phase = drawn_paths.state_of(s, session, step)["phase"]
+        kept = [_thinned(one) for one in paths.kept_strokes(s, session_id, step)]
+        latest = paths.latest_stroke(s, session_id, step["key"])
+        phase = paths.state_of(s, session, step)["phase"]
     on_it = latest is not None and latest.state in ("drawn", "watched", "refused")
-    scene = drawn_paths.scene_of(step)
-    offered = participant_walks.offered(step)
+    scene = paths.scene_of(step)
+    offered = walks.offered(step)
     paper = Paper(
         step["key"],
         kept,
         latest.drawn if on_it and latest is not None else None,
         resting=phase != "drawing",
         problem=latest.problem if on_it and latest is not None else None,
-        walks=[participant_walks.scene_with(scene, walk) for walk in offered],
+        walks=[walks.scene_with(scene, walk) for walk in offered],
         chosen=offered.index(latest.walk) if on_it and latest is not None and latest.walk in offered else None,
     )
     stage.draw(scene, step["view"], paper)

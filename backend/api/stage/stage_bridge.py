@@ -29,10 +29,10 @@ from backend.store.artefacts import load_trajectory
 from backend.store.database import DatabaseBusy
 from backend.store.events import log_event
 from backend.store.models import Session, Setting, utc_now
+from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.links import token_hash
+from backend.study.refusals import first_this_hour
 from backend.study.session import machine
-from backend.study.session.links import token_hash
-from backend.study.session.refusals import first_this_hour
-from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 if TYPE_CHECKING:
     from app.stage import Stage

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from backend.study.plan.counterbalancing import Place, design_of
-from backend.study.plan.query_plan import AnyQuery, Drawn, PlanError, block_trials, draw, queries_needed
+from backend.study.plan.queries import AnyQuery, Drawn, PlanError, block_trials, draw, queries_needed
 from backend.study.protocol import schema
 from backend.study.protocol.blocks import BlockBreak, BlockEntry, BlockQuestionnaire, BlockStage, Condition
 from backend.study.protocol.demonstration_stages import DemonstrationsStage, EvaluationStage

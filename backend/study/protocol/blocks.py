@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from backend.study.protocol.parts import FileName, Part, Slug
-from backend.study.words import VIEWS, View
+from backend.study.grammar.parts import FileName, Part, Slug
+from backend.study.grammar.words import VIEWS, View
 
 Levels = Annotated[list[Slug], Field(min_length=2, max_length=8)]
 

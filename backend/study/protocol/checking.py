@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from backend.study.grammar import source as yaml_source
+from backend.study.grammar.error_words import meant
+from backend.study.grammar.questionnaires import Questionnaire
+from backend.study.grammar.skipping import ItemWhen, When, problems_with
+from backend.study.grammar.source import Problem, Source
 from backend.study.plan.counterbalancing import design_of
-from backend.study.protocol import source as yaml_source
 from backend.study.protocol.blocks import BlockStage, Queries
-from backend.study.protocol.error_words import meant
 from backend.study.protocol.named import questionnaires_of
-from backend.study.protocol.questionnaires import Questionnaire
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.skipping import ItemWhen, When, problems_with
-from backend.study.protocol.source import Problem, Source
 from backend.study.protocol.stages import ComprehensionStage, stage_keys
 
 ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something

@@ -6,9 +6,9 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from backend.study.grammar.parts import Part, Slug
+from backend.study.grammar.words import PersonMode, View
 from backend.study.protocol.blocks import Condition
-from backend.study.protocol.parts import Part, Slug
-from backend.study.words import PersonMode, View
 
 
 class DemonstrationsStage(Part):

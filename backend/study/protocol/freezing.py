@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from backend.store.models import ProtocolVersion, Study, protocol_digest
+from backend.study.grammar.error_words import meant, parsed
+from backend.study.grammar.questionnaires import Questionnaire
+from backend.study.grammar.source import Problem, ProtocolError, Source
 from backend.study.protocol.checking import problems_across
-from backend.study.protocol.error_words import meant, parsed
 from backend.study.protocol.named import all_questionnaires, all_texts
-from backend.study.protocol.questionnaires import Questionnaire
 from backend.study.protocol.reading import Read, Reader
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.source import Problem, ProtocolError, Source
 from backend.study.protocol.stages import ConsentStage
 from backend.study.protocol.texts import filled, local, variant
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from backend.study.grammar.source import Path
 from backend.study.protocol.blocks import BlockQuestionnaire, BlockStage
 from backend.study.protocol.demonstration_stages import EvaluationStage
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.source import Path
 from backend.study.protocol.stages import ComprehensionStage, QuestionnaireStage, StageEntry, TrainStage
 
 

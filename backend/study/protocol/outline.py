@@ -8,7 +8,7 @@ from typing import Any
 
 from backend.study.plan.counterbalancing import design_of
 from backend.study.plan.planning import make_plan
-from backend.study.plan.query_plan import placeholders
+from backend.study.plan.queries import placeholders
 from backend.study.protocol.blocks import BlockBreak, BlockStage
 from backend.study.protocol.demonstration_stages import CONTROLLERS, DemonstrationsStage, EvaluationStage
 from backend.study.protocol.freezing import FrozenProtocol

@@ -9,13 +9,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from backend.analysis.scales import SCALES, Scale, frozen_items, wording_digest
-from backend.study.protocol import source as yaml_source
-from backend.study.protocol.error_words import meant, parsed
+from backend.study.grammar import source as yaml_source
+from backend.study.grammar.error_words import meant, parsed
+from backend.study.grammar.questionnaires import Item, ItemBlock, Questionnaire
+from backend.study.grammar.skipping import problems_within
+from backend.study.grammar.source import Problem, ProtocolError, Source
 from backend.study.protocol.named import all_texts
-from backend.study.protocol.questionnaires import Item, ItemBlock, Questionnaire
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.skipping import problems_within
-from backend.study.protocol.source import Problem, ProtocolError, Source
 from backend.study.protocol.texts import text_numbers, variant
 
 _BRACES = re.compile(r"\{(\w+)\}")

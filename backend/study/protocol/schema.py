@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from backend.report.plan import AnalysisPlan
-from backend.study.protocol.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
+from backend.study.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
 from backend.study.protocol.stages import StageEntry
 
 

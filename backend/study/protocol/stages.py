@@ -6,11 +6,11 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from backend.study.grammar.parts import Address, Code, FileName, Localized, Part, Slug, Version
+from backend.study.grammar.skipping import When
+from backend.study.grammar.words import STAGE_KINDS, View
 from backend.study.protocol.blocks import BlockBreak, BlockStage
 from backend.study.protocol.demonstration_stages import DemonstrationsStage, EvaluationStage
-from backend.study.protocol.parts import Address, Code, FileName, Localized, Part, Slug, Version
-from backend.study.protocol.skipping import When
-from backend.study.words import STAGE_KINDS, View
 
 
 class TextStage(Part):

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from backend.study.grammar.questionnaires import Item, Questionnaire
+from backend.study.grammar.skipping import Earlier, is_asked
+from backend.study.grammar.words import DRAWN_KINDS, SINGLE_KINDS
 from backend.study.protocol.freezing import FrozenProtocol
-from backend.study.protocol.questionnaires import Item, Questionnaire
-from backend.study.protocol.skipping import Earlier, is_asked
-from backend.study.session.refusals import Refused
-from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
+from backend.study.refusals import Refused
 
 LARGEST_NUMBER = 10**12  # ours; beyond 2^53 no table holds it exactly, and beyond 10^308 none holds it at all
 CONFIRMED = ("information", "instruction", "break", "wait", "appointment", "debriefing")  # read, nothing to answer

@@ -14,8 +14,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.events import log_event
 from backend.store.models import Session, utc_now
+from backend.study.links import next_token, token_hash
 from backend.study.plan.planning import Step
-from backend.study.session.links import next_token, token_hash
 
 
 def end_of(session: Session) -> int:

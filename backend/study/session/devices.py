@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.events import log_event
 from backend.store.models import Session
 from backend.study.protocol.schema import DeviceGate
-from backend.study.session.refusals import Refused
+from backend.study.refusals import Refused
 
 
 def device_problems(gate: DeviceGate | None, device: Mapping[str, Any]) -> list[str]:

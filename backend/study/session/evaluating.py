@@ -11,7 +11,7 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Artefact, Session, Trial
-from backend.study.session import personalisation
+from backend.study.personalising import training
 
 Step = dict[str, Any]
 DRIVES = {"own": "own", "dwa": "base", "social_cost": "social_cost"}  # controller -> its word in the job's result
@@ -45,7 +45,7 @@ def make_trial(s: DatabaseSession, session: Session, step: Step, now: datetime) 
 def _drives(s: DatabaseSession, session: Session, step: Step) -> list[dict[str, str]]:
     """The controller's drives in the step's situation, or in all of its environment; none where nothing was learned."""
     controller = step["block"]
-    for job in personalisation.jobs_of(s, session):
+    for job in training.jobs_of(s, session):
         snapshot = s.get(Artefact, job.params["snapshot"])
         result = job.result or {}
         if snapshot is None or snapshot.setup != step["environment"] or not result.get("passed"):

@@ -11,11 +11,11 @@ from backend.store.events import log_event
 from backend.store.models import Participant, ProblemReport, Session
 from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
-from backend.study.session import personalisation
-from backend.study.session.steps import refused, require_active, step_of
+from backend.study.grammar.words import TRIAL_KINDS
+from backend.study.personalising import training
 from backend.study.session.versions import protocol_of
+from backend.study.session.view import refused, require_active, step_of
 from backend.study.session.watching import interrupted
-from backend.study.words import TRIAL_KINDS
 
 LONGEST_PROBLEM = 4000  # characters of a problem report; ours
 
@@ -54,7 +54,7 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     for one in s.scalars(others):
         one.state = "withdrawn"  # a later appointment, too
     session.state = "withdrawn"
-    for job in personalisation.jobs_of(s, session):
+    for job in training.jobs_of(s, session):
         if job.state not in (*ENDED, "cancelling"):
             cancel_job(s, job.id, by="withdrawal")
     set_aside_snapshots(s, participant.id)

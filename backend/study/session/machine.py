@@ -19,14 +19,18 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
+from backend.study.drawing import strokes
+from backend.study.grammar.words import DRAWN_KINDS, TOLERANCE_S, TRIAL_KINDS
+from backend.study.personalising import next_query, training
 from backend.study.plan.planning import Step
 from backend.study.protocol.freezing import FrozenProtocol
-from backend.study.session import appointments, asking, evaluating, personalisation, routing, strokes_drawn
+from backend.study.refusals import Refused
+from backend.study.session import appointments, evaluating, routing
 from backend.study.session.answers import checked_value, timed_out
+from backend.study.session.finding import find_session
 from backend.study.session.leaving import change_language, pause, report_problem, resume, withdraw
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import find_session
-from backend.study.session.steps import (
+from backend.study.session.versions import protocol_of
+from backend.study.session.view import (
     Drive,
     Playback,
     StepView,
@@ -40,9 +44,7 @@ from backend.study.session.steps import (
     step_of,
     trial_of,
 )
-from backend.study.session.versions import protocol_of
 from backend.study.session.watching import drive_seen, interrupted, restart_drive, start_trial, viewing_of, watch_again
-from backend.study.words import DRAWN_KINDS, TOLERANCE_S, TRIAL_KINDS
 
 __all__ = [
     "Drive",
@@ -119,7 +121,7 @@ def submit(
         stored["text_hash"] = frozen.consent_hash(session.language)
         s.get_one(Participant, session.participant_id).consents = stored.get("purposes", {})
     elif step["kind"] in DRAWN_KINDS:
-        strokes_drawn.keep(s, session, step, stored)
+        strokes.keep(s, session, step, stored)
     elif step["kind"] == "guess":
         stored |= _about_last_comparison(s, session, stored["choice"])
     kinds = {"trial": "preference"}
@@ -242,7 +244,7 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
     elif step["kind"] == "evaluation":
         evaluating.make_trial(s, session, step, now)
     if any(one.get("then") == "train" for one in passed):
-        personalisation.start_training(s, files, session, s.get_one(Study, session.study_id), protocol)
+        training.start_training(s, files, session, s.get_one(Study, session.study_id), protocol)
     if step["kind"] == "wait":
         settle(s, files, session, now=now)
     elif step["kind"] == "appointment":
@@ -258,7 +260,7 @@ def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, n
 
 
 def _make_trial(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step, now: datetime) -> None:
-    asked = asking.asked_in(s, files, session, step)
+    asked = next_query.asked_in(s, files, session, step)
     trial = Trial(
         session_id=session.id,
         step_key=step["key"],
@@ -288,10 +290,10 @@ def settle(s: DatabaseSession, files: ArtefactStore, session: Session, *, now: d
     if session.state != "active" or step_of(session)["kind"] != "wait":
         return False
     protocol = protocol_of(s, session).protocol
-    outcome = personalisation.outcome_of(s, session, protocol, now)
+    outcome = training.outcome_of(s, session, protocol, now)
     if outcome is None:
         return False
-    shown = personalisation.make_comparisons(s, session, now) if outcome == "shown" else 0
+    shown = training.make_comparisons(s, session, now) if outcome == "shown" else 0
     session.personalisation = outcome
     log_event(s, "personalisation", session_id=session.id, outcome=outcome, comparisons=shown)
     _move(s, files, session, _after_wait(s, session, shown), now)

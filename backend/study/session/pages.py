@@ -8,16 +8,16 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from backend.study.drawing import walks
+from backend.study.grammar.questionnaires import Item, Questionnaire
+from backend.study.grammar.skipping import Earlier, may_ask
+from backend.study.grammar.words import DRAWN_KINDS, SINGLE_KINDS, TRIAL_KINDS
+from backend.study.personalising.training import train_stage
 from backend.study.plan.planning import Step
 from backend.study.protocol.blocks import Viewing
 from backend.study.protocol.freezing import POINT, FrozenProtocol
-from backend.study.protocol.questionnaires import Item, Questionnaire
-from backend.study.protocol.skipping import Earlier, may_ask
 from backend.study.protocol.stages import stage_keys
 from backend.study.protocol.texts import local
-from backend.study.session import participant_walks
-from backend.study.session.personalisation import train_stage
-from backend.study.words import DRAWN_KINDS, SINGLE_KINDS, TRIAL_KINDS
 
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
 
@@ -64,8 +64,8 @@ def payload_of(
 def drawing_payload(step: Step) -> dict[str, Any]:
     """The payload of a drawing, whose words are the catalogues'."""
     shown = {name: step[name] for name in ("view", "place", "places", "number", "of", "optional")}
-    person = participant_walks.mode_of(step)
-    return shown | {"person": person, "walks": len(participant_walks.PLANNED) if person == "recorded" else 0}
+    person = walks.mode_of(step)
+    return shown | {"person": person, "walks": len(walks.PLANNED) if person == "recorded" else 0}
 
 
 def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str | None) -> dict[str, Any]:

@@ -10,14 +10,16 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
+from backend.study.drawing import paths
+from backend.study.grammar.questionnaires import Questionnaire
+from backend.study.grammar.skipping import Earlier, When, asks_anything, may_ask_something
+from backend.study.grammar.words import DRAWN_KINDS
+from backend.study.personalising import next_query
 from backend.study.plan.assignment import places_held_by
 from backend.study.plan.planning import Step
-from backend.study.protocol.questionnaires import Questionnaire
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.skipping import Earlier, When, asks_anything, may_ask_something
-from backend.study.session import asking, drawn_paths, evaluating
+from backend.study.session import evaluating
 from backend.study.session.versions import protocol_of
-from backend.study.words import DRAWN_KINDS
 
 
 def next_position(s: DatabaseSession, files: ArtefactStore, session: Session) -> int:
@@ -26,7 +28,7 @@ def next_position(s: DatabaseSession, files: ArtefactStore, session: Session) ->
     probes of these.
     """
     to = session.position + 1
-    if session.plan[to].get("choose") and asking.little_left(s, files, session, session.plan[to]):
+    if session.plan[to].get("choose") and next_query.little_left(s, files, session, session.plan[to]):
         log_event(s, "queries_ended", session_id=session.id, step=session.plan[to]["key"])
         while session.plan[to].get("choose") and "again" not in session.plan[to]:
             to += 1
@@ -54,7 +56,7 @@ def _can_be_asked(s: DatabaseSession, session: Session, step: Step) -> bool:
     if step["stage"] == "evaluation":
         return evaluating.can_be_shown(s, session, step)
     if step["kind"] in DRAWN_KINDS:
-        return drawn_paths.wanted(s, session, step)
+        return paths.wanted(s, session, step)
     if step["kind"] == "comprehension" and step["attempt"] > 1:
         return not _passed_before(s, session, step)
     return "again" not in step or _has_trial(s, session, step["again"])

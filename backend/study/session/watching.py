@@ -11,9 +11,10 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
+from backend.study.drawing import strokes
+from backend.study.grammar.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
 from backend.study.protocol.blocks import Viewing
-from backend.study.session import strokes_drawn
-from backend.study.session.steps import (
+from backend.study.session.view import (
     Drive,
     Playback,
     current_trial,
@@ -26,7 +27,6 @@ from backend.study.session.steps import (
     step_of,
     trial_of,
 )
-from backend.study.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
 
 
 def viewing_of(session: Session) -> Viewing:
@@ -123,7 +123,7 @@ def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datet
 
 def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime, *, keep_seen: bool) -> bool:
     if step_of(session)["kind"] in DRAWN_KINDS:
-        return strokes_drawn.interrupted(s, session, step_of(session), reason=reason)
+        return strokes.interrupted(s, session, step_of(session), reason=reason)
     trial = trial_of(s, session) if step_of(session)["kind"] in TRIAL_KINDS else None
     if trial is None or session.state not in ("active", "paused"):
         return False

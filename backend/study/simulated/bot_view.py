@@ -10,9 +10,10 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Session
-from backend.study.session import drawn_paths, machine, participant_walks
+from backend.study.drawing import paths, walks
+from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.session import machine
 from backend.study.session.versions import protocol_of
-from backend.study.words import DRAWN_KINDS, TRIAL_KINDS
 
 FIELDS = ("block", "view", "role", "questionnaire", "instructed")
 
@@ -25,8 +26,8 @@ def told_to_bots(s: DatabaseSession, session: Session, view: machine.StepView) -
     step = machine.step_of(session)
     told: dict[str, Any] = {name: step[name] for name in FIELDS if name in step}
     if view.kind in DRAWN_KINDS:
-        scene = drawn_paths.scene_of(step)
-        walked = [participant_walks.scene_with(scene, walk).as_dict() for walk in participant_walks.offered(step)]
+        scene = paths.scene_of(step)
+        walked = [walks.scene_with(scene, walk).as_dict() for walk in walks.offered(step)]
         return told | {"scenes": walked or [scene.as_dict()]}
     if view.kind in TRIAL_KINDS:
         trial = machine.trial_of(s, session)

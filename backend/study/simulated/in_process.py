@@ -16,13 +16,15 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job
-from backend.study.session import drawn_paths, machine, participant_walks, personalisation, strokes_drawn
+from backend.study.drawing import paths, strokes, walks
+from backend.study.links import next_token
+from backend.study.personalising import training
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
-from backend.study.session.links import next_token
-from backend.study.session.refusals import Refused
-from backend.study.session.sessions import acting
 from backend.study.simulated.bot_view import told_to_bots
-from backend.study.simulated.bots import BotError, Character, State, walk_all
+from backend.study.simulated.participant import BotError, Character, State, walk_all
 
 
 def walk_in_process(
@@ -74,7 +76,7 @@ class _InProcess:
 
     def state(self) -> State:
         def act(s: DatabaseSession, session: Session) -> None:
-            for job in personalisation.jobs_of(s, session) if self._without_jobs else ():
+            for job in training.jobs_of(s, session) if self._without_jobs else ():
                 if job.state == "queued":
                     cancel_job(s, job.id, by="a walk without jobs")
             machine.settle(s, self._files, session, now=utc_now())
@@ -104,9 +106,9 @@ class _InProcess:
 
         def act(s: DatabaseSession, session: Session) -> None:
             step, now = machine.step_of(session), utc_now()
-            attempt = strokes_drawn.attempt_of(step, stroke, simulated=True)
+            attempt = strokes.attempt_of(step, stroke, simulated=True)
             problems.append(attempt.problem)
-            strokes_drawn.add_stroke(
+            strokes.add_stroke(
                 s, self._files, session, step, attempt, request_id=uuid4().hex, client_time=None, now=now
             )
 
@@ -117,13 +119,13 @@ class _InProcess:
 
         def act(s: DatabaseSession, session: Session) -> None:
             step = machine.step_of(session)
-            stroke = drawn_paths.latest_stroke(s, session.id, key)
+            stroke = paths.latest_stroke(s, session.id, key)
             if stroke is None:
                 raise BotError(f"{key}: nothing was drawn to walk beside")
-            scene = drawn_paths.scene_of(step)
-            walked = participant_walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
+            scene = paths.scene_of(step)
+            walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
             problems.append(walked.problem)
-            strokes_drawn.driven(s, self._files, session, step, playback_id, walked, now=utc_now())
+            strokes.driven(s, self._files, session, step, playback_id, walked, now=utc_now())
 
         return {**self._do("walked", act), "problem": problems[0]}
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from backend.store.models import MARKS
-from backend.study.protocol.parts import Localized, Part, Slug, Value
-from backend.study.protocol.skipping import ItemWhen
+from backend.study.grammar.parts import Localized, Part, Slug, Value
+from backend.study.grammar.skipping import ItemWhen
 
 
 class Option(Part):

@@ -19,11 +19,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore, save_trajectory
 from backend.store.events import log_event
 from backend.store.models import Session, StrokeRow, TrajectoryRow
-from backend.study.session import participant_walks
-from backend.study.session.drawn_paths import is_walked, latest_stroke, met, playback_id, scene_of
-from backend.study.session.participant_walks import Walked
-from backend.study.session.refusals import Refused
-from backend.study.words import DRAWN_KINDS, TOLERANCE_S
+from backend.study.drawing import walks
+from backend.study.drawing.paths import is_walked, latest_stroke, met, playback_id, scene_of
+from backend.study.drawing.walks import Walked
+from backend.study.grammar.words import DRAWN_KINDS, TOLERANCE_S
+from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
     from backend.demonstrations.demonstration import Demonstration
@@ -59,7 +59,7 @@ def attempt_of(step: Step, given: Mapping[str, Any], *, simulated: bool) -> Atte
     from backend.demonstrations.demonstration import demonstration_from  # numba comes with it
     from backend.demonstrations.stroke import Stroke, StrokeProblem
 
-    walk = participant_walks.chosen_walk(step, given)
+    walk = walks.chosen_walk(step, given)
     drawn = {name: given.get(name) for name in ("points", "speeds", "times_s")}
     pointer = str(given.get("pointer", "mouse"))
     if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+") and not simulated):
@@ -68,11 +68,11 @@ def attempt_of(step: Step, given: Mapping[str, Any], *, simulated: bool) -> Atte
         raise Refused(422, "bad_value", f"must be a list of at most {MOST_POINTS} points", field="points")
     try:
         stroke = Stroke.of(**drawn)
-        made = demonstration_from(stroke, participant_walks.scene_with(scene_of(step), walk))
+        made = demonstration_from(stroke, walks.scene_with(scene_of(step), walk))
     except StrokeProblem as problem:
         if problem.code == "unreadable":
             raise Refused(422, "bad_value", str(problem), field="points") from None
-        return Attempt(stroke.as_dict(), pointer, walk, None, participant_walks.problem_of(problem))
+        return Attempt(stroke.as_dict(), pointer, walk, None, walks.problem_of(problem))
     return Attempt(stroke.as_dict(), pointer, walk, made, None)
 
 
@@ -220,9 +220,7 @@ def walk_again(s: DatabaseSession, session: Session, step: Step, *, request_id: 
     if known is not None:
         return known
     before = latest_stroke(s, session.id, step["key"])
-    if before is None or not (
-        met(before) or (before.state == "watched" and participant_walks.mode_of(step) == "walks")
-    ):
+    if before is None or not (met(before) or (before.state == "watched" and walks.mode_of(step) == "walks")):
         raise _refused(session, "nothing_walked", "There is no walk here yet.")
     if before.state == "watched":
         before.state, before.shown_since = "redone", None

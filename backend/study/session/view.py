@@ -17,12 +17,13 @@ from sqlalchemy.orm import Session as DatabaseSession
 from sqlalchemy.orm.attributes import set_committed_value
 
 from backend.store.models import Response, Session, TrajectoryRow, Trial
+from backend.study.drawing import paths
+from backend.study.grammar.words import DRAWN_KINDS, LABEL_S, PLAYING, SINGLE_KINDS, TRIAL_KINDS
 from backend.study.plan.planning import Step
-from backend.study.session import appointments, drawn_paths, routing
+from backend.study.refusals import Refused
+from backend.study.session import appointments, routing
 from backend.study.session.pages import drawing_payload, ending_payload, payload_of, trial_payload
-from backend.study.session.refusals import Refused
 from backend.study.session.versions import protocol_of
-from backend.study.words import DRAWN_KINDS, LABEL_S, PLAYING, SINGLE_KINDS, TRIAL_KINDS
 
 Drive = Literal["a", "b"]
 
@@ -100,7 +101,7 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
         return StepView("too_soon", "too_soon", index, total, appointments.window_of(session))
     step = step_of(session)
     if step["kind"] in DRAWN_KINDS:
-        shown = drawn_paths.state_of(s, session, step)
+        shown = paths.state_of(s, session, step)
         return StepView(step["kind"], step["key"], index, total, drawing_payload(step), shown)
     if step["kind"] in TRIAL_KINDS:
         trial, payload = trial_of(s, session), trial_payload(step)

@@ -13,8 +13,8 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from backend.study.session.refusals import Refused
-from backend.study.words import View
+from backend.study.grammar.words import View
+from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
     from backend.demonstrations.demonstration import Demonstration

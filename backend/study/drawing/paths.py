@@ -14,8 +14,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Session, StrokeRow, TrajectoryRow
-from backend.study.session import participant_walks
-from backend.study.words import View
+from backend.study.drawing import walks
+from backend.study.grammar.words import View
 
 if TYPE_CHECKING:
     from backend.simulation.scene import Scene
@@ -64,7 +64,7 @@ def playback_id(stroke: StrokeRow) -> str:
 
 def is_walked(step: Step, stroke: StrokeRow) -> bool:
     """Whether the participant still has to walk beside the stroke's drive."""
-    return participant_walks.mode_of(step) == "walks" and stroke.walk is None
+    return walks.mode_of(step) == "walks" and stroke.walk is None
 
 
 def met(stroke: StrokeRow | None) -> bool:
@@ -77,13 +77,7 @@ def showing(step: Step, stroke: StrokeRow | None) -> Showing | None:
     if stroke is None or stroke.shown_since is None or stroke.trajectory is None:
         return None
     walking = is_walked(step, stroke)
-    view = (
-        participant_walks.beside_view(step)
-        if walking
-        else "top_down"
-        if participant_walks.mode_of(step) == "walks"
-        else step["view"]
-    )
+    view = walks.beside_view(step) if walking else "top_down" if walks.mode_of(step) == "walks" else step["view"]
     return Showing(stroke.trajectory, view, playback_id(stroke), walking)
 
 

@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Session
-from backend.study.session import asking
+from backend.study.personalising import next_query
 from backend.study.session.versions import row_of
 
 if TYPE_CHECKING:
@@ -40,15 +40,15 @@ class Learnt:
 
 def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
     """What is learned from the session's regular answers so far; practice and probes teach nothing."""
-    measured = asking.measured_queries(s, files, row_of(s, session))
-    answers = asking.answers_of(s, session)
+    measured = next_query.measured_queries(s, files, row_of(s, session))
+    answers = next_query.answers_of(s, session)
     key = (session.id, answers)
     if key in _known:
         _known.move_to_end(key)
         return _known[key]
     from backend.learning.preferences.vocabulary import NAMES, SIZE
 
-    after = [asking.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
+    after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
     told = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
     _known[key] = learnt = Learnt(
         shares=tuple(posterior.importance() for posterior in after[1:]),
@@ -61,7 +61,7 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     return learnt
 
 
-_known: OrderedDict[tuple[str, asking.Answers], Learnt] = OrderedDict()
+_known: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
 
 
 def _drives(setup: str, told: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:

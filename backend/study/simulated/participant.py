@@ -22,9 +22,9 @@ from backend.learning.queries.queries import Query
 from backend.report.cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
-from backend.study.protocol.skipping import ItemWhen
-from backend.study.session.links import next_token
-from backend.study.words import DRAWN_KINDS, SINGLE_KINDS
+from backend.study.grammar.skipping import ItemWhen
+from backend.study.grammar.words import DRAWN_KINDS, SINGLE_KINDS
+from backend.study.links import next_token
 
 POLL_S = 0.5  # how often a waiting bot looks
 BUSY_TRIES = 20  # of a request that a busy server put off (503); nothing of it was stored, so it is simply sent again

@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import Session
-from backend.study.session.links import as_issued, token_hash
-from backend.study.session.refusals import Refused, log_refusal
+from backend.study.links import as_issued, token_hash
+from backend.study.refusals import Refused, log_refusal
 
 
 def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = True) -> Session:

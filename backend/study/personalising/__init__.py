@@ -1,0 +1,1 @@
+"""What a session's answers teach: which query comes next, training, what was learnt so far."""
