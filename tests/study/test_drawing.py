@@ -106,7 +106,7 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
         return strokes.driven(s, walker.files, session, step, playback, walked, now=walker.now)
 
 
-def strokes(walker: Walker) -> list[StrokeRow]:
+def stored_strokes(walker: Walker) -> list[StrokeRow]:
     with walker.database.session() as s:
         return list(s.scalars(select(StrokeRow).order_by(StrokeRow.created_at, StrokeRow.attempt)))
 
