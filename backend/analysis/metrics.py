@@ -57,7 +57,7 @@ def _stack(series: Sequence[NDArray[Any]]) -> Array:
 
 
 def path_length(poses: ArrayLike) -> Array:
-    """Metres driven, of poses (n, T + 1, 2 or more): (n,)."""
+    """Path length in metres, of poses (n, T + 1, 2 or more): (n,)."""
     return np.asarray(np.linalg.norm(np.diff(np.asarray(poses, dtype=float)[..., :2], axis=1), axis=2).sum(axis=1))
 
 
@@ -114,9 +114,9 @@ def straight_distance(starts: ArrayLike, goals: ArrayLike) -> Array:
 
 
 def relative_path_length(lengths: ArrayLike, straight: ArrayLike) -> Array:
-    """Length driven over straight distance, both (n,) metres: (n,), 1 for a perfect line that ends on the goal.
+    """Path length over straight distance, both (n,) metres: (n,), 1 for a perfect line that ends on the goal.
 
-    A drive ends inside the goal radius, so values slightly below 1 are possible.
+    A trajectory ends inside the goal radius, so values slightly below 1 are possible.
     """
     return np.asarray(np.asarray(lengths, dtype=float) / np.asarray(straight, dtype=float))
 

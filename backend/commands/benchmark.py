@@ -288,8 +288,8 @@ def null_cohorts_command(
     from dataclasses import asdict
 
     from backend.experiments.cohorts.null_ratings import null_family
-    from backend.report.plan import AnalysisPlan
-    from backend.report.power import null_cohorts
+    from backend.report.analysis_plan import AnalysisPlan
+    from backend.report.simulated_power import null_cohorts
 
     plan = AnalysisPlan()
     rates = null_cohorts(cohorts, participants, seed=seed, plan=plan) if cohorts else []
@@ -325,8 +325,8 @@ def known_cohorts_command(
     from dataclasses import asdict, replace
 
     from backend.experiments.cohorts.known_cohorts import known_cohorts
-    from backend.report.cohorts import VIEWS_DIFFER, read_cohort
-    from backend.report.plan import AnalysisPlan
+    from backend.report.analysis_plan import AnalysisPlan
+    from backend.report.made_up_cohorts import VIEWS_DIFFER, read_cohort
 
     plan = AnalysisPlan()
     made_of = VIEWS_DIFFER if cohort is None else read_cohort(cohort)

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from backend.commands.loopback import loopback_server
-from backend.report.cohorts import VIEWS_DIFFER, Cohort
 from backend.report.findings import Findings, analyse
-from backend.report.reading import read_study
-from backend.report.run import write_study_report
+from backend.report.made_up_cohorts import VIEWS_DIFFER, Cohort
+from backend.report.study_report import write_study_report
+from backend.report.tidy_tables import read_study
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database

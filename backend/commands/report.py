@@ -11,7 +11,7 @@ import typer
 from backend.commands.output import JsonFlag, plain_errors, say
 
 if TYPE_CHECKING:
-    from backend.report.policies import PolicyRow
+    from backend.report.policy_table import PolicyRow
     from backend.store.artefacts import ArtefactStore
     from backend.store.database import Database
     from backend.store.snapshots import Whose
@@ -45,9 +45,9 @@ def report(
 ) -> None:
     """The study's report: tests, agreement, figures; HTML that prints, PNG, SVG and CSV."""
     from backend.commands.study import open_store
-    from backend.report.plan import read_plan
-    from backend.report.reading import read_folder, read_study
-    from backend.report.run import write_study_report
+    from backend.report.analysis_plan import read_plan
+    from backend.report.study_report import write_study_report
+    from backend.report.tidy_tables import read_folder, read_study
     from backend.store.models import Study
     from backend.store.snapshots import checked_whose
 
@@ -85,7 +85,7 @@ def _learned(
     """A policy per view and reward model, and the base policy, each driven through the same scenes; what is there
     already is used."""
     from backend.commands.science import jobs_at_hand
-    from backend.report.policies import BASE, PolicyRow
+    from backend.report.policy_table import BASE, PolicyRow
     from backend.store.snapshots import take_snapshot
 
     rows = []

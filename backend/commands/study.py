@@ -124,7 +124,7 @@ def simulate(
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
     from backend.learning.preferences.oracles import Habits
-    from backend.report.cohorts import read_cohort
+    from backend.report.made_up_cohorts import read_cohort
     from backend.store.models import Study
     from backend.study.simulated.participant import Character, simulate_study
 
@@ -180,7 +180,7 @@ def power_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: how many people a study needs, by its own state machine and its own analysis."""
-    from backend.study.power import plan_power
+    from backend.study.planned_power import plan_power
 
     sizes = [int(number) if number.strip().isdecimal() else 0 for number in participants.split(",")]
     found = plan_power(
@@ -200,7 +200,7 @@ def power_command(
     )
     told = found.as_dict()
     if out is not None:
-        from backend.report.figures import power_picture
+        from backend.report.report_figures import power_picture
 
         picture = power_picture(found.power, found.assumed)
         told["files"] = [str(path) for path in picture.save(out)]

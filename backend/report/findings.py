@@ -1,6 +1,7 @@
 """Everything a study's report says, as numbers: from tidy rows and an analysis plan to tested results. Pure.
 
-Ratings are `rated.py`'s, choices `chosen.py`'s; the tests themselves live in `analysis`, words and figures beside.
+Ratings are `rating_findings.py`'s, choices `choice_findings.py`'s; the tests live in `analysis`, words and
+figures beside.
 """
 
 from __future__ import annotations
@@ -12,7 +13,8 @@ from itertools import combinations
 from typing import Literal
 
 from backend.analysis.tested import Mean, Tested
-from backend.report.chosen import (
+from backend.report.analysis_plan import AnalysisPlan, Metric, declared_plan, deviations
+from backend.report.choice_findings import (
     Agreement,
     OfCondition,
     Pair,
@@ -24,9 +26,7 @@ from backend.report.chosen import (
     personalised,
     triads_of,
 )
-from backend.report.data import Choice, Load, Person, StudyData
-from backend.report.plan import AnalysisPlan, Metric, declared_plan, deviations
-from backend.report.rated import (
+from backend.report.rating_findings import (
     Described,
     ItemResult,
     RankingResult,
@@ -36,6 +36,7 @@ from backend.report.rated import (
     ranking_results,
     scale_results,
 )
+from backend.report.study_data import Choice, Load, ParticipantRow, StudyData
 
 Who = Literal["people", "simulated", "all"]
 
@@ -91,7 +92,7 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
     """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
     Declared is what the study began with; a plan that came with a later version is used and told as deviations.
 
-    Learning trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
+    Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
     """
     declared = declared_plan(dict(data.protocol))
     revised = declared_plan(dict(data.newest)) if data.newest is not None else declared
@@ -134,15 +135,15 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
     )
 
 
-def _left_out(person: Person) -> bool:
+def _left_out(person: ParticipantRow) -> bool:
     return person.withdrawn or person.excluded is not None
 
 
-def _counts(person: Person, plan: AnalysisPlan) -> bool:
+def _counts(person: ParticipantRow, plan: AnalysisPlan) -> bool:
     return not _left_out(person) and (plan.sessions == "all" or person.state == "completed")
 
 
-def _flow(everyone: Sequence[Person], kept: Sequence[Person], plan: AnalysisPlan) -> Flow:
+def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], plan: AnalysisPlan) -> Flow:
     open_ones = [one for one in everyone if not _left_out(one) and not _counts(one, plan)]
     return Flow(
         joined=len(everyone),
@@ -153,13 +154,13 @@ def _flow(everyone: Sequence[Person], kept: Sequence[Person], plan: AnalysisPlan
     )
 
 
-def _devices(choices: Sequence[Choice], people: Mapping[str, Person]) -> dict[tuple[str, str], int]:
+def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) -> dict[tuple[str, str], int]:
     """(view, device) -> regular answers, so that nobody takes a desktop's camera for a headset."""
     counted = Counter((one.view, device_words(one, people[one.person])) for one in choices if one.role == "regular")
     return dict(sorted(counted.items()))
 
 
-def device_words(one: Choice, person: Person) -> str:
+def device_words(one: Choice, person: ParticipantRow) -> str:
     """What an answer was given on, as far as its page told."""
     device = one.device
     if person.simulated and "pointer" not in device:

@@ -66,7 +66,7 @@ def test_counts_that_are_none_are_refused(bad: list[int]) -> None:
 
 
 def test_triads_are_the_three_pairs_of_three() -> None:
-    """p, q, r were compared in all pairs, x, y, z in two; p, q, r and s share drives and make two triads."""
+    """p, q, r were compared in all pairs, x, y, z in two; p, q, r and s share trajectories and make two triads."""
     pairs = {frozenset(pair): pair for pair in ("pq", "qr", "rp", "xy", "yz")}
     assert whole_triads(pairs) == [["pq", "qr", "rp"]]
     pairs |= {frozenset(pair): pair for pair in ("rs", "sp")}

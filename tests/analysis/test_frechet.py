@@ -128,7 +128,7 @@ def test_a_path_that_is_followed_perfectly_deviates_at_its_end() -> None:
     found = deviation(STRAIGHT, STRAIGHT[::4])
     assert (found.t_star, found.backwards) == (1.0, False)
     assert found.distance_m == pytest.approx(0, abs=1e-3)
-    # The demonstration may go on further than the drive.
+    # The demonstration may go on further than the trajectory.
     assert deviation(STRAIGHT[:11], STRAIGHT).t_star == 1.0
 
 

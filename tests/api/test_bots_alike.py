@@ -13,15 +13,15 @@ from sqlalchemy import select
 from backend.api.application import build_house, create_application
 from backend.api.core.dependencies import House
 from backend.learning.preferences.oracles import Habits
-from backend.report.cohorts import Cohort, made_up_study
 from backend.report.findings import analyse
-from backend.report.power import analysed
-from backend.report.reading import read_folder, read_study
-from backend.report.run import write_study_report
+from backend.report.made_up_cohorts import Cohort, made_up_study
+from backend.report.simulated_power import analysed
+from backend.report.study_report import write_study_report
+from backend.report.tidy_tables import read_folder, read_study
 from backend.settings import Settings
 from backend.store.export import answers_of, export_study
 from backend.store.models import Study
-from backend.study.power import plan_power
+from backend.study.planned_power import plan_power
 from backend.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.simulated.participant import Character, simulate_study
@@ -30,7 +30,7 @@ from tests.study.walking import twenty_queries
 
 BOTS = 3
 CHARACTER = Character(
-    habits=Habits(noise=0.2), seed=4, cohort=Cohort(seed=2, second_shown=0.2, tastes={"top_down": "shortest"})
+    habits=Habits(noise=0.2), seed=4, cohort=Cohort(seed=2, second_shown=0.2, preferences={"top_down": "shortest"})
 )
 LEFT_TO_CHANCE = {"response", "trial", "session", "probe_of", "consent", "phase_since", "client_time", "decision_s"}
 PORT = 18_700

@@ -15,15 +15,15 @@ from backend.analysis.choices import is_circular
 from backend.analysis.metrics import measure
 from backend.analysis.scales import SCALES
 from backend.learning.policies.shipped import load_queries
-from backend.report.data import Choice, Comparison, ItemText, Person, Rating, StudyData
+from backend.report.analysis_plan import AnalysisPlan, declared_plan, deviations, read_plan
 from backend.report.findings import NothingToReport, analyse
-from backend.report.plan import AnalysisPlan, declared_plan, deviations, read_plan
-from backend.report.run import answer_rows, scale_rows
-from backend.report.words import sections
+from backend.report.report_text import sections
+from backend.report.study_data import Choice, Comparison, ItemText, ParticipantRow, Rating, StudyData
+from backend.report.study_report import answer_rows, scale_rows
 
 HERE, THERE = "first_person", "top_down"
 MOUSE = {"pointer": "fine"}
-PERSON = Person("P-1", False, None, False, "completed", (HERE, THERE))
+PERSON = ParticipantRow("P-1", False, None, False, "completed", (HERE, THERE))
 
 
 def nothing(trajectory: str) -> None:
@@ -31,11 +31,11 @@ def nothing(trajectory: str) -> None:
 
 
 def choice(person: str, condition: str, query: int, chosen: str, role: str = "regular") -> Choice:
-    drives = {"a": f"{query}-a", "b": f"{query}-b"}
-    return Choice(person, condition, condition, str(query), role, drives["a"], drives["b"], drives[chosen], 2.0, MOUSE)
+    shown = {"a": f"{query}-a", "b": f"{query}-b"}
+    return Choice(person, condition, condition, str(query), role, shown["a"], shown["b"], shown[chosen], 2.0, MOUSE)
 
 
-def study(choices: list[Choice], people: list[Person] | None = None, **more: object) -> StudyData:
+def study(choices: list[Choice], people: list[ParticipantRow] | None = None, **more: object) -> StudyData:
     data = StudyData("By hand", "1", {}, "", [], people or [PERSON], choices, [], [])
     return replace(data, **more)
 
@@ -92,13 +92,13 @@ def test_the_flow_adds_up_and_only_those_who_count_are_analysed() -> None:
 
 
 def test_what_changes_where_a_choice_flips() -> None:
-    """One person, one query: there minus here of the two drives, over the standard deviation of both."""
+    """One person, one query: there minus here of the two trajectories, over the standard deviation of both."""
     query = load_queries("study_room/queries_200").queries[3]
-    drives = {"0-a": query.trajectory_a, "0-b": query.trajectory_b}
+    trajectories = {"0-a": query.trajectory_a, "0-b": query.trajectory_b}
     people = [PERSON, replace(PERSON, code="P-2")]
     flips = [choice("P-1", HERE, 0, "a"), choice("P-1", THERE, 0, "b")]
     stays = [choice("P-2", HERE, 0, "a"), choice("P-2", THERE, 0, "a")]
-    found = analyse(study(flips + stays, people), drives.__getitem__)
+    found = analyse(study(flips + stays, people), trajectories.__getitem__)
     lengths = measure([query.trajectory_a, query.trajectory_b]).path_length
     changed = found.disagreement[HERE, THERE]["path_length"]
     assert changed.n == 1  # P-2 never disagreed
@@ -167,8 +167,8 @@ def test_circular_triads_are_counted_beside_chance() -> None:
     """P-1's first triad goes round, the second has an order, of the third one pair's time was over."""
 
     def probe(k: int, first: str, second: str) -> Choice:
-        drives = f"{k}-{first}", f"{k}-{second}"
-        return Choice("P-1", HERE, HERE, f"{k}{first}{second}", "transitivity", *drives, chosen=drives[0], decision_s=1)
+        shown = f"{k}-{first}", f"{k}-{second}"
+        return Choice("P-1", HERE, HERE, f"{k}{first}{second}", "transitivity", *shown, chosen=shown[0], decision_s=1)
 
     answers = [choice("P-1", HERE, 99, "a")]
     answers += [probe(1, *pair) for pair in ("xy", "yz", "zx")]

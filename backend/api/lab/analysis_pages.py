@@ -32,7 +32,7 @@ from backend.api.core.dependencies import Db, House, house
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.jobs.process import ONE_THREAD, environment_of
-from backend.report.run import REPORT_FILE
+from backend.report.study_report import REPORT_FILE
 from backend.settings import Settings
 from backend.store.models import Participant, Session, Study
 from backend.store.models import Response as Answer

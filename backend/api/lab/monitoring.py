@@ -17,7 +17,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.analysis.choices import CHANCE_CIRCULAR, is_circular, whole_triads
-from backend.report.data import TRIAD
+from backend.report.study_data import TRIAD
 from backend.store.models import Event, Response, Session, Trial
 
 TOO_FAST_S = 0.5  # a choice between two seen drives in less was hardly a choice

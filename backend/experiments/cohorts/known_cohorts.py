@@ -1,6 +1,6 @@
 """Whether the analysis finds what was put into a cohort, and nothing that was not, counted over many cohorts.
 
-Everything here is simulated. Cohorts in which nothing differs, and power: `power.py`.
+Everything here is simulated. Cohorts in which nothing differs, and power: `simulated_power.py`.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections import Counter
 from itertools import combinations
 
-from backend.report.cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, made_up_study
+from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings
-from backend.report.plan import AnalysisPlan
-from backend.report.power import FEW_QUERIES, Rate, Tell, analysed, rate
+from backend.report.made_up_cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, made_up_study
+from backend.report.simulated_power import FEW_QUERIES, Rate, Tell, analysed, rate
 
 OTHER_ITEM = "any item in which nothing was put, corrected"
 OTHER_RANKING = "any ranking in which nothing was put, corrected"

@@ -1,7 +1,7 @@
 """How often ten Friedman tests find something where nothing differs, from more cohorts than the whole analysis bears.
 
-Only ratings, made and tested all at once; people are those of `cohorts.py`. Everything else that null cohorts are
-asked is `power.py`'s, which goes through the real analysis.
+Only ratings, made and tested all at once; people are those of `made_up_cohorts.py`. Everything else that null cohorts
+are asked is `simulated_power.py`'s, which goes through the real analysis.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from backend.report.cohorts import CONDITIONS, ITEMS, PERSONAL_SHARE, as_rated
-from backend.report.power import Rate, rate
+from backend.report.made_up_cohorts import CONDITIONS, ITEMS, PERSONAL_SHARE, as_rated
+from backend.report.simulated_power import Rate, rate
 
 Doubles = NDArray[np.float64]
 AT_ONCE = 500  # cohorts; bounds memory
@@ -33,7 +33,7 @@ def null_family(cohorts: int, participants: int, *, seed: int = 0, alpha: float 
 
 
 def friedman_p(ratings: NDArray[np.int64]) -> Doubles:
-    """p (...) of Friedman's tests of ratings (..., people, conditions), ties corrected, as in `analysis.repeated`."""
+    """p (...) of Friedman's tests of ratings (..., people, conditions), ties corrected, as `analysis` has them."""
     n, k = ratings.shape[-2:]
     one, other = ratings[..., :, None], ratings[..., None, :]
     equal = (one == other).sum(axis=-1)  # oneself included

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from backend.analysis.statistics import TTest
+from backend.analysis.t_tests import TTest
 from backend.analysis.tested import told_p
 from backend.experiments.reproduction import thesis
 from backend.experiments.reproduction.enquery import MODELS, RECIPES, SOURCES, TEST_SETS, Plan, query_seed

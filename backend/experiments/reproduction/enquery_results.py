@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.statistics import TTest, student_t, student_t_against
+from backend.analysis.t_tests import TTest, student_t, student_t_against
 from backend.analysis.tested import holm, mean_of
 from backend.experiments.reproduction import thesis
 from backend.experiments.reproduction.enquery import CONDITIONS, MODELS, SOURCES, TEST_SETS, Plan

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from backend.report.plan import AnalysisPlan
+from backend.report.analysis_plan import AnalysisPlan
 from backend.study.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
 from backend.study.protocol.stages import StageEntry
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from backend.learning.preferences.oracles import ALWAYS_RIGHT, Habits, Oracle, make_oracle
 from backend.learning.queries.queries import Query
-from backend.report.cohorts import Cohort, MadeUpPerson
+from backend.report.made_up_cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 from backend.study.grammar.skipping import ItemWhen
@@ -91,7 +91,7 @@ class Character:
 
     def check(self) -> None:
         """Raises LearningError for an unknown oracle or habits that cannot be."""
-        for name in {*self.oracle.split(","), *(self.cohort.tastes.values() if self.cohort else ())}:
+        for name in {*self.oracle.split(","), *(self.cohort.preferences.values() if self.cohort else ())}:
             make_oracle(name, **asdict(self.habits), seed=self.seed)
 
     def taste(self, number: int) -> str:
@@ -203,7 +203,7 @@ class Bot:
         self._person = character.cohort.person(number) if character.cohort else None
         stream = int(self._random.integers(2**31))
         self._usual = character.taste(number)
-        names = {self._usual, *(character.cohort.tastes.values() if character.cohort else ())}
+        names = {self._usual, *(character.cohort.preferences.values() if character.cohort else ())}
         habits = asdict(character.habits)
         self._oracles: dict[str, Oracle] = {name: make_oracle(name, **habits, seed=stream) for name in names}
         self._style, self._number = character.style, number
@@ -276,7 +276,7 @@ class Bot:
     def _choice(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> int:
         """The taste's, then what the cohort makes of it. 0 for A, 1 for B."""
         condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
-        taste = self._cohort.tastes.get(condition, self._usual) if self._cohort else self._usual
+        taste = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
         choice = self._oracles[taste].choose(Query(a.scene, a, b, (0, 1)))
         if self._person is None or step["kind"] == "comparison":
             return choice

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.analysis.repeated import friedman
+from backend.analysis.repeated_measures import friedman
 from backend.experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
 from backend.experiments.cohorts.null_ratings import friedman_p, null_family
-from backend.report.cohorts import (
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.findings import Findings
+from backend.report.made_up_cohorts import (
     CONDITIONS,
     ITEMS,
     RANKINGS,
@@ -21,9 +23,7 @@ from backend.report.cohorts import (
     made_up_study,
     read_cohort,
 )
-from backend.report.findings import Findings
-from backend.report.plan import AnalysisPlan
-from backend.report.power import COMPARISONS, Assumed, Design, analysed, enough, null_cohorts, power
+from backend.report.simulated_power import COMPARISONS, Assumed, PlannedDesign, analysed, enough, null_cohorts, power
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 1.5}, "boredom": {"first_person": 1.5}},
@@ -67,7 +67,7 @@ def test_people_agree_with_themselves_as_often_as_was_stated(found: Findings) ->
 
 def test_agreement_between_conditions_follows_from_the_consistencies(found: Findings) -> None:
     """Answers stray with chance e = (1 - sqrt(2 c - 1)) / 2; two agree if neither or both do."""
-    stray = {name: DIFFERENT.mistakes(name) for name in CONDITIONS}
+    stray = {name: DIFFERENT.lapse_rate(name) for name in CONDITIONS}
     for (first, second), of in found.between.items():
         a, b = stray[first], stray[second]
         assert of.share.mean == pytest.approx((1 - a) * (1 - b) + a * b, abs=0.03)
@@ -79,7 +79,7 @@ def test_the_own_policy_is_found_to_be_preferred(found: Findings) -> None:
     assert found.personalised[0].share.mean == pytest.approx(0.8, abs=0.08)
 
 
-def test_a_habit_of_taking_the_second_drive_shows_in_kappa_not_in_agreement() -> None:
+def test_a_habit_of_taking_the_second_trajectory_shows_in_kappa_not_in_agreement() -> None:
     habit = analysed(made_up_study(Cohort(second_shown=0.9, steady=0.5), 20), AnalysisPlan())
     of = habit.between["first_person", "immersive"]
     assert of.share.mean > 0.8
@@ -121,7 +121,7 @@ def test_ratings_alone_are_tested_as_the_analysis_tests_them() -> None:
 
 
 def test_more_people_more_power() -> None:
-    design = Design(CONDITIONS, ("ease", "fun"), ("usefulness",), queries=5, comparisons=3)
+    design = PlannedDesign(CONDITIONS, ("ease", "fun"), ("usefulness",), queries=5, comparisons=3)
     few, many = power(design, Assumed("immersive", "fun", "usefulness", effect=0.8), (8, 40), cohorts=20)
     assert [one.test for one in few.rates] == [
         "Friedman, fun (over 2 items)", "Wilcoxon, against both others", "Chi-square, usefulness (over 1 ranking)",
@@ -137,7 +137,7 @@ def test_more_people_more_power() -> None:
 
 def test_a_condition_whose_name_holds_another_is_not_taken_for_it() -> None:
     """`view` differs from both others, which do not differ; the names of all three pairs hold the word `view`."""
-    design = Design(("view", "view_2", "view_3"), ("fun",), (), queries=1, comparisons=0)
+    design = PlannedDesign(("view", "view_2", "view_3"), ("fun",), (), queries=1, comparisons=0)
     (found,) = power(design, Assumed("view", "fun", "", effect=2.0), (40,), cohorts=5)
     assert {one.test: one.rate for one in found.rates}["Wilcoxon, against both others"] == 1.0
 
@@ -163,3 +163,9 @@ def test_a_cohort_that_cannot_be_is_refused(tmp_path: Path, text: str, named: st
     file.write_text(text)
     with pytest.raises(CohortError, match=named):
         read_cohort(file)
+
+
+def test_a_cohort_file_of_before_is_read(tmp_path: Path) -> None:
+    file = tmp_path / "cohort.yaml"
+    file.write_text("tastes: {top_down: shortest}\n")
+    assert read_cohort(file) == Cohort(preferences={"top_down": "shortest"})

@@ -12,11 +12,11 @@ from typing import Any
 from backend.analysis.scales import Scale
 from backend.analysis.tested import Tested
 from backend.explain.printed import page
-from backend.report.data import Load, StudyData
+from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, Who, analyse, device_words
-from backend.report.plan import AnalysisPlan
-from backend.report.policies import PolicyRow, policies_section
-from backend.report.words import brief, every_test, facts, sections
+from backend.report.policy_table import PolicyRow, policies_section
+from backend.report.report_text import brief, every_test, facts, sections
+from backend.report.study_data import Load, StudyData
 
 REPORT_FILE = "report.html"
 TESTS_FILE = "tests.csv"
@@ -43,7 +43,7 @@ def write_study_report(
     Raises NothingToReport if nobody of `who` has answers that count.
     """
     from backend.explain.pictures import write_csv  # loads matplotlib, which is slow
-    from backend.report.figures import pictures
+    from backend.report.report_figures import pictures
 
     found = analyse(data, load, who, plan)
     out.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ def _row(test: Tested, alpha: float) -> dict[str, object]:
 
 
 def answer_rows(data: StudyData, found: Findings) -> list[dict[str, object]]:
-    """Every answer to a query of those analysed, learning trials and probes marked, with view and device."""
+    """Every answer to a query of those analysed, practice trials and probes marked, with view and device."""
     people = {one.code: one for one in data.people if one.code in found.analysed}
     return [
         {

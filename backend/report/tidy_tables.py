@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import Scale, frozen_items, frozen_scale
-from backend.report.data import Choice, Comparison, ItemText, Load, Person, Rating, StudyData
+from backend.report.study_data import Choice, Comparison, ItemText, Load, ParticipantRow, Rating, StudyData
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
 from backend.store.importing import read_dataset
@@ -70,7 +70,7 @@ def tidy(
     sessions: dict[str, list[Row]] = defaultdict(list)
     for row in sorted(tables["sessions"], key=lambda row: row["created_at"]):
         sessions[row["participant"]].append(row)
-    # a choice whose time was over names no drive
+    # a choice whose time was over names no trajectory
     answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and row["choice"] in ("a", "b")}
     trials = [row for row in tables["trials"] if row["trial"] in answers]
     items = list(_items(files))
@@ -94,14 +94,14 @@ def tidy(
     )
 
 
-def _person(row: Row, sessions: Sequence[Row]) -> Person:
+def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:
     last: Row = sessions[-1] if sessions else {}
     order: list[str] = []
     for session in sessions:
         for step in session["plan"]:
             if step.get("block") and step["block"] not in order:
                 order.append(step["block"])
-    return Person(
+    return ParticipantRow(
         code=row["participant"],
         simulated=row["simulated"],
         excluded=(row["excluded_reason"] or "no reason given") if row["excluded"] else None,

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from backend.analysis.choices import CHANCE_CIRCULAR
 from backend.analysis.tested import Mean, Tested, told_p
 from backend.explain.printed import Section, Table, shown_picture
-from backend.report.chosen import Agreement
+from backend.report.analysis_plan import METRICS
+from backend.report.choice_findings import Agreement
 from backend.report.findings import Findings
-from backend.report.plan import METRICS
 
 if TYPE_CHECKING:
     from backend.explain.pictures import Picture
@@ -249,7 +249,7 @@ def _agreement(found: Findings) -> Section:
         ]
         caption = (
             "Circular triads: of three trajectories compared in all three pairs, A was chosen over B, B over C and C "
-            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, a taste that orders them none."
+            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, an order of preference none."
         )
         shares = "share of a person's, mean, 95 % interval"
         tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], told))
@@ -316,7 +316,7 @@ def _personalised(found: Findings) -> Section:
             told.append("The own policy is preferred to one that another participant's answers made: it is personal.")
     alike = sum(one.look_alike for one in found.personalised)
     if alike:
-        told.append(f"{alike} of the comparisons showed drives that look alike; they are counted.")
+        told.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
     told.append(
         "Sign tests over people: a person counts once, for the policy chosen more often; answers of one person depend "
         "on each other."

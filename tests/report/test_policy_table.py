@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from backend.learning.policies.evaluate import evaluate_policy
 from backend.learning.policies.shipped import load_policy
-from backend.report.policies import BASE, MEANS, PERCENT, PolicyRow, policies_section
+from backend.report.policy_table import BASE, MEANS, PERCENT, PolicyRow, policies_section
 
 
 def test_the_table_holds_every_number_with_its_interval() -> None:

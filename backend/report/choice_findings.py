@@ -1,7 +1,7 @@
 """What was chosen: agreement between and within conditions, circular triads, what changes where choices differ, the own
 policy against others. Pure.
 
-What was rated is `rated.py`'s, everything together `findings.py`'s.
+What was rated is `rating_findings.py`'s, everything together `findings.py`'s.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from backend.analysis.choices import (
 )
 from backend.analysis.metrics import measure
 from backend.analysis.tested import Mean, Tested, corrected, mean_of
-from backend.report.data import PROBES, TRIAD, Choice, Comparison, Load
-from backend.report.plan import AnalysisPlan, Metric
+from backend.report.analysis_plan import AnalysisPlan, Metric
+from backend.report.study_data import PROBES, TRIAD, Choice, Comparison, Load
 
 Pair = tuple[str, str]
 
@@ -56,8 +56,8 @@ class OfCondition:
 
 @dataclass(frozen=True)
 class Triads:
-    """Scenes of which three drives were compared in all three pairs. circular: A over B over C over A, which no order
-    of preference allows. share: circular ones of a person's, over people."""
+    """Scenes of which three trajectories were compared in all three pairs. circular: A over B over C over A, which no
+    order of preference allows. share: circular ones of a person's, over people."""
 
     triads: int
     circular: int
@@ -149,7 +149,7 @@ def disagreement(
     """Where a choice flips from one condition to another: the preferred trajectory there minus the one here.
 
     z-scored over all trajectories that the person was shown, averaged within people, then over them (thesis 7.4.4.2).
-    Descriptive: what the two drives of a query differ in was made, not observed.
+    Descriptive: what the two trajectories of a query differ in was made, not observed.
     """
     transitions = list(combinations(conditions, 2))
     shown = sorted({trajectory for one in regular for trajectory in (one.first, one.second)})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.repeated import friedman, pairs_of, wilcoxon
+from backend.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from backend.analysis.tested import corrected
 
 # Hollander & Wolfe (1973), p. 140: seconds of 22 baseball players rounding first base in three ways; the example of R's

@@ -15,11 +15,11 @@ from matplotlib.axes import Axes
 from backend.analysis.tested import Mean
 from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
-from backend.report.chosen import Pair
+from backend.report.analysis_plan import METRICS
+from backend.report.choice_findings import Pair
 from backend.report.findings import Findings
-from backend.report.plan import METRICS
-from backend.report.power import WANTED, Assumed, Power
-from backend.report.rated import ItemResult
+from backend.report.rating_findings import ItemResult
+from backend.report.simulated_power import WANTED, Assumed, Power
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
 BAR = 0.26

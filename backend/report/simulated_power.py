@@ -1,6 +1,6 @@
 """How often the analysis finds what a cohort was made with: power before recruiting, false findings of null cohorts.
 
-Everything here is simulated: people are made up (`cohorts.py`), data sets of them are analysed as real ones are.
+Everything here is simulated: people are made up (`made_up_cohorts.py`), studies of them are analysed as real ones are.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from backend.analysis.repeated import pairs_of
+from backend.analysis.repeated_measures import pairs_of
 from backend.learning.policies.evaluate import wilson
-from backend.report.cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, made_up_study
-from backend.report.data import StudyData
+from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, analyse
-from backend.report.plan import AnalysisPlan
+from backend.report.made_up_cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, made_up_study
+from backend.report.study_data import StudyData
 
 Tell = Callable[[float], None]
 FEW_QUERIES = 2  # of null cohorts: what is tested there are ratings, rankings and comparisons
@@ -43,15 +43,15 @@ def rate(test: str, found: int, n: int) -> Rate:
     return Rate(test, found, n, found / n, estimate.low, estimate.high)
 
 
-def no_drives(trajectory: str) -> Any:
-    """Made-up studies have no drives; their plans ask for no metrics."""
-    raise LookupError(f"trajectory {trajectory!r}: made-up people saw no drives")
+def no_trajectories(trajectory: str) -> Any:
+    """Made-up studies have no trajectories; their plans ask for no metrics."""
+    raise LookupError(f"trajectory {trajectory!r}: made-up people saw none")
 
 
 def analysed(data: StudyData, plan: AnalysisPlan) -> Findings:
-    """The analysis of a made-up study, as of a real one, without what needs drives. It has no other questionnaires."""
+    """A made-up study's analysis, as a real one's, without what needs trajectories. It has no other questionnaires."""
     return analyse(
-        data, no_drives, "simulated", plan.model_copy(update={"metrics": (), "items": None, "ranking": None})
+        data, no_trajectories, "simulated", plan.model_copy(update={"metrics": (), "items": None, "ranking": None})
     )
 
 
@@ -150,7 +150,7 @@ class Assumed:
 
 
 @dataclass(frozen=True)
-class Design:
+class PlannedDesign:
     """What of a study the power depends on, read from its protocol."""
 
     conditions: tuple[str, ...]
@@ -194,7 +194,7 @@ class Power:
 
 
 def power(
-    design: Design,
+    design: PlannedDesign,
     assumed: Assumed,
     participants: Iterable[int],
     *,
@@ -229,7 +229,7 @@ def _over(number: int, what: str) -> str:
     return f"(over {number} {what}{'s' if number != 1 else ''})"
 
 
-def _power_tests(design: Design, assumed: Assumed) -> list[str]:
+def _power_tests(design: PlannedDesign, assumed: Assumed) -> list[str]:
     tests = []
     if design.items and len(design.conditions) > 2:
         tests += [f"Friedman, {assumed.item} {_over(len(design.items), 'item')}", "Wilcoxon, against both others"]

@@ -1,6 +1,6 @@
 """A study as tidy rows, ready to be analysed: who took part, what they chose, rated, ranked. Pure.
 
-Where the rows come from (a data set on disk, this installation's tables) is `reading.py`'s.
+Where the rows come from (a data set on disk, this installation's tables) is `tidy_tables.py`'s.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from backend.analysis.scales import Scale
 from backend.simulation.trajectory import Trajectory
 
 PROBES = ("repeat", "swap")  # roles of queries that are asked again
-TRIAD = "transitivity"  # role of the three pairs of three drives
+TRIAD = "transitivity"  # role of the three pairs of three trajectories
 Load = Callable[[str], Trajectory]
 """A trajectory by its id."""
 
 
 @dataclass(frozen=True)
-class Person:
+class ParticipantRow:
     """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came."""
 
     code: str
@@ -106,7 +106,7 @@ class StudyData:
     protocol: Mapping[str, Any]
     protocol_hash: str
     items: Sequence[ItemText]
-    people: Sequence[Person]
+    people: Sequence[ParticipantRow]
     choices: Sequence[Choice]
     ratings: Sequence[Rating]
     comparisons: Sequence[Comparison]

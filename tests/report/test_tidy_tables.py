@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import yaml
 
 from backend.analysis.scales import SCALES
-from backend.report.reading import tidy
+from backend.report.tidy_tables import tidy
 
 FILES = {
     "questionnaires/usability.yaml": yaml.safe_dump({"title": {"en": "Usability"}, "blocks": [{"scale": "sus"}]}),

@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
-from backend.report.data import Choice, Comparison, Person, Rating, StudyData
+from backend.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
 
 PERSONAL_SHARE = 0.4  # ours: share of a rating's variance that belongs to the person
 ALIKE = 4.0  # ours: of the beta distribution of people's shares; small: people differ much
@@ -43,16 +43,16 @@ class Cohort:
     ratings: item -> condition -> shift in standard deviations of the ratings behind the scale's steps (people and
     moments together have 1). first_choice: ranking -> condition -> share of people who put it first; the others share
     the rest. consistency: condition -> chance of the same answer when the same query is asked again; missing: `steady`.
-    tastes: condition -> oracle whose taste decides, where it is not everybody's own. second_shown: chance that the
-    second drive is taken whatever is asked. own: mean chance that the own policy is preferred to another; only of data
-    sets made here, since bots that see drives decide by their taste.
+    preferences: condition -> oracle whose preference decides, where it is not everybody's own (`tastes` in files of
+    before). second_shown: chance that the second trajectory is taken whatever is asked. own: mean chance that the own
+    policy is preferred to another; only of data sets made here, since bots that see rollouts decide by preference.
     """
 
     ratings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     first_choice: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     consistency: Mapping[str, float] = field(default_factory=dict)
     steady: float = 0.8  # ours
-    tastes: Mapping[str, str] = field(default_factory=dict)
+    preferences: Mapping[str, str] = field(default_factory=dict)
     second_shown: float = 0.0
     own: float = 0.5
     seed: int = 0
@@ -78,7 +78,7 @@ class Cohort:
         """The made-up person of that number."""
         return MadeUpPerson(self, number)
 
-    def mistakes(self, condition: str) -> float:
+    def lapse_rate(self, condition: str) -> float:
         """Chance that one answer is not what the person would usually say: c = (1 - e)^2 + e^2, solved for e."""
         return (1 - math.sqrt(2 * self.consistency.get(condition, self.steady) - 1)) / 2
 
@@ -87,7 +87,7 @@ VIEWS_DIFFER = Cohort(
     ratings={"fun": {"immersive": 1.2}, "mental_effort": {"first_person": 1.2}},
     first_choice={"usefulness": {"top_down": 0.75}},
     consistency={"top_down": 0.95, "first_person": 0.9, "immersive": 0.9},
-    tastes={"top_down": "shortest", "first_person": "smoothest", "immersive": "min-human-distance"},
+    preferences={"top_down": "shortest", "first_person": "smoothest", "immersive": "min-human-distance"},
 )
 """People whose views differ by construction."""
 
@@ -122,23 +122,23 @@ class MadeUpPerson:
         given, names = self.cohort.first_choice.get(ranking, {}), sorted(options)
         rest = (1 - sum(given.values())) / max(1, sum(name not in given for name in names))
         shares = np.array([given.get(name, rest) for name in names])
-        worth = np.log(shares) + self._random("ranking", ranking).gumbel(size=len(names))
-        return [names[k] for k in np.argsort(-worth)]
+        utility = np.log(shares) + self._random("ranking", ranking).gumbel(size=len(names))
+        return [names[k] for k in np.argsort(-utility)]
 
     def slips(self, condition: str, query: str, role: str) -> bool:
         """Whether this answer is not what the person would usually say."""
-        return bool(self._random("slip", condition, query, role).random() < self.cohort.mistakes(condition))
+        return bool(self._random("slip", condition, query, role).random() < self.cohort.lapse_rate(condition))
 
     def takes_second(self, condition: str, query: str, role: str) -> bool:
-        """Whether the second drive is taken whatever it is."""
+        """Whether the second trajectory is taken whatever it is."""
         return bool(self._random("second", condition, query, role).random() < self.cohort.second_shown)
 
     def usual(self, query: str) -> int:
-        """Which of a query's two drives the person usually prefers where no taste decides: 0 or 1."""
+        """Which of a query's two trajectories the person usually prefers where no oracle decides: 0 or 1."""
         return int(self._random("usual", query).integers(2))
 
     def prefers_own(self, scene: str, against: str) -> bool:
-        """Whether the own policy's drive is preferred in this comparison. People differ in how much they like theirs,
+        """Whether the own policy's rollout is preferred in this comparison. People differ in how much they like theirs,
         so that answers of one person depend on each other."""
         share = self.cohort.own
         if 0 < share < 1:
@@ -163,15 +163,15 @@ def made_up_study(
     """A data set of the cohort's people `first`, `first` + 1, ..., as the interface study would leave it.
 
     repeats: queries asked again in every condition. comparisons: so many of the own policy against each opponent.
-    Drives have names only, so nothing that measures them can be computed.
+    Trajectories have names only, so nothing that measures them can be computed.
     """
-    people: list[Person] = []
+    people: list[ParticipantRow] = []
     choices: list[Choice] = []
     ratings: list[Rating] = []
     compared: list[Comparison] = []
     for number in range(first, first + participants):
         made_up, code = cohort.person(number), f"S{number + 1:03d}"
-        people.append(Person(code, True, None, False, "completed", tuple(conditions)))
+        people.append(ParticipantRow(code, True, None, False, "completed", tuple(conditions)))
         for condition in conditions:
             ratings += [Rating(code, condition, "interface_items", i, made_up.rate(i, condition)) for i in items]
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
@@ -185,17 +185,19 @@ def made_up_study(
 
 
 def _choice(person: MadeUpPerson, code: str, condition: str, role: str, query: str) -> Choice:
-    drives = f"{query}-a", f"{query}-b"
+    shown = f"{query}-a", f"{query}-b"
     prefers = person.usual(query) ^ person.slips(condition, query, role)
     if person.takes_second(condition, query, role):
         prefers = 1
-    return Choice(code, condition, condition, query, role, *drives, chosen=drives[prefers], decision_s=None)
+    return Choice(code, condition, condition, query, role, *shown, chosen=shown[prefers], decision_s=None)
 
 
 def read_cohort(file: Path) -> Cohort:
     """A cohort written as YAML, its keys those of `Cohort`. Raises CohortError naming what cannot be."""
     try:
         given = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+        if "tastes" in given:  # the name of before
+            given["preferences"] = given.pop("tastes")
         return Cohort(**given)
     except (OSError, yaml.YAMLError) as problem:
         raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None

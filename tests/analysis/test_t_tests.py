@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from backend.analysis.statistics import student_t, student_t_against
+from backend.analysis.t_tests import student_t, student_t_against
 from backend.analysis.tested import holm, mean_of
 
 # Student (1908), "The probable error of a mean": additional hours of sleep by two drugs, ten patients each; the values

@@ -2,7 +2,7 @@
 the real analysis finds what was assumed.
 
 The bots show that the study runs and that its tables hold what they answered; then only the answers matter, which the
-cohorts of `report/power.py` give alike, and hundreds of cohorts cost no walk.
+cohorts of `report/simulated_power.py` give alike, and hundreds of cohorts cost no walk.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from backend.report.cohorts import Cohort
-from backend.report.data import StudyData
+from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, analyse
-from backend.report.plan import AnalysisPlan
-from backend.report.power import Assumed, Design, Power, enough, power
-from backend.report.reading import read_study
+from backend.report.made_up_cohorts import Cohort
+from backend.report.simulated_power import Assumed, PlannedDesign, Power, enough, power
+from backend.report.study_data import StudyData
+from backend.report.tidy_tables import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.study.protocol.freezing import FrozenProtocol
@@ -35,7 +35,7 @@ class PowerError(ValueError):
 class PlannedPower:
     """What was found. walked: bots in the real state machine, and what they left."""
 
-    design: Design
+    design: PlannedDesign
     assumed: Assumed
     plan: AnalysisPlan
     walked: dict[str, Any]
@@ -83,7 +83,7 @@ def plan_power(
     base = Cohort(steady=consistency, seed=seed)  # what conditions, items and rankings there are, only a session tells
     tell(f"{walk} bots walk through the study")
     data, found, walked = _walked(frozen, base, walk)
-    design = design_of(data, found, frozen)
+    design = planned_design(data, found, frozen)
     _check_same(design, base, data)
     assumed = Assumed(
         condition=_known("condition", condition, design.conditions, -1),
@@ -117,10 +117,10 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
     return data, found, {name: told[name] for name in ("participants", "completed", "responses")}
 
 
-def design_of(data: StudyData, found: Findings, frozen: FrozenProtocol) -> Design:
+def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
     """What a walked study asked: conditions, items rated under each of them, rankings, queries, comparisons."""
     comparison = next((entry.comparison for entry in frozen.protocol.stages if entry.comparison), None)
-    return Design(
+    return PlannedDesign(
         conditions=tuple(found.conditions),
         items=tuple(one.item.key for one in found.items),
         rankings=tuple(one.item.key for one in found.rankings),
@@ -132,7 +132,7 @@ def design_of(data: StudyData, found: Findings, frozen: FrozenProtocol) -> Desig
     )
 
 
-def _check_same(design: Design, cohort: Cohort, data: StudyData) -> None:
+def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
     """The state machine must have stored what the cohorts assume it does."""
     made_up = design.study(cohort, len(data.people), 0)
     asked = {(one.item, one.condition) for one in made_up.ratings}

@@ -1,6 +1,6 @@
 """What was rated, ranked and asked once: tests per item and ranking, scores of validated scales, demographics. Pure.
 
-What was chosen is `chosen.py`'s, everything together `findings.py`'s.
+What was chosen is `choice_findings.py`'s, everything together `findings.py`'s.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.analysis.choices import equal_first_choices, first_choice_pairs
-from backend.analysis.repeated import friedman, pairs_of
+from backend.analysis.repeated_measures import friedman, pairs_of
 from backend.analysis.scales import Scale
 from backend.analysis.tested import Mean, Tested, corrected, mean_of
-from backend.report.data import ItemText, Rating, StudyData
-from backend.report.plan import AnalysisPlan
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.study_data import ItemText, Rating, StudyData
 
 
 @dataclass(frozen=True)
