@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from backend.api.application import create_application
 from backend.api.core.dependencies import House
-from backend.commands.loopback import free_port_pair
+from backend.experiments.loopback import free_port_pair
 from backend.store.models import Study
 from backend.study.session.joining import join_study
 from tests.api.lab_house import NAME, PASSWORD, Walked

@@ -12,7 +12,7 @@ from typing import Any
 
 from app.paper import Paper
 from app.stage import Stage
-from backend.commands.browser_way import chromium
+from backend.experiments.browser.client import chromium
 from backend.simulation.demonstration_scenes import demonstration_scene
 from tests.app.stage_house import StageHouse, Visitor
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from backend.api.application import create_application
 from backend.api.core.dependencies import House
 from backend.cli import app
-from backend.commands.loopback import free_port_pair
+from backend.experiments.loopback import free_port_pair
 
 
 def start(data: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, House]:

@@ -20,7 +20,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
 from backend.api.core.dependencies import House
-from backend.commands.loopback import free_port_pair
+from backend.experiments.loopback import free_port_pair
 from backend.settings import Settings
 from backend.store.models import Event, ProblemReport, Response, Session
 from backend.study.protocol.freezing import freeze

@@ -21,7 +21,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_house, create_application
 from backend.api.core.dependencies import House
-from backend.commands.loopback import free_port_pair
+from backend.experiments.loopback import free_port_pair
 from backend.learning.policies.shipped import load_queries
 from backend.learning.queries.queries import QuerySet
 from backend.settings import Settings
