@@ -1,4 +1,4 @@
-"""Shipped policies with their cards: base, ensemble, conditioned. How each is trained lives in `backend.learning.td3`."""
+"""Shipped policies with their cards: base, ensemble, conditioned. Training itself lives in `backend.learning.td3`."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ SHIPPED_QUERIES = 200
 LONGEST_SHOWN_S = {
     "study_room": 12.0,
     "open_field": 20.0,
-}  # of a trajectory in a varied query; the field's robot is slow
+}  # of a varied query; the field's robot is slow
 
 
 def ship_queries(
