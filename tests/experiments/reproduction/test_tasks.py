@@ -92,7 +92,7 @@ def test_no_process_means_nothing_to_do_it(work: Work) -> None:
 KILLED = """
     import time
     from pathlib import Path
-    from backend.reproduction.tasks import Made, Piece, Work, finish
+    from backend.experiments.reproduction.tasks import Made, Piece, Work, finish
 
     def quick(params, needs):
         return Made({}, {})
