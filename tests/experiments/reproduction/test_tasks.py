@@ -113,7 +113,7 @@ KILLED = """
 def test_after_kill_9_finished_pieces_are_there_the_workers_end_and_the_folder_is_free(tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(textwrap.dedent(KILLED))
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     process = subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": str(root)})
     work = Work(tmp_path / "work")
     try:
