@@ -14,8 +14,9 @@ import structlog
 import uvicorn
 
 from app.server import StageServer
-from backend.api.application import create_application, create_stage_application
-from backend.api.core.dependencies import Services
+from backend.api.application import create_application
+from backend.api.core.dependencies import House
+from backend.api.stage.stage_bridge import StageBridge, create_stage_application
 from backend.jobs.process import start_worker
 from backend.settings import Settings
 from backend.study.personalising import next_query
@@ -49,24 +50,26 @@ def check_ports(settings: Settings) -> None:
                 ) from None
 
 
-def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> None:
+def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
     """Serve until SIGINT or SIGTERM, then stop in order. A worker that dies is started again."""
-    settings = services.settings
+    settings = house.settings
     check_ports(settings)
-    stages = services.presenter.server = StageServer(port=0, on_connect=services.presenter.on_connect)
-    pages = create_application(services)
-    door = create_stage_application(services)
-    threading.Thread(target=_prepare, args=(services,), daemon=True).start()
+    bridge = StageBridge(house)
+    house.stage = StageServer(port=0, on_connect=bridge.on_connect)
+    house.extras["bridge"] = bridge
+    pages = create_application(house)
+    stage = create_stage_application(house, bridge)
+    threading.Thread(target=_prepare, args=(house,), daemon=True).start()
     try:
         with asyncio.Runner(loop_factory=uvicorn.Config(pages).get_loop_factory()) as runner:
-            runner.run(_serve(settings, pages, door, on_ready))
+            runner.run(_serve(settings, pages, stage, on_ready))
     finally:
-        stages.stop()
+        house.stage.stop()
 
 
-def _prepare(services: Services) -> None:
+def _prepare(house: House) -> None:
     try:
-        next_query.prepare(services.database, services.files)
+        next_query.prepare(house.database, house.files)
     except Exception:
         log.exception("the open studies' queries could not be measured; their sessions will say why")
 

@@ -164,7 +164,7 @@ def placeholders(text: str) -> frozenset[str]:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    read = yaml.safe_load(file.read_text(encoding="utf-8"))
+    read = yaml.load(file.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
     if not isinstance(read, dict):
         raise TextError(f"{file}: a catalogue is a mapping of keys to texts, found {type(read).__name__}")
     return {str(name): entry for name, entry in read.items()}

@@ -19,7 +19,7 @@ from backend.study.grammar.questionnaires import Questionnaire
 from backend.study.grammar.source import Problem, ProtocolError, Source
 from backend.study.protocol.checking import problems_across
 from backend.study.protocol.named import all_questionnaires, all_texts
-from backend.study.protocol.reading import Read, Reader
+from backend.study.protocol.reading import Read, Reader, checked_length, checked_size
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import ConsentStage
 from backend.study.protocol.texts import filled, local, variant
@@ -142,8 +142,8 @@ def shipped_protocols() -> list[Path]:
 
 
 def _frozen(text: str, file: str, read: Read) -> FrozenProtocol:
-    source = Source(file, text)
-    protocol = parsed(source, Protocol)
+    source = checked_size(Source(file, text))
+    protocol = checked_length(parsed(source, Protocol), source)
     reader = Reader(protocol, source, read)
     problems = reader.language_problems()
     questionnaires: dict[str, Questionnaire] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Callable, Collection
 from dataclasses import asdict
@@ -19,8 +20,45 @@ from backend.study.protocol.schema import Protocol
 from backend.study.protocol.texts import text_numbers, variant
 
 _BRACES = re.compile(r"\{(\w+)\}")
+MOST_STAGES = 100  # (ours) the shipped ones have up to 10
+MOST_TRIALS = 2_000  # of one participant (ours): 40 hours
+MOST_CONDITIONS = 100  # cells of a block's crossing (ours)
+LARGEST_VERSION = 2**31 - 1  # what a column of whole numbers holds
 Read = Callable[[str], str | None]
 """Content of a file named relative to the protocol, None if there is none."""
+
+
+def checked_size(source: Source) -> Source:
+    """The file itself, where it has no more stages than can be checked while somebody waits. Raises ProtocolError."""
+    stages = source.value(("stages",))
+    if isinstance(stages, list) and len(stages) > MOST_STAGES:
+        told = f"has {len(stages):,} stages; a protocol has at most {MOST_STAGES}"
+        raise ProtocolError([source.problem(("stages", MOST_STAGES), told)])
+    version = source.value(("version",))
+    if isinstance(version, int) and version > LARGEST_VERSION:
+        raise ProtocolError([source.problem(("version",), f"must be at most {LARGEST_VERSION}")])
+    return source
+
+
+def checked_length(protocol: Protocol, source: Source) -> Protocol:
+    """The protocol, where it asks no more than a session can hold; before anything is planned. Raises ProtocolError."""
+    trials = 0
+    for index, entry in enumerate(protocol.stages):
+        block = entry.block
+        if block is None:
+            continue
+        here = ("stages", index, "block")
+        cells = {name: math.prod(map(len, (getattr(block, name) or {}).values())) for name in ("each", "one_of")}
+        for name, number in cells.items():
+            if number > MOST_CONDITIONS:
+                told = f"makes {number:,} conditions; a block has at most {MOST_CONDITIONS}"
+                raise ProtocolError([source.problem((*here, name), told)])
+        asked = sum(one.queries.count + one.queries.probes.trials for one in block.trials) + block.attention_checks
+        trials += cells["each"] * asked
+        if trials > MOST_TRIALS:
+            told = f"brings a participant to {trials:,} trials; a session has at most {MOST_TRIALS:,}"
+            raise ProtocolError([source.problem((*here, "trials"), told)])
+    return protocol
 
 
 class Reader:

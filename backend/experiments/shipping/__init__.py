@@ -1,1 +1,0 @@
-"""Making the shipped artefacts, each with a card that says how. Finding them: `learning/policies/shipped.py`."""
