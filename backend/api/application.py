@@ -9,21 +9,31 @@ from fastapi import FastAPI, Request
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp
 
-from backend.api.core.dependencies import House, route_of
+from backend.api.core.dependencies import Services, route_of
+from backend.api.core.figure_process import FigureProcess
 from backend.api.core.prose import prose
 from backend.api.core.texts import Texts
-from backend.api.core.throttle import TooLarge
+from backend.api.core.throttle import TooLarge, memory_limiter
+from backend.api.lab.analysis_pages import Reports
+from backend.api.participant.requests import refusal_page
+from backend.api.stage.admission import Admission
+from backend.api.stage.listening import Listeners
+from backend.api.stage.presenting import Presenter
+from backend.api.stage.replay_stages import ReplayStages
+from backend.api.stage.stage_proxy import StageDoor
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, check_writable
+from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 RETRY_AFTER_S = 2  # ours: told with a 503; the pages, bots and benchmarks wait as long and ask again
 log = structlog.get_logger("desirepath.web")
 
 
-def build_house(settings: Settings) -> House:
+def build_services(settings: Settings) -> Services:
     """Open data folder, database (migrated) and artefact store. Raises StorageError with what to do about it."""
     check_writable(settings.data)
     database = Database(settings.database)
@@ -31,17 +41,25 @@ def build_house(settings: Settings) -> House:
     templates = Jinja2Templates(FRONTEND / "templates")
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
     templates.env.filters["prose"] = prose
-    return House(
+    files, replays, listeners = ArtefactStore(settings.artefacts), ReplayStages(), Listeners()
+    return Services(
         settings=settings,
         database=database,
-        files=ArtefactStore(settings.artefacts),
+        files=files,
         texts=Texts(FRONTEND / "locales"),
         templates=templates,
+        limiter=memory_limiter(),
+        replays=replays,
+        figures=FigureProcess(),
+        reports=Reports(settings),
+        presenter=Presenter(database, files, replays, listeners),
+        listeners=listeners,
+        admission=Admission(settings, database, replays),
     )
 
 
-def create_application(house: House) -> FastAPI:
-    """The pages and their API. Everything a route needs hangs on `app.state.house`."""
+def create_application(services: Services) -> FastAPI:
+    """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
     from backend.api.analyst import routes
     from backend.api.core import auth
     from backend.api.core.guard import Guard, trouble
@@ -49,12 +67,12 @@ def create_application(house: House) -> FastAPI:
     from backend.api.participant import session_pages
 
     application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None)
-    application.state.house = house
+    application.state.services = services
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     for module in (session_pages, auth, study_pages, learnt_pages, routes):
         application.include_router(module.router)
-        for exception, handler in getattr(module, "exception_handlers", {}).items():
-            application.add_exception_handler(exception, handler)
+    for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():
+        application.add_exception_handler(exception, handler)
 
     @application.get("/", include_in_schema=False)
     def home() -> Response:
@@ -63,7 +81,7 @@ def create_application(house: House) -> FastAPI:
     @application.get("/health")
     def health() -> dict[str, str]:
         """For load balancers and containers."""
-        with house.database.session() as s:
+        with services.database.session() as s:
             s.connection().exec_driver_sql("SELECT 1")
         return {"status": "ok"}
 
@@ -84,3 +102,17 @@ def create_application(house: House) -> FastAPI:
 
     application.add_middleware(Guard)
     return application
+
+
+def create_stage_application(services: Services) -> ASGIApp:
+    """The door as an ASGI application of its own, for the stage's port."""
+    server, admission = services.presenter.server, services.admission
+    if server is None:
+        raise RuntimeError("the stage server has to be started before its door")
+    door = StageDoor(
+        admit=admission.admit,
+        upstream_url=server.upstream_url,
+        origins=admission.origins,
+        on_refused=admission.on_refused,
+    )
+    return door.asgi()

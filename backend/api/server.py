@@ -14,9 +14,8 @@ import structlog
 import uvicorn
 
 from app.server import StageServer
-from backend.api.application import create_application
-from backend.api.core.dependencies import House
-from backend.api.stage.stage_bridge import StageBridge, create_stage_application
+from backend.api.application import create_application, create_stage_application
+from backend.api.core.dependencies import Services
 from backend.jobs.process import start_worker
 from backend.settings import Settings
 from backend.study.personalising import next_query
@@ -50,26 +49,24 @@ def check_ports(settings: Settings) -> None:
                 ) from None
 
 
-def run(house: House, *, on_ready: Callable[[], None] | None = None) -> None:
+def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> None:
     """Serve until SIGINT or SIGTERM, then stop in order. A worker that dies is started again."""
-    settings = house.settings
+    settings = services.settings
     check_ports(settings)
-    bridge = StageBridge(house)
-    house.stage = StageServer(port=0, on_connect=bridge.on_connect)
-    house.extras["bridge"] = bridge
-    pages = create_application(house)
-    stage = create_stage_application(house, bridge)
-    threading.Thread(target=_prepare, args=(house,), daemon=True).start()
+    stages = services.presenter.server = StageServer(port=0, on_connect=services.presenter.on_connect)
+    pages = create_application(services)
+    door = create_stage_application(services)
+    threading.Thread(target=_prepare, args=(services,), daemon=True).start()
     try:
         with asyncio.Runner(loop_factory=uvicorn.Config(pages).get_loop_factory()) as runner:
-            runner.run(_serve(settings, pages, stage, on_ready))
+            runner.run(_serve(settings, pages, door, on_ready))
     finally:
-        house.stage.stop()
+        stages.stop()
 
 
-def _prepare(house: House) -> None:
+def _prepare(services: Services) -> None:
     try:
-        next_query.prepare(house.database, house.files)
+        next_query.prepare(services.database, services.files)
     except Exception:
         log.exception("the open studies' queries could not be measured; their sessions will say why")
 

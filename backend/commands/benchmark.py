@@ -67,7 +67,7 @@ def evaluate(
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds to drive many episodes at once, and to make one flow-field plot."""
-    from backend.commands.benchmark_evaluate import benchmark_evaluate
+    from backend.experiments.benchmarks.evaluation import benchmark_evaluate
 
     say(benchmark_evaluate(setup=setup, episodes=episodes), as_json)
 
@@ -129,7 +129,7 @@ def asking(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
-    from backend.experiments.asking_study import HABITS, AskingConfig, asking_study, summarise
+    from backend.experiments.asking import HABITS, AskingConfig, asking_study, summarise
     from backend.learning.policies.shipped import load_queries
     from backend.learning.preferences.oracles import TASTES
 
@@ -175,7 +175,7 @@ def wants(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
-    from backend.experiments.benchmarks.oracles_moved import WantsConfig, benchmark_wants
+    from backend.experiments.benchmarks.preferences import WantsConfig, benchmark_wants
     from backend.learning.policies.shipped import load_card, load_conditioned
     from backend.learning.preferences.oracles import TASTES
 
@@ -219,7 +219,7 @@ def serve(
     as_json: JsonFlag = False,
 ) -> None:
     """Many participants at once, each with a real websocket to the stage: is every acknowledged answer stored?"""
-    from backend.commands.benchmark_serve import benchmark_serve
+    from backend.experiments.benchmarks.serving import benchmark_serve
 
     say(benchmark_serve(sessions=sessions, answers=answers, pace_s=pace, during_alignment=during_alignment), as_json)
 
@@ -233,7 +233,7 @@ def finish(
     as_json: JsonFlag = False,
 ) -> None:
     """Everybody finishes at once: seconds from the last answer to each one's policy, and to its refinement."""
-    from backend.commands.benchmark_finish import benchmark_finish
+    from backend.experiments.benchmarks.finishing import benchmark_finish
 
     say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)
 
@@ -247,7 +247,7 @@ def study_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: chapter 7's study over HTTP, its report, its data set there and back; what was put in is found."""
-    from backend.commands.benchmark_study import benchmark_study
+    from backend.experiments.benchmarks.interface_study import benchmark_study
 
     result = benchmark_study(participants=participants, seed=seed, tell=lambda words: typer.echo(words, err=True))
     if out is not None:

@@ -12,7 +12,7 @@ from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.settings import get_settings
 
 if TYPE_CHECKING:
-    from backend.api.core.dependencies import House
+    from backend.api.core.dependencies import Services
 
 DEMO_PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMO_NAME = "Demo: how should the robot pass you?"
@@ -33,7 +33,7 @@ def serve(
     data: Annotated[Path | None, typer.Option(help="Folder for everything that is kept.")] = None,
 ) -> None:
     """Run the pages, the 3D stage and a background worker."""
-    from backend.api.application import build_house
+    from backend.api.application import build_services
     from backend.api.core.auth import ensure_first_user
     from backend.api.server import check_ports, run
     from backend.store.shipped import register_shipped
@@ -41,11 +41,11 @@ def serve(
     given = {"port": port, "host": host, "data": data}
     settings = get_settings().model_copy(update={k: v for k, v in given.items() if v is not None})
     check_ports(settings)
-    house = build_house(settings)
-    with house.database.transaction() as s:
-        register_shipped(s, house.files)
-    password = ensure_first_user(house.database)
-    link = _demo_link(house) if demo else None
+    services = build_services(settings)
+    with services.database.transaction() as s:
+        register_shipped(s, services.files)
+    password = ensure_first_user(services.database)
+    link = _demo_link(services) if demo else None
 
     def announce() -> None:
         here = (settings.public_url or f"http://{_shown(settings.host)}:{settings.port}").rstrip("/")
@@ -60,14 +60,14 @@ def serve(
             console.print("  (printed this once; change it after signing in)")
         console.print("  Stop with Ctrl+C.\n")
 
-    run(house, on_ready=announce)
+    run(services, on_ready=announce)
 
 
 def _shown(host: str) -> str:
     return "127.0.0.1" if host in ("0.0.0.0", "::") else host  # noqa: S104
 
 
-def _demo_link(house: House) -> str:
+def _demo_link(services: Services) -> str:
     """The demo study's recruiting link; the study is made on the first start."""
     from sqlalchemy import select
 
@@ -75,10 +75,10 @@ def _demo_link(house: House) -> str:
     from backend.study.protocol.freezing import freeze
     from backend.study.studies import create_study
 
-    with house.database.transaction() as s:
+    with services.database.transaction() as s:
         study = s.scalars(select(Study).where(Study.name == DEMO_NAME, Study.state == "open")).first()
         if study is None:
-            study = create_study(s, house.files, freeze(DEMO_PROTOCOL), name=DEMO_NAME, created_by=None)
+            study = create_study(s, services.files, freeze(DEMO_PROTOCOL), name=DEMO_NAME, created_by=None)
         return f"/join/{study.recruiting_token}"
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from backend.commands.loopback import loopback_server
 from backend.commands.output import (
     COMMAND_LINE,
     IndifferenceOption,
@@ -17,6 +16,7 @@ from backend.commands.output import (
     plain_errors,
     say,
 )
+from backend.experiments.loopback import loopback_server
 from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -144,7 +144,7 @@ def simulate(
         if not browser:
             say(simulate_study(base_url, token, participants, character), as_json)
             return
-        from backend.commands.browser_way import walk_with_browser
+        from backend.experiments.browser.client import walk_with_browser
 
         say(walk_with_browser(base_url, token, participants, browser, character, language, pictures), as_json)
 

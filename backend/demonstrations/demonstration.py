@@ -7,8 +7,6 @@ the same two give the same transitions, bit for bit.
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 from backend.demonstrations.stroke import Doubles, PathSpline, Stroke, StrokeProblem, fit_spline
 from backend.simulation import kernels as k
 from backend.simulation.fast import Floats, replay
+from backend.simulation.npz import from_npz, to_npz
 from backend.simulation.scene import Pose, Scene, SceneError
 from backend.simulation.scenes import scene_to_row
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, get_setup
@@ -71,30 +70,26 @@ class Demonstration:
             "seed": self.seed,
             "style": self.style,
         }
-        out = io.BytesIO()
-        np.savez_compressed(
-            out,
-            allow_pickle=False,
-            meta=np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8),
-            stroke_points=self.stroke.points,
-            stroke_speeds=self.stroke.speeds,
-            stroke_times_s=self.stroke.times_s,
-            spline_knots=self.spline.knots,
-            spline_coefficients=self.spline.coefficients,
-            speed_knots=self.spline.speed_knots,
-            speed_coefficients=self.spline.speed_coefficients,
-            commands=self.commands,
-            trajectory=np.frombuffer(self.trajectory.to_bytes(), dtype=np.uint8),
+        return to_npz(
+            meta,
+            {
+                "stroke_points": self.stroke.points,
+                "stroke_speeds": self.stroke.speeds,
+                "stroke_times_s": self.stroke.times_s,
+                "spline_knots": self.spline.knots,
+                "spline_coefficients": self.spline.coefficients,
+                "speed_knots": self.spline.speed_knots,
+                "speed_coefficients": self.spline.speed_coefficients,
+                "commands": self.commands,
+                "trajectory": np.frombuffer(self.trajectory.to_bytes(), dtype=np.uint8),
+            },
         )
-        return out.getvalue()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Demonstration:
         """Read `to_bytes` back, never unpickling. Raises ValueError for anything else."""
         try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-                arrays = dict(stored)
-            meta = json.loads(arrays["meta"].tobytes())
+            meta, arrays = from_npz(data)
             if meta["format"] != FORMAT:
                 raise ValueError(f"format {meta['format']!r}, what is read here is {FORMAT!r}")
             scene = Scene.from_dict(meta["drawn_in"])
@@ -113,7 +108,7 @@ class Demonstration:
                 seed=meta["seed"],
                 style=meta["style"],
             )
-        except (KeyError, OSError, EOFError, ValueError) as problem:
+        except (KeyError, TypeError, ValueError) as problem:
             raise ValueError(f"not a desirepath demonstration (.npz): {problem}") from None
 
     def save(self, path: Path) -> None:

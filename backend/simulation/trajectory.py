@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -12,9 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.simulation.npz import MIB, Bounds, from_npz, to_npz
 from backend.simulation.scene import Scene
 
 Floats = NDArray[np.float32]
+STORED = ("poses", "observations", "actions", "rewards", "next_observations", "dones")  # arrays, in the file's order
+BOUNDS = Bounds(arrays=20, header_bytes=4 * MIB, all_bytes=64 * MIB)  # the longest of any setup have less than 1 MiB
 
 
 class Outcome(IntEnum):
@@ -65,34 +66,22 @@ class Trajectory:
             "self_intersections": self.self_intersections,
             "dt": self.dt,
         }
-        out = io.BytesIO()
-        np.savez_compressed(
-            out,
-            meta=np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8),
-            poses=self.poses,
-            observations=self.observations,
-            actions=self.actions,
-            rewards=self.rewards,
-            next_observations=self.next_observations,
-            dones=self.dones,
-        )
-        return out.getvalue()
+        return to_npz(meta, {name: getattr(self, name) for name in STORED})
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Trajectory:
-        """Read `to_bytes` back. Never unpickles."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            meta = json.loads(arrays["meta"].tobytes())
+        """Read `to_bytes` back. Never unpickles. Raises ValueError for anything else."""
+        try:
+            meta, arrays = from_npz(data, BOUNDS)
             return cls(
                 scene=Scene.from_dict(meta["scene"]),
                 outcome=Outcome(meta["outcome"]),
                 self_intersections=meta["self_intersections"],
                 dt=meta["dt"],
-                **{
-                    name: arrays[name]
-                    for name in ("poses", "observations", "actions", "rewards", "next_observations", "dones")
-                },
+                **{name: arrays[name] for name in STORED},
             )
+        except (KeyError, TypeError, ValueError) as problem:
+            raise ValueError(f"not a desirepath trajectory (.npz): {problem}") from None
 
     def digest(self) -> str:
         """sha256 of `to_bytes`, the trajectory's identity in the store."""

@@ -1,19 +1,19 @@
-"""Fixtures that tests of this room share; they are made in `lab_house.py` and `participant_house.py`."""
+"""Fixtures that tests of this room share; they are made in `lab_services.py` and `participant_services.py`."""
 
-from tests.api.lab_house import as_role, lab, lab_house, new_house, visitor, walked, walked_house
-from tests.api.participant_house import client, furnished, house, link, token
+from tests.api.lab_services import as_role, fresh_data, lab, lab_services, visitor, walked, walked_services
+from tests.api.participant_services import client, furnished, link, services, token
 
 __all__ = [
     "as_role",
     "client",
+    "fresh_data",
     "furnished",
-    "house",
     "lab",
-    "lab_house",
+    "lab_services",
     "link",
-    "new_house",
+    "services",
     "token",
     "visitor",
     "walked",
-    "walked_house",
+    "walked_services",
 ]

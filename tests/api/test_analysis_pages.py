@@ -11,7 +11,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 from starlette.responses import Response
 
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.store.models import Participant, Study, utc_now
 
 PATIENCE_S = 120.0
@@ -27,12 +27,12 @@ def awaited(lab: TestClient, address: str) -> Response:
 
 
 @pytest.fixture
-def here(lab_house: House) -> str:
-    with lab_house.database.session() as s:
+def here(lab_services: Services) -> str:
+    with lab_services.database.session() as s:
         return f"/lab/studies/{s.scalars(select(Study.id)).one()}"
 
 
-def test_the_report_is_made_shown_and_taken_away(walked, lab, lab_house, here):
+def test_the_report_is_made_shown_and_taken_away(walked, lab, lab_services, here):
     assert f"{here}/analysis/people" in lab.get(f"{here}/report").text
     first = lab.get(f"{here}/analysis/people")
     assert "is being made" in first.text
@@ -46,7 +46,7 @@ def test_the_report_is_made_shown_and_taken_away(walked, lab, lab_house, here):
     assert {"report/report.html", "report/findings.json"} <= set(packed.namelist())
     assert lab.get(f"{here}/analysis/people/../../report.html").status_code == 404
     assert lab.get(f"{here}/analysis/everybody").status_code == 404
-    with lab_house.database.transaction() as s:  # what it was made from has changed: yesterday's report is not shown
+    with lab_services.database.transaction() as s:  # what it was made from has changed: yesterday's report is not shown
         s.execute(update(Participant).values(excluded_at=utc_now(), excluded_reason="test"))
     assert lab.get(f"{here}/analysis/people/report.zip").status_code == 404
 
@@ -57,5 +57,5 @@ def test_why_there_is_no_report_is_said(walked, lab, here):
     assert "none of them has a completed session" in page.text
 
 
-def test_the_report_needs_a_sign_in(visitor, lab_house):
+def test_the_report_needs_a_sign_in(visitor, lab_services):
     assert visitor.get("/lab/studies/1/analysis/people").status_code in (303, 401, 403)

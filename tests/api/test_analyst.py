@@ -21,8 +21,8 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from stable_baselines3 import TD3
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
 from backend.jobs.aligning import learn_reward_model
 from backend.jobs.comparing import compare_two, evaluate_one
 from backend.jobs.context import JobContext, Progress
@@ -37,69 +37,69 @@ from backend.store.outbox import enqueue_job
 from backend.store.shipped import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
 from tests.answered_study import add_answered_study
-from tests.api.lab_house import PASSWORD, csrf, sign_in
+from tests.api.lab_services import PASSWORD, csrf, sign_in
 
 LANGUAGES = ("en", "de")
 
 
 @pytest.fixture(scope="session")
-def worked_data(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def worked_data(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder in which analysts have worked: a snapshot, a reward model, an evaluation, a comparison, jobs."""
     data = tmp_path_factory.mktemp("worked") / "data"
-    shutil.copytree(new_house, data)
-    house = build_house(Settings(data=data, _env_file=None))
-    with house.database.transaction() as s:
-        register_shipped(s, house.files)
-    study = add_answered_study(house.database, house.files, participants=2, answers=8)
-    with house.database.transaction() as s:
-        snapshot = take_snapshot(s, house.files, study_id=study, whose="simulated").id
+    shutil.copytree(fresh_data, data)
+    services = build_services(Settings(data=data, _env_file=None))
+    with services.database.transaction() as s:
+        register_shipped(s, services.files)
+    study = add_answered_study(services.database, services.files, participants=2, answers=8)
+    with services.database.transaction() as s:
+        snapshot = take_snapshot(s, services.files, study_id=study, whose="simulated").id
         queued = enqueue_job(s, "align", {"snapshot": snapshot}, study_id=study, created_by="experimenter")
         queued.message = "waiting"
         failed = enqueue_job(s, "train_base", {"setup": "open_field", "seed": 3}, created_by="experimenter")
         failed.error, failed.started_at = "The training process was killed by SIGKILL.", utc_now()
         finish(failed, "failed")
         killed = failed.id
-    begun = Progress(house.database, killed)
+    begun = Progress(services.database, killed)
     for update in (100, 200, 300):
         begun(update / 1000, {"updates": update, "transitions": 26.0 * update})
     begun.flush()
-    _work(house, study, learn_reward_model, RewardModelParams(snapshot=snapshot), "reward_model")
-    _work(house, None, evaluate_one, EvaluateParams(policy="study_room/base", scenes=20), "evaluate")
+    _work(services, study, learn_reward_model, RewardModelParams(snapshot=snapshot), "reward_model")
+    _work(services, None, evaluate_one, EvaluateParams(policy="study_room/base", scenes=20), "evaluate")
     pair = CompareParams(policy_a="study_room/base", policy_b="study_room/ensemble/1", scenes=30, replays=2)
-    _work(house, None, compare_two, pair, "compare")
-    log_file(house.settings, queued.id).parent.mkdir(parents=True)
-    log_file(house.settings, queued.id).write_text("first line\nsecond <b>line</b>\n")
-    house.database.close()
+    _work(services, None, compare_two, pair, "compare")
+    log_file(services.settings, queued.id).parent.mkdir(parents=True)
+    log_file(services.settings, queued.id).write_text("first line\nsecond <b>line</b>\n")
+    services.database.close()
     return data
 
 
-def _work(house: House, study: str | None, work: object, params: Params, kind: str) -> None:
+def _work(services: Services, study: str | None, work: object, params: Params, kind: str) -> None:
     """Do a job here and now, as its process would."""
-    with house.database.transaction() as s:
+    with services.database.transaction() as s:
         job = enqueue_job(s, kind, params.model_dump(mode="json", exclude_defaults=True), study_id=study)
         job.state, job.started_at = "running", utc_now()
-    progress = Progress(house.database, job.id)
-    result = work(JobContext(house.settings, house.database, house.files, job, progress), params)  # type: ignore[operator]
+    progress = Progress(services.database, job.id)
+    result = work(JobContext(services.settings, services.database, services.files, job, progress), params)  # type: ignore[operator]
     progress.flush()
-    with house.database.transaction() as s:
+    with services.database.transaction() as s:
         row = s.get_one(Job, job.id)
         row.result = result
         finish(row, "succeeded")
 
 
 @pytest.fixture
-def worked(worked_data: Path, tmp_path: Path) -> House:
-    return build_house(Settings(data=shutil.copytree(worked_data, tmp_path / "data"), _env_file=None))
+def worked(worked_data: Path, tmp_path: Path) -> Services:
+    return build_services(Settings(data=shutil.copytree(worked_data, tmp_path / "data"), _env_file=None))
 
 
 @pytest.fixture
-def analyst(worked: House) -> Iterator[TestClient]:
+def analyst(worked: Services) -> Iterator[TestClient]:
     with TestClient(create_application(worked), follow_redirects=False) as client:
         yield sign_in(client)
 
 
 @pytest.fixture
-def known(worked: House) -> SimpleNamespace:
+def known(worked: Services) -> SimpleNamespace:
     """Ids of what is there."""
     with worked.database.session() as s:
         evaluations = list(s.scalars(select(Artefact).where(Artefact.kind == "evaluation")))
@@ -342,7 +342,7 @@ def test_comparison_numbers_are_the_scenes_numbers(analyst, known):
 def test_replay_of_two_policies_opens_a_stage_for_this_browser_only(analyst, worked, known):
     page = analyst.get(f"/lab/compare/{known.comparison}?stage=1").text
     token = re.search(r'<iframe[^>]*src="[^"]*/stage/([^/"]+)/"', page).group(1)
-    replays = worked.extras["replays"]
+    replays = worked.replays
     assert replays.key_of(token) == f"replay:{token}"
     assert replays.key_of(token[:-1]) is None
     shown = []

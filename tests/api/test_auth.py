@@ -13,22 +13,23 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
+from backend.api.application import build_services, create_application
 from backend.api.core.auth import COOKIE, ensure_first_user, safe_next
+from backend.api.core.throttle import memory_limiter
 from backend.settings import Settings
 from backend.store.models import Event, Setting, SignIn, User, utc_now
-from tests.api.lab_house import PASSWORD, csrf, sign_in
+from tests.api.lab_services import PASSWORD, csrf, sign_in
 
 OPEN_TO_ALL = {"/lab/sign-in", "/lab/language/{code}"}
 
 
 def test_first_start_makes_one_user_with_a_random_password_that_is_told_once(tmp_path):
-    houses = [build_house(Settings(data=tmp_path / name, _env_file=None)) for name in ("one", "two")]
-    first, second = (ensure_first_user(house.database) for house in houses)
+    installations = [build_services(Settings(data=tmp_path / name, _env_file=None)) for name in ("one", "two")]
+    first, second = (ensure_first_user(services.database) for services in installations)
     assert len({first, second}) == 2
     assert len(first) >= 20
-    assert ensure_first_user(houses[0].database) is None
-    with houses[0].database.session() as s:
+    assert ensure_first_user(installations[0].database) is None
+    with installations[0].database.session() as s:
         user = s.scalars(select(User)).one()
     assert user.name == "experimenter"
     assert user.password_hash.startswith("$argon2id$")
@@ -36,9 +37,9 @@ def test_first_start_makes_one_user_with_a_random_password_that_is_told_once(tmp
 
 
 def test_printed_password_opens_nothing_but_the_page_that_changes_it(tmp_path):
-    house = build_house(Settings(data=tmp_path, _env_file=None))
-    printed = ensure_first_user(house.database)
-    with TestClient(create_application(house), follow_redirects=False) as browser:
+    services = build_services(Settings(data=tmp_path, _env_file=None))
+    printed = ensure_first_user(services.database)
+    with TestClient(create_application(services), follow_redirects=False) as browser:
         sign_in(browser, password=printed)
         assert browser.get("/lab/studies").headers["location"] == "/lab/password"
         assert browser.get("/api/lab/studies/x/monitor").status_code == 403
@@ -58,8 +59,8 @@ def test_printed_password_opens_nothing_but_the_page_that_changes_it(tmp_path):
         assert browser.post("/lab/sign-in", data={"name": "experimenter", "password": printed}).status_code == 401
 
 
-def test_changing_the_password_signs_other_browsers_out(lab, lab_house):
-    with TestClient(create_application(lab_house), follow_redirects=False) as other:
+def test_changing_the_password_signs_other_browsers_out(lab, lab_services):
+    with TestClient(create_application(lab_services), follow_redirects=False) as other:
         sign_in(other)
         form = {"csrf": csrf(lab), "current": PASSWORD, "new": "eight quiet robots", "again": "eight quiet robots"}
         assert lab.post("/lab/password", data=form).status_code == 303
@@ -67,55 +68,55 @@ def test_changing_the_password_signs_other_browsers_out(lab, lab_house):
         assert other.get("/lab/studies").status_code == 303
 
 
-def test_wrong_password_and_unknown_name_get_the_same_answer(visitor, lab_house):
+def test_wrong_password_and_unknown_name_get_the_same_answer(visitor, lab_services):
     wrong = visitor.post("/lab/sign-in", data={"name": "experimenter", "password": "not it at all"})
     unknown = visitor.post("/lab/sign-in", data={"name": "nobody", "password": "not it at all"})
     assert (wrong.status_code, unknown.status_code) == (401, 401)
     assert wrong.text.replace('value="experimenter"', 'value="nobody"') == unknown.text
     assert COOKIE not in visitor.cookies
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         refused = list(s.scalars(select(Event).where(Event.kind == "sign_in_refused")))
     assert [event.data for event in refused] == [{}, {}]
 
 
-def test_too_many_wrong_passwords_are_stopped_and_told_how_long(visitor, lab_house):
+def test_too_many_wrong_passwords_are_stopped_and_told_how_long(visitor, lab_services):
     answers = [visitor.post("/lab/sign-in", data={"name": "experimenter", "password": "guess"}) for _ in range(11)]
     assert [a.status_code for a in answers] == [401] * 10 + [429]
     assert 0 < int(answers[-1].headers["retry-after"]) <= 300
     even_the_right_one = visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD})
     assert even_the_right_one.status_code == 429
-    lab_house.extras.clear()  # as after a restart
+    lab_services.limiter = memory_limiter()  # as after a restart
     sign_in(visitor)
 
 
-def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_house):
+def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_services):
     answered = visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD})
     cookie = answered.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "SameSite=lax" in cookie
     assert "Secure" not in cookie
     token = visitor.cookies[COOKIE]
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         stored = s.scalars(select(SignIn)).one()
     assert len(stored.token_hash) == 32
     assert token.encode() not in stored.token_hash
 
 
-def test_cookie_needs_tls_where_the_public_address_has_it(visitor, lab_house):
-    with lab_house.database.transaction() as s:
+def test_cookie_needs_tls_where_the_public_address_has_it(visitor, lab_services):
+    with lab_services.database.transaction() as s:
         s.add(Setting(key="public_url", value={"url": "https://study.example.org"}))
     answered = visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD})
     assert "Secure" in answered.headers["set-cookie"]
 
 
-def test_signing_out_and_time_end_a_sign_in(lab, lab_house):
+def test_signing_out_and_time_end_a_sign_in(lab, lab_services):
     token = lab.cookies[COOKIE]
     assert lab.post("/lab/sign-out", data={"csrf": csrf(lab)}).status_code == 303
     lab.cookies.set(COOKIE, token)
     assert lab.get("/lab/studies").headers["location"].startswith("/lab/sign-in")
     lab.cookies.clear()
     sign_in(lab)
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         s.scalars(select(SignIn)).one().expires_at = utc_now() - timedelta(seconds=1)
     assert lab.get("/lab/studies").status_code == 303
 
@@ -148,11 +149,11 @@ def test_after_signing_in_one_lands_where_one_wanted_to_go(visitor):
     assert 'value="/lab/studies/abc/answers?kind=preference&amp;page=2"' in form
 
 
-def test_changing_requests_need_this_sign_ins_token_and_our_own_origin(lab, lab_house):
+def test_changing_requests_need_this_sign_ins_token_and_our_own_origin(lab, lab_services):
     form = {"address": "", "help_contact": "Ada"}
     assert lab.post("/lab/settings", data=form).status_code == 403
     assert lab.post("/lab/settings", data={**form, "csrf": "x"}).status_code == 403
-    with TestClient(create_application(lab_house), follow_redirects=False) as other:
+    with TestClient(create_application(lab_services), follow_redirects=False) as other:
         foreign = csrf(sign_in(other))
     assert lab.post("/lab/settings", data={**form, "csrf": foreign}).status_code == 403
     own = csrf(lab)
@@ -164,7 +165,7 @@ def test_changing_requests_need_this_sign_ins_token_and_our_own_origin(lab, lab_
         assert lab.post("/lab/settings", data={**form, "csrf": own}, headers=headers).status_code == 403
         refused = lab.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD}, headers=headers)
         assert refused.status_code == 403
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         assert s.get(Setting, "contact") is None
     same_origin = {"Origin": "null", "Sec-Fetch-Site": "same-origin"}  # what a browser sends under our referrer policy
     assert lab.post("/lab/settings", data={**form, "csrf": own}, headers=same_origin).status_code == 303
@@ -188,7 +189,7 @@ def test_every_page_and_call_behind_the_sign_in_asks_for_it(visitor):
                 assert answered.headers["location"].startswith("/lab/sign-in?next="), (method, path)
 
 
-def test_colleagues_get_accounts_new_passwords_and_lose_them(lab, lab_house):
+def test_colleagues_get_accounts_new_passwords_and_lose_them(lab, lab_services):
     token = csrf(lab)
 
     def post(path: str, **form: str) -> tuple[int, str]:
@@ -204,7 +205,7 @@ def test_colleagues_get_accounts_new_passwords_and_lose_them(lab, lab_house):
     assert status == 200
     assert post("", name="ada", role="viewer")[0] == 422
     first = password_in(text)
-    with TestClient(create_application(lab_house), follow_redirects=False) as ada:
+    with TestClient(create_application(lab_services), follow_redirects=False) as ada:
         sign_in(ada, "ada", first)
         assert ada.get("/lab/studies").headers["location"] == "/lab/password"
         second = password_in(post("/ada/reset")[1])
@@ -225,9 +226,9 @@ def test_pages_speak_german_where_it_is_asked_for(visitor):
     assert '<html lang="de">' in visitor.get("/lab/sign-in", headers={"Accept-Language": "en"}).text
 
 
-def test_forgotten_password_is_replaced_where_the_server_runs(visitor, lab_house):
+def test_forgotten_password_is_replaced_where_the_server_runs(visitor, lab_services):
     def command(*name: str) -> tuple[int, dict[str, str]]:
-        environment = {**os.environ, "DESIREPATH_DATA": str(lab_house.settings.data)}
+        environment = {**os.environ, "DESIREPATH_DATA": str(lab_services.settings.data)}
         line = [sys.executable, "-m", "backend.cli", "password", *name, "--json"]
         done = subprocess.run(line, env=environment, capture_output=True, text=True, check=False)
         return done.returncode, json.loads(done.stdout)

@@ -10,8 +10,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
 from backend.learning.preferences.oracles import Habits
 from backend.report.findings import analyse
 from backend.report.made_up_cohorts import Cohort, made_up_study
@@ -49,38 +49,38 @@ def protocol(tmp_path_factory: pytest.TempPathFactory) -> FrozenProtocol:
 @pytest.fixture(scope="module")
 def empty(protocol: FrozenProtocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("empty") / "data"
-    house = build_house(Settings(data=data, _env_file=None))
-    with house.database.transaction() as s:
-        create_study(s, house.files, protocol, name="Views", created_by=None)
-    house.database.close()
+    services = build_services(Settings(data=data, _env_file=None))
+    with services.database.transaction() as s:
+        create_study(s, services.files, protocol, name="Views", created_by=None)
+    services.database.close()
     return data
 
 
-def opened(folder: Path) -> tuple[House, Study]:
-    house = build_house(Settings(data=folder, _env_file=None))
-    with house.database.session() as s:
-        return house, s.scalars(select(Study)).one()
+def opened(folder: Path) -> tuple[Services, Study]:
+    services = build_services(Settings(data=folder, _env_file=None))
+    with services.database.session() as s:
+        return services, s.scalars(select(Study)).one()
 
 
 @pytest.fixture(scope="module")
-def in_process(empty: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[House, Study]:
-    house, study = opened(shutil.copytree(empty, tmp_path_factory.mktemp("here") / "data"))
-    told = walk_in_process(house.database, house.files, study, BOTS, CHARACTER)
+def in_process(empty: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Services, Study]:
+    services, study = opened(shutil.copytree(empty, tmp_path_factory.mktemp("here") / "data"))
+    told = walk_in_process(services.database, services.files, study, BOTS, CHARACTER)
     assert (told["completed"], told["participants"]) == (BOTS, BOTS)
-    return house, study
+    return services, study
 
 
 @pytest.fixture(scope="module")
-def over_http(empty: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[House, Study]:
-    house, study = opened(shutil.copytree(empty, tmp_path_factory.mktemp("http") / "data"))
-    with TestClient(create_application(house), client=("127.0.0.1", PORT)) as client:
+def over_http(empty: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Services, Study]:
+    services, study = opened(shutil.copytree(empty, tmp_path_factory.mktemp("http") / "data"))
+    with TestClient(create_application(services), client=("127.0.0.1", PORT)) as client:
         assert simulate_study("", study.recruiting_token, BOTS, CHARACTER, client=client)["completed"] == BOTS
-    return house, study
+    return services, study
 
 
-def left(house: House, study: Study) -> dict[str, list[dict[str, Any]]]:
+def left(services: Services, study: Study) -> dict[str, list[dict[str, Any]]]:
     """What a walk stored, without ids and times."""
-    with house.database.session() as s:
+    with services.database.session() as s:
         tables = answers_of(s, study)
     tables["sessions"] = [
         {name: row[name] for name in ("participant", "seed", "plan", "state")} for row in tables["sessions"]
@@ -104,9 +104,9 @@ def test_both_ways_leave_the_same_data(in_process, over_http):
 
 
 def test_the_report_reads_what_the_bots_were_made_with(in_process, tmp_path):
-    house, study = in_process
-    with house.database.session() as s:
-        data, load = read_study(s, house.files, study)
+    services, study = in_process
+    with services.database.session() as s:
+        data, load = read_study(s, services.files, study)
     found = analyse(data, load, "simulated")
     assert found.conditions == ("first_person", "immersive", "top_down")
     assert [one.item.key for one in found.items][:2] == ["ease", "confidence"]  # as the questionnaire asks them
@@ -116,15 +116,15 @@ def test_the_report_reads_what_the_bots_were_made_with(in_process, tmp_path):
     means = {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in found.items}
     assert means == {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in made_up.items}
     assert {one.item.key: one.places for one in found.rankings} == {o.item.key: o.places for o in made_up.rankings}
-    export_study(house.database, house.files, study.id, tmp_path / "export")
+    export_study(services.database, services.files, study.id, tmp_path / "export")
     again, load_again = read_folder(tmp_path / "export")
     assert analyse(again, load_again, "simulated") == found
 
 
 def test_the_report_is_a_page_with_figures_and_their_data(in_process, tmp_path):
-    house, study = in_process
-    with house.database.session() as s:
-        data, load = read_study(s, house.files, study)
+    services, study = in_process
+    with services.database.session() as s:
+        data, load = read_study(s, services.files, study)
     told = write_study_report(data, load, tmp_path, who="simulated", command="desirepath report")
     page = (tmp_path / "report.html").read_text()
     assert "<strong>Simulated.</strong>" in page

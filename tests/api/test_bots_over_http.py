@@ -10,7 +10,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.learning.errors import LearningError
 from backend.learning.preferences.oracles import path_length_m
 from backend.store.artefacts import load_trajectory
@@ -18,17 +18,17 @@ from backend.store.models import Job, Participant, Response, Session, Study, Tri
 from backend.study.protocol.freezing import freeze_text
 from backend.study.simulated.participant import BotError, Character, simulate_study
 from backend.study.studies import create_study
-from tests.api.participant_house import logged, to_first_trial
+from tests.api.participant_services import logged, to_first_trial
 
 
 @contextmanager
-def failing_worker(house: House) -> Iterator[None]:
+def failing_worker(services: Services) -> Iterator[None]:
     """Ends every training as failed: a real one takes half a minute, and what it makes is tested with the jobs."""
     over = threading.Event()
 
     def work() -> None:
         while not over.wait(0.05):
-            with house.database.transaction() as s:
+            with services.database.transaction() as s:
                 for job in s.scalars(select(Job).where(Job.state == "queued")):
                     job.state, job.error = "failed", "no worker in this test"
 
@@ -41,12 +41,12 @@ def failing_worker(house: House) -> Iterator[None]:
         thread.join()
 
 
-def test_bots_walk_to_the_end_and_are_marked(client, house, link):
-    with failing_worker(house):
+def test_bots_walk_to_the_end_and_are_marked(client, services, link):
+    with failing_worker(services):
         done = simulate_study("", link, 2, Character("shortest"), client=client)
     assert (done["participants"], done["completed"]) == (2, 2)
     assert done["responses"] == 2 * (4 + 4 + 1)
-    with house.database.session() as s:
+    with services.database.session() as s:
         people = list(s.scalars(select(Participant)))
         trials = list(s.scalars(select(Trial)))
         sessions = list(s.scalars(select(Session)))
@@ -58,21 +58,21 @@ def test_bots_walk_to_the_end_and_are_marked(client, house, link):
     assert [job.priority for job in jobs] == [5, 5]  # behind people
 
 
-def test_the_oracle_decides_from_the_drives(client, house, link):
-    with failing_worker(house):
+def test_the_oracle_decides_from_the_drives(client, services, link):
+    with failing_worker(services):
         simulate_study("", link, 1, Character("shortest"), client=client)
-    with house.database.session() as s:
+    with services.database.session() as s:
         pairs = s.execute(select(Trial, Response.value).join(Response, Response.trial_id == Trial.id)).all()
     assert len(pairs) == 4
     for trial, value in pairs:
-        a, b = (path_length_m(load_trajectory(house.files, t)) for t in (trial.trajectory_a, trial.trajectory_b))
+        a, b = (path_length_m(load_trajectory(services.files, t)) for t in (trial.trajectory_a, trial.trajectory_b))
         assert value["choice"] == ("b" if b < a else "a")
 
 
-def test_an_unknown_oracle_is_refused_before_anybody_joins(client, house, link):
+def test_an_unknown_oracle_is_refused_before_anybody_joins(client, services, link):
     with pytest.raises(LearningError, match="min-human-distance"):
         simulate_study("", link, 1, Character("nearest"), client=client)
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert s.scalars(select(Participant)).first() is None
 
 
@@ -81,37 +81,37 @@ def test_a_bot_that_is_refused_says_why(client):
         simulate_study("", "nowhere", 1, client=client)
 
 
-def test_only_simulated_sessions_may_read_the_drives(client, house, token):
+def test_only_simulated_sessions_may_read_the_drives(client, services, token):
     to_first_trial(client, token)
     assert client.get(f"/api/session/{token}/trial-data").json()["error"]["code"] == "simulated_only"
-    assert len(logged(house, "simulated_only")) == 1
+    assert len(logged(services, "simulated_only")) == 1
 
 
-def test_a_form_cannot_make_a_simulated_session(client, house, link):
+def test_a_form_cannot_make_a_simulated_session(client, services, link):
     client.post(f"/join/{link}", data={"language": "en", "simulated": "true"})
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert not s.scalars(select(Session)).one().simulated
 
 
 @pytest.mark.parametrize("address", ["203.0.113.7", "2001:db8::7", "no address"])
-def test_nobody_elsewhere_can_join_as_a_bot_and_skip_watching(client, house, link, address):
+def test_nobody_elsewhere_can_join_as_a_bot_and_skip_watching(client, services, link, address):
     elsewhere = TestClient(client.app, client=(address, 50_000))
     refused = elsewhere.post(f"/join/{link}", json={"simulated": True, "language": "en"})
     assert (refused.status_code, refused.json()["error"]["code"]) == (403, "bots_from_elsewhere")
-    assert len(logged(house, "bots_from_elsewhere")) == 1
-    with house.database.session() as s:
+    assert len(logged(services, "bots_from_elsewhere")) == 1
+    with services.database.session() as s:
         assert s.scalars(select(Participant)).first() is None
     assert elsewhere.post(f"/join/{link}", json={"language": "en"}).json()["simulated"] is False
 
 
-def test_a_bot_gets_no_code_that_pays_and_takes_no_persons_place(client, house, link):
-    with house.database.transaction() as s:
+def test_a_bot_gets_no_code_that_pays_and_takes_no_persons_place(client, services, link):
+    with services.database.transaction() as s:
         text = s.scalars(select(Study.protocol_yaml).where(Study.recruiting_token == link)).one()
         kept = [line for line in text.splitlines() if "- train:" not in line and "- comparison:" not in line]
         frozen = freeze_text("\n".join(kept).replace("completion_code: random", "completion_code: PAID-2026"))
-        paid = create_study(s, house.files, frozen, name="Paid", created_by=None).recruiting_token
+        paid = create_study(s, services.files, frozen, name="Paid", created_by=None).recruiting_token
     assert simulate_study("", paid, 1, client=client)["completed"] == 1
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert s.scalars(select(Session.completion_code)).one() not in (None, "PAID-2026")
     someone = {"PROLIFIC_PID": "5f3c0ffee0ddba11"}
     assert client.post(f"/join/{paid}", json={"simulated": True, **someone}).status_code == 201

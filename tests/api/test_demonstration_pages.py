@@ -10,13 +10,13 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.analyst import demonstration_pages
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.store.models import Artefact, Job, StrokeRow, new_id
 from backend.store.strokes import read_demonstrations
 from backend.study.protocol.freezing import freeze_text
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
-from tests.api.lab_house import csrf
+from tests.api.lab_services import csrf
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
 
@@ -29,16 +29,16 @@ def place_of(page: str) -> str:
 
 
 @pytest.fixture
-def study(lab_house: House) -> str:
+def study(lab_services: Services) -> str:
     """A study in which one programmed demonstrator drew two paths in one place, for walks that were chosen."""
     text = QUICK.read_text().replace("pairs: 2, per_pair: 2", "pairs: 1, per_pair: 2, person: recorded")
-    with lab_house.database.transaction() as s:
-        made = create_study(s, lab_house.files, freeze_text(text), name="Drawing", created_by=None)
-    walk_in_process(lab_house.database, lab_house.files, made, 1, without_jobs=True)
+    with lab_services.database.transaction() as s:
+        made = create_study(s, lab_services.files, freeze_text(text), name="Drawing", created_by=None)
+    walk_in_process(lab_services.database, lab_services.files, made, 1, without_jobs=True)
     return made.id
 
 
-def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, lab_house: House, study: str):
+def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, lab_services: Services, study: str):
     here = f"/lab/studies/{study}/paths"
     people = lab.get(here).text
     assert "Simulated participants have drawn here, but no people yet." in people
@@ -51,7 +51,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     assert "where the person walked meanwhile" in shown
     assert "walked a planned way" in shown
     assert "changes by more than 0.08 m/s²" in shown  # what the flag's rule has
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         first, second = s.scalars(select(StrokeRow.id).order_by(StrokeRow.step_key))
     token = {"csrf": csrf(lab), "who": "simulated"}
     assert lab.post(f"{here}/{first}/leave-out", data=token | {"reason": " "}).status_code == 422
@@ -62,9 +62,9 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
 
     started = lab.post(f"{here}/train", data=token | {"environment": "corridor", "participant": "S001"})
     assert re.fullmatch(r"/lab/jobs/[0-9a-f]{32}", started.headers["location"])
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         job = s.get_one(Job, started.headers["location"].rsplit("/", 1)[1])
-        _, kept = read_demonstrations(lab_house.files.get(s.get_one(Artefact, job.params["snapshot"]).id))
+        _, kept = read_demonstrations(lab_services.files.get(s.get_one(Artefact, job.params["snapshot"]).id))
         assert [one.stroke for one in kept] == [second]
     assert lab.post(f"{here}/train", data=token | {"environment": "room"}).status_code == 422
     of_people = {"environment": "corridor", "who": "people"}
@@ -75,7 +75,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
 
     each = lab.post(f"{here}/train", data=token | {"environment": "corridor", "participant": "each"})
     assert each.headers["location"] == simulated
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         newest = s.scalars(select(Job).order_by(Job.created_at.desc())).first()
         strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.step_key)).all()
         newest.state = "succeeded"  # the training is tested as a job; here its drives are the drawn ones
@@ -102,10 +102,10 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
 
 
 def test_of_many_paths_one_place_is_laid_open(
-    lab: TestClient, lab_house: House, study: str, monkeypatch: pytest.MonkeyPatch
+    lab: TestClient, lab_services: Services, study: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(demonstration_pages, "MOST_AT_ONCE", 3)  # instead of drawing 150
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         first, second = s.scalars(select(StrokeRow).order_by(StrokeRow.step_key))
         there = f"corridor-{first.pair + 1}"
         for stroke in (first, second):  # the same two once more, as if in another place

@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import func, select, update
 
 from backend.api.application import create_application
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.api.lab import drafts
 from backend.api.lab.preview import preview_steps
 from backend.api.lab.study_rows import study_lines
@@ -23,7 +23,7 @@ from backend.learning.queries.queries import QuerySet
 from backend.store.models import Base, Event, Participant, Response, Session, Study
 from backend.store.query_sets import save_query_set
 from backend.study.protocol.freezing import freeze
-from tests.api.lab_house import NAME, QUICK, Walked, csrf, sign_in
+from tests.api.lab_services import NAME, QUICK, Walked, csrf, sign_in
 
 STAGE_SHOWN = 'id="stage-cover" hidden'
 LINKED_NUMBER = re.compile(r'<a class="number" href="([^"]+)">(\d+)</a>')
@@ -36,8 +36,8 @@ def draft_of(lab: TestClient, **form: str) -> str:
     return answered.headers["location"]
 
 
-def row_counts(house: House) -> dict[str, int]:
-    with house.database.session() as s:
+def row_counts(services: Services) -> dict[str, int]:
+    with services.database.session() as s:
         return {t.name: s.scalar(select(func.count()).select_from(t)) or 0 for t in Base.metadata.sorted_tables}
 
 
@@ -61,29 +61,29 @@ def test_empty_list_teaches_the_three_steps(lab):
     assert 'href="/lab/new"' in page
 
 
-def test_the_studies_list_counts_people_and_shows_simulated_ones_apart(lab_house: House, walked: Walked) -> None:
+def test_the_studies_list_counts_people_and_shows_simulated_ones_apart(lab_services: Services, walked: Walked) -> None:
     def counted() -> tuple[int, int]:
-        with lab_house.database.session() as s:
+        with lab_services.database.session() as s:
             line = study_lines(s)[0]
         return line.completed, line.completed_simulated
 
     assert counted() == (1, 0)
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         bot = s.scalars(select(Participant).where(Participant.code == walked.bot)).one()
         s.execute(update(Session).where(Session.participant_id == bot.id).values(state="completed"))
     assert counted() == (1, 1)
 
 
-def test_shipped_protocol_becomes_a_study_in_three_steps(lab, lab_house):
-    before = row_counts(lab_house)
+def test_shipped_protocol_becomes_a_study_in_three_steps(lab, lab_services):
+    before = row_counts(lab_services)
     draft = draft_of(lab, source="shipped:quick_preference_study")
     check = lab.get(draft).text
     assert "The protocol is valid" in check
     assert "15 queries" in check
-    assert row_counts(lab_house) == before
+    assert row_counts(lab_services) == before
     opened = lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "  Corridor   pilot "})
     assert opened.status_code == 303
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         study = s.scalars(select(Study)).one()
     assert study.name == NAME
     assert study.protocol_hash == freeze(QUICK).hash
@@ -94,7 +94,7 @@ def test_shipped_protocol_becomes_a_study_in_three_steps(lab, lab_house):
     assert lab.get(draft).status_code == 404
 
 
-def test_broken_protocol_is_shown_with_line_and_field_and_cannot_be_opened(lab, lab_house):
+def test_broken_protocol_is_shown_with_line_and_field_and_cannot_be_opened(lab, lab_services):
     lines = QUICK.read_text(encoding="utf-8").splitlines()
     where = next(n for n, line in enumerate(lines, 1) if "view: top_down" in line)
     lines[where - 1] = lines[where - 1].replace("top_down", "topdown")
@@ -109,30 +109,30 @@ def test_broken_protocol_is_shown_with_line_and_field_and_cannot_be_opened(lab, 
     lines[where - 1] = lines[where - 1].replace("topdown", "first_person")
     lab.post(draft, data={"csrf": csrf(lab), "yaml": "\n".join(lines)})
     assert "The protocol is valid" in lab.get(draft).text
-    assert row_counts(lab_house)["study"] == 0
+    assert row_counts(lab_services)["study"] == 0
 
 
-def test_unreadable_query_set_refuses_to_open_and_says_what_is_there(lab, lab_house):
+def test_unreadable_query_set_refuses_to_open_and_says_what_is_there(lab, lab_services):
     yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_varied_200", "study_room/queries_none")
     draft = draft_of(lab, source="paste", yaml=yaml)
     refused = lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "x"})
     assert refused.status_code == 422
     assert "study_room/queries_200" in refused.text
-    assert row_counts(lab_house)["study"] == 0
+    assert row_counts(lab_services)["study"] == 0
 
 
-def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_house):
+def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_services):
     shipped = load_queries("study_room/queries_200")
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         few = QuerySet(shipped.setup, shipped.queries[:20], {})
-        made = save_query_set(s, lab_house.files, few, name="20 queries, seed 3", card={}).id
+        made = save_query_set(s, lab_services.files, few, name="20 queries, seed 3", card={}).id
     yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_varied_200", made)
     draft = draft_of(lab, source="paste", yaml=yaml)
     assert "The protocol is valid" in lab.get(draft).text
     step = 1 + next(n for n, one in enumerate(preview_steps(freeze(QUICK))) if one["kind"] == "trial")
     assert STAGE_SHOWN in lab.get(f"{draft}/preview/{step}").text
     assert lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "Own queries"}).status_code == 303
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         study = s.scalars(select(Study)).one()
     assert study.protocol["materials"]["query_set"] == made
     assert STAGE_SHOWN in lab.get(f"/lab/studies/{study.id}/preview/{step}").text
@@ -140,7 +140,7 @@ def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_house):
     assert f"{made}: 20 queries, seed 3" in lab.get(wrong).text
 
 
-def test_uploaded_texts_replace_the_shipped_ones_in_this_study_only(lab, lab_house):
+def test_uploaded_texts_replace_the_shipped_ones_in_this_study_only(lab, lab_services):
     own = b"# Welcome\n\nThis is **our** own text."
     answered = lab.post(
         "/lab/new",
@@ -153,7 +153,7 @@ def test_uploaded_texts_replace_the_shipped_ones_in_this_study_only(lab, lab_hou
     draft = answered.headers["location"]
     assert "<strong>our</strong> own text" in lab.get(f"{draft}/preview/1?language=en").text
     lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "Own text"})
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         study = s.scalars(select(Study)).one()
     assert study.files["texts/information.en.md"] == own.decode()
     assert study.protocol_hash != freeze(QUICK).hash
@@ -192,9 +192,9 @@ def test_uploaded_names_cannot_leave_the_drafts_folder(tmp_path):
     assert drafts.find_draft(tmp_path, "../" + draft.id) is None
 
 
-def test_every_step_can_be_looked_at_in_both_languages_and_nothing_is_stored(lab, lab_house):
+def test_every_step_can_be_looked_at_in_both_languages_and_nothing_is_stored(lab, lab_services):
     draft = draft_of(lab, source="shipped:quick_preference_study")
-    before = row_counts(lab_house)
+    before = row_counts(lab_services)
     steps = preview_steps(freeze(QUICK))
     kinds = [step["kind"] for step in steps]
     assert {"information", "consent", "questionnaire", "instruction", "trial", "wait", "comparison", "guess"} <= set(
@@ -209,7 +209,7 @@ def test_every_step_can_be_looked_at_in_both_languages_and_nothing_is_stored(lab
         data = json.loads(re.search(r'id="page-data">(.*?)</script>', page.text, re.DOTALL).group(1))
         assert bool(data["stage_token"]) == (step["kind"] in ("trial", "comparison"))
     assert lab.get(f"{draft}/preview/{len(steps) + 1}").status_code == 404
-    assert row_counts(lab_house) == before
+    assert row_counts(lab_services) == before
 
 
 # ---- one study ----
@@ -247,9 +247,9 @@ def test_every_number_links_to_as_many_rows(lab, walked: Walked, tab):
         assert rows_shown(shown.text) == int(number), (number, address)
 
 
-def test_report_counts_what_the_participants_chose(lab, lab_house, walked: Walked):
+def test_report_counts_what_the_participants_chose(lab, lab_services, walked: Walked):
     report = lab.get(f"/api/lab/studies/{walked.id}/report").json()
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         stored = s.scalar(
             select(func.count())
             .select_from(Response)
@@ -275,7 +275,7 @@ def _sessions_of_people():
     return select(Session.id).join(Participant).where(~Participant.simulated)
 
 
-def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_house, walked: Walked):
+def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_services, walked: Walked):
     here = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     token = csrf(lab)
     assert lab.post(f"{here}/exclude", data={"csrf": token, "reason": "  "}).status_code == 422
@@ -286,12 +286,12 @@ def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_house, wa
     assert lab.get(f"/api/lab/studies/{walked.id}/report").json()["preferences"] == 15
     assert lab.post(f"{here}/include", data={"csrf": token}).status_code == 303
     assert lab.get(f"/api/lab/studies/{walked.id}/report").json()["preferences"] == 22
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         kinds = list(s.scalars(select(Event.kind).where(Event.kind.like("participant_%")).order_by(Event.id)))
     assert kinds == ["participant_excluded", "participant_included"]
 
 
-def test_erasing_asks_for_the_studys_name_and_leaves_only_a_note(lab, lab_house, walked: Walked):
+def test_erasing_asks_for_the_studys_name_and_leaves_only_a_note(lab, lab_services, walked: Walked):
     here = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     token = csrf(lab)
     lab.post(f"{here}/exclude", data={"csrf": token, "reason": "asked for erasure by telephone"})
@@ -303,13 +303,13 @@ def test_erasing_asks_for_the_studys_name_and_leaves_only_a_note(lab, lab_house,
     assert lab.get(here).status_code == 404
     for planted in (b"asked for erasure by telephone", b"froze</b> once"):
         holding = [
-            file for file in lab_house.settings.data.rglob("*") if file.is_file() and planted in file.read_bytes()
+            file for file in lab_services.settings.data.rglob("*") if file.is_file() and planted in file.read_bytes()
         ]
         assert not holding
 
 
-def test_closed_study_turns_new_people_away_until_it_is_opened_again(lab, lab_house, walked: Walked):
-    with lab_house.database.session() as s:
+def test_closed_study_turns_new_people_away_until_it_is_opened_again(lab, lab_services, walked: Walked):
+    with lab_services.database.session() as s:
         link = f"/join/{s.get_one(Study, walked.id).recruiting_token}"
     token = csrf(lab)
     assert lab.get(link).status_code == 200
@@ -321,18 +321,18 @@ def test_closed_study_turns_new_people_away_until_it_is_opened_again(lab, lab_ho
     assert lab.get(link).status_code == 200
 
 
-def test_export_button_gives_the_whole_data_set_without_links(lab, lab_house, walked: Walked):
+def test_export_button_gives_the_whole_data_set_without_links(lab, lab_services, walked: Walked):
     answered = lab.post(f"/lab/studies/{walked.id}/export", data={"csrf": csrf(lab)})
     assert answered.headers["content-type"] == "application/zip"
     packed = zipfile.ZipFile(io.BytesIO(answered.content))
     names = {name.split("/", 1)[1] for name in packed.namelist() if not name.endswith("/")}
     assert {"participants.csv", "responses.csv", "responses.parquet", "events.csv"} <= names
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         token = s.get_one(Study, walked.id).recruiting_token
     assert all(token.encode() not in packed.read(name) for name in packed.namelist())
 
 
-def test_public_address_and_contact_reach_links_and_participants(lab, lab_house, walked: Walked):
+def test_public_address_and_contact_reach_links_and_participants(lab, lab_services, walked: Walked):
     token = csrf(lab)
 
     def save(address: str, contact: str = "") -> int:
@@ -351,7 +351,7 @@ def test_public_address_and_contact_reach_links_and_participants(lab, lab_house,
     page = lab.get(f"/lab/studies/{walked.id}/recruit").text
     assert 'value="https://study.example.org/join/' in page
     assert "PROLIFIC_PID={{%PROLIFIC_PID%}}" in page
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         link = f"/join/{s.get_one(Study, walked.id).recruiting_token}"
     assert "Ada, room 7" in lab.get(link).text
     assert save("") == 303
@@ -378,6 +378,6 @@ def test_studies_are_listed_with_their_numbers(lab, walked: Walked):
     assert re.findall(r'<a class="number"[^>]*>(\d+)</a>', row)[:3] == ["3", "1", "1"]
 
 
-def test_a_second_browser_sees_the_same_study(lab_house, walked: Walked):
-    with TestClient(create_application(lab_house), follow_redirects=False) as other:
+def test_a_second_browser_sees_the_same_study(lab_services, walked: Walked):
+    with TestClient(create_application(lab_services), follow_redirects=False) as other:
         assert NAME in sign_in(other).get(f"/lab/studies/{walked.id}/data").text

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
-from backend.api.core.figure_process import FigureError, FigureProcess, FlowOrder, figure_process
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
+from backend.api.core.figure_process import FigureError, FigureProcess, FlowOrder
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.shipped import load_policy
 from backend.learning.preferences.vocabulary import SIZE
@@ -23,7 +23,7 @@ from backend.settings import Settings
 from backend.store.artefacts import save_artefact
 from backend.store.models import Artefact, utc_now
 from backend.store.shipped import policy_artefact, register_shipped
-from tests.api.lab_house import sign_in
+from tests.api.lab_services import sign_in
 
 PAGE = "/lab/flow-field"
 
@@ -39,9 +39,9 @@ def conditioned() -> ConditionedPolicy:
 
 
 @pytest.fixture(scope="module")
-def house(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
-    found = build_house(
-        Settings(data=shutil.copytree(new_house, tmp_path_factory.mktemp("flow") / "data"), _env_file=None)
+def services(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Services]:
+    found = build_services(
+        Settings(data=shutil.copytree(fresh_data, tmp_path_factory.mktemp("flow") / "data"), _env_file=None)
     )
     with found.database.transaction() as s:
         register_shipped(s, found.files)
@@ -50,12 +50,12 @@ def house(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
             content=conditioned().to_bytes(), card={},
         )  # fmt: skip
     yield found
-    figure_process(found).close()
+    found.figures.close()
 
 
 @pytest.fixture(scope="module")
-def known(house: House) -> SimpleNamespace:
-    with house.database.session() as s:
+def known(services: Services) -> SimpleNamespace:
+    with services.database.session() as s:
         ids = {name: policy_artefact(s, f"study_room/{name}").id for name in ("base", "ensemble/0", "ensemble/1")}
         told = s.query(Artefact).filter_by(name="study_room/told").one().id
         return SimpleNamespace(
@@ -65,8 +65,8 @@ def known(house: House) -> SimpleNamespace:
 
 
 @pytest.fixture
-def analyst(house: House) -> Iterator[TestClient]:
-    with TestClient(create_application(house), follow_redirects=False) as client:
+def analyst(services: Services) -> Iterator[TestClient]:
+    with TestClient(create_application(services), follow_redirects=False) as client:
         yield sign_in(client)
 
 
@@ -99,7 +99,7 @@ def test_one_policy_is_drawn_with_files_command_and_lineage(analyst, known, lang
     assert "attachment" in analyst.get(files["flow_field.svg"]).headers["Content-Disposition"]
 
 
-def test_two_policies_are_drawn_with_their_difference_and_shown_in_3d(analyst, house, known):
+def test_two_policies_are_drawn_with_their_difference_and_shown_in_3d(analyst, services, known):
     page = analyst.get(f"{PAGE}?policy_a={known.base}&policy_b={known.member}&scene=3500000001&stage=1").text
     files = sources(page)
     assert set(files) == {
@@ -109,7 +109,7 @@ def test_two_policies_are_drawn_with_their_difference_and_shown_in_3d(analyst, h
     token = re.search(r'<iframe[^>]*src="[^"]*/stage/([^/"]+)/"', page).group(1)
     shown = []
     stage = SimpleNamespace(replay=lambda drives, names, **_: shown.append((drives, names)))
-    assert house.extras["replays"].show(stage, f"replay:{token}")
+    assert services.replays.show(stage, f"replay:{token}")
     drives, names = shown[0]
     assert names == ("A: study_room/base", "B: study_room/ensemble/1")
     assert {one.scene.seed for one in drives} == {3_500_000_001}
@@ -149,16 +149,16 @@ def test_what_cannot_be_drawn_is_told(analyst, known, query, status, says):
     assert analyst.get(f"{PAGE}/flow_field.png?{asked}").status_code == 404
 
 
-def test_figures_of_quarantined_policies_are_not_handed_out_and_strangers_see_none(analyst, house, known):
+def test_figures_of_quarantined_policies_are_not_handed_out_and_strangers_see_none(analyst, services, known):
     asked = f"?policy_a={known.lost}&scene=3500000000"
     assert analyst.get(f"{PAGE}/flow_field.png{asked}").status_code == 200
     assert analyst.get(f"{PAGE}/another.png{asked}").status_code == 404
-    with house.database.transaction() as s:
+    with services.database.transaction() as s:
         s.get_one(Artefact, known.lost).quarantined_at = utc_now()
     assert analyst.get(f"{PAGE}/flow_field.png{asked}").status_code == 410
     assert analyst.get(f"{PAGE}{asked}").status_code == 410
     assert known.lost not in analyst.get(PAGE).text
-    with TestClient(create_application(house), follow_redirects=False) as stranger:
+    with TestClient(create_application(services), follow_redirects=False) as stranger:
         for address in (PAGE, f"{PAGE}/flow_field.png?policy_a={known.base}"):
             assert stranger.get(address).headers["location"].startswith("/lab/sign-in")
 

@@ -9,23 +9,22 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
-from backend.api.stage.stage_bridge import bridge_of
 from backend.settings import Settings
 from backend.store.models import Event
 from backend.study import refusals
 
 
 @pytest.fixture
-def house(tmp_path: Path) -> House:
-    return build_house(Settings(data=tmp_path, _env_file=None))
+def services(tmp_path: Path) -> Services:
+    return build_services(Settings(data=tmp_path, _env_file=None))
 
 
 @pytest.fixture
-def client(house: House) -> Iterator[TestClient]:
-    with TestClient(create_application(house), follow_redirects=False) as client:
+def client(services: Services) -> Iterator[TestClient]:
+    with TestClient(create_application(services), follow_redirects=False) as client:
         yield client
 
 
@@ -44,26 +43,26 @@ def test_everybody_may_send_a_little_and_signed_in_pages_take_more(client: TestC
     assert enough.status_code not in (413, 500)
 
 
-def told(house: House, code: str) -> int:
-    with house.database.session() as s:
+def told(services: Services, code: str) -> int:
+    with services.database.session() as s:
         return sum(event.data["code"] == code for event in s.scalars(select(Event).where(Event.kind == "refused")))
 
 
 def test_a_dead_link_is_written_down_once_an_hour(
-    client: TestClient, house: House, monkeypatch: pytest.MonkeyPatch
+    client: TestClient, services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for _ in range(5):
         assert client.get("/api/session/dead-link").status_code == 404
-        bridge_of(house)._admit_participant("dead.stage", {})
-    assert (told(house, "unknown"), told(house, "unknown_stage")) == (1, 1)
+        services.admission._admit_participant("dead.stage", {})
+    assert (told(services, "unknown"), told(services, "unknown_stage")) == (1, 1)
     monkeypatch.setattr(refusals, "TOLD_AGAIN_AFTER_S", 0.0)  # the hour is over
     assert client.get("/api/session/dead-link").status_code == 404
-    assert told(house, "unknown") == 2
+    assert told(services, "unknown") == 2
 
 
 def test_more_dead_links_than_the_log_takes_are_refused_all_the_same(
-    client: TestClient, house: House, monkeypatch: pytest.MonkeyPatch
+    client: TestClient, services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(refusals, "MOST_TOLD", 3)
     assert [client.get(f"/api/session/guess-{number}").status_code for number in range(6)] == [404] * 6
-    assert told(house, "unknown") == 3
+    assert told(services, "unknown") == 3

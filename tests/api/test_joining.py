@@ -9,20 +9,20 @@ from sqlalchemy import select
 from backend.store.models import Event, Participant, RecruitingId, Session, Study
 from backend.study.protocol.freezing import freeze_text
 from backend.study.studies import create_study
-from tests.api.participant_house import logged, to_first_trial
+from tests.api.participant_services import logged, to_first_trial
 
 
-def test_the_welcome_page_stores_nothing_and_speaks_the_browsers_language(client, house, link):
+def test_the_welcome_page_stores_nothing_and_speaks_the_browsers_language(client, services, link):
     for language, words in (("de", "Wie soll der Roboter"), ("en", "How should the robot")):
         answered = client.get(f"/join/{link}", headers={"Accept-Language": language})
         assert answered.status_code == 200
         assert words in answered.text
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert s.scalars(select(Participant)).first() is None
 
 
-def test_joining_keeps_the_device_and_leads_to_the_session(client, house, token):
-    with house.database.session() as s:
+def test_joining_keeps_the_device_and_leads_to_the_session(client, services, token):
+    with services.database.session() as s:
         session = s.scalars(select(Session)).one()
     assert session.device == {"width": 1024, "webgl": True}
     assert not session.simulated
@@ -31,11 +31,11 @@ def test_joining_keeps_the_device_and_leads_to_the_session(client, house, token)
     assert "How should the robot pass you?" in answered.text
 
 
-def test_who_goes_on_in_another_browser_has_the_device_looked_at_first(client, house, link):
-    with house.database.transaction() as s:
+def test_who_goes_on_in_another_browser_has_the_device_looked_at_first(client, services, link):
+    with services.database.transaction() as s:
         short = s.scalars(select(Study).where(Study.recruiting_token == link)).one()
         frozen = freeze_text(short.protocol_yaml + "\ndevice: {min_width: 1000, light_below: 20}\n")
-        gated = create_study(s, house.files, frozen, name="Gated", created_by=None).recruiting_token
+        gated = create_study(s, services.files, frozen, name="Gated", created_by=None).recruiting_token
     desk = '{"width": 1024, "webgl": true}'
     token = client.post(f"/join/{gated}", data={"language": "en", "device": desk}).headers["location"][3:]
     to_first_trial(client, token)
@@ -45,33 +45,33 @@ def test_who_goes_on_in_another_browser_has_the_device_looked_at_first(client, h
     assert f'action="/p/{token}/device"' in page
     refused = elsewhere.post(f"/p/{token}/device", data={"device": '{"width": 390, "webgl": false}'})
     assert (refused.status_code, "What you have answered is kept" in refused.text) == (403, True)
-    assert [event.data["reasons"] for event in logged(house, "other_device")] == [["webgl", "width"]]
+    assert [event.data["reasons"] for event in logged(services, "other_device")] == [["webgl", "width"]]
     assert "Before you go on" in elsewhere.get(f"/p/{token}").text
     slow = '{"width": 1200, "webgl": true, "frame_rate": 12.5}'
     assert elsewhere.post(f"/p/{token}/device", data={"device": slow}).headers["location"] == f"/p/{token}"
     assert elsewhere.get(f"/p/{token}").headers["x-step-key"] == "block.01"
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert s.scalars(select(Session)).one().device["scene_detail"] == "light"
         (event,) = s.scalars(select(Event).where(Event.kind == "device_checked"))
     assert (event.data["before"]["width"], event.data["after"]["width"]) == (1024, 1200)
     assert client.get(f"/p/{token}").headers["x-step-key"] == "block.01"  # the first one goes on as well
 
 
-def test_a_platforms_id_is_kept_apart_and_lets_nobody_in_twice(client, house, link):
+def test_a_platforms_id_is_kept_apart_and_lets_nobody_in_twice(client, services, link):
     ids = {"PROLIFIC_PID": "5f3c0ffee0ddba11", "STUDY_ID": "s1", "SESSION_ID": "x1"}
     welcome = client.get(f"/join/{link}", params=ids)
     assert ids["PROLIFIC_PID"] in welcome.text  # travels on in the form
     assert client.post(f"/join/{link}", data={"language": "en", **ids}).status_code == 303
     again = client.post(f"/join/{link}", data={"language": "en", **ids})
     assert again.status_code == 409
-    assert len(logged(house, "already_joined")) == 1
-    with house.database.session() as s:
+    assert len(logged(services, "already_joined")) == 1
+    with services.database.session() as s:
         assert s.scalars(select(RecruitingId)).one().external_id == ids["PROLIFIC_PID"]
 
 
 @pytest.mark.parametrize("method", ["get", "post"])
-def test_an_unknown_and_a_closed_link_say_so(client, house, link, method):
+def test_an_unknown_and_a_closed_link_say_so(client, services, link, method):
     assert getattr(client, method)("/join/nowhere").status_code == 404
-    with house.database.transaction() as s:
+    with services.database.transaction() as s:
         s.scalars(select(Study).where(Study.recruiting_token == link)).one().state = "closed"
     assert getattr(client, method)(f"/join/{link}").status_code == 403

@@ -10,8 +10,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
 from backend.api.participant.session_view import leads_to, next_kind
 from backend.settings import Settings
 from backend.store.models import Session
@@ -92,22 +92,22 @@ class Visitor:
 
 
 @pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> House:
-    return build_house(Settings(data=tmp_path_factory.mktemp("data"), _env_file=None))
+def services(tmp_path_factory: pytest.TempPathFactory) -> Services:
+    return build_services(Settings(data=tmp_path_factory.mktemp("data"), _env_file=None))
 
 
 @pytest.fixture(scope="module")
-def visit(house: House, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Visitor]]:
+def visit(services: Services, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[[], Visitor]]:
     folder = tmp_path_factory.mktemp("protocol")
     (folder / "questionnaires").mkdir()
     (folder / "questionnaires" / "clear.yaml").write_text(CLEAR)
     (folder / "questionnaires" / "remark.yaml").write_text(REMARK)
     (folder / "texts").symlink_to(PROTOCOLS / "texts")
     text = PROTOCOL.replace("QUERIES", str(walking.twenty_queries(folder)))
-    with house.database.transaction() as s:
-        study = create_study(s, house.files, freeze_text(text, folder=folder), name="Every kind", created_by=None)
+    with services.database.transaction() as s:
+        study = create_study(s, services.files, freeze_text(text, folder=folder), name="Every kind", created_by=None)
         link = study.recruiting_token
-    with TestClient(create_application(house), follow_redirects=False, client=("127.0.0.1", 50_000)) as client:
+    with TestClient(create_application(services), follow_redirects=False, client=("127.0.0.1", 50_000)) as client:
         yield lambda: Visitor(client, link)
 
 
@@ -121,7 +121,7 @@ def to_the_check(visitor: Visitor) -> None:
     visitor.answer({"given": True, "purposes": {"training": False, "open_data": True}})
 
 
-def test_every_kind_of_page_is_shown(house: House, visit: Callable[[], Visitor]) -> None:
+def test_every_kind_of_page_is_shown(services: Services, visit: Callable[[], Visitor]) -> None:
     visitor = visit()
     to_the_check(visitor)
     assert "This is try 1 of 2." in visitor.page
@@ -148,7 +148,7 @@ def test_every_kind_of_page_is_shown(house: House, visit: Callable[[], Visitor])
 
     typed = visitor.client.post("/back", data={"code": code.replace("-", " ").lower()})
     assert typed.headers["location"] == f"/p/{code}"
-    with house.database.session() as s:
+    with services.database.session() as s:
         (opens,) = s.scalars(select(Session.opens_at).where(Session.appointment == 2))
     assert f'datetime="{opens.isoformat()}"' in page
     visitor.token = code  # bots need not wait until then

@@ -13,18 +13,18 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
 from backend.api.application import create_application
-from backend.api.core.dependencies import House
-from backend.commands.loopback import free_port_pair
+from backend.api.core.dependencies import Services
+from backend.experiments.loopback import free_port_pair
 from backend.store.models import Study
 from backend.study.session.joining import join_study
-from tests.api.lab_house import NAME, PASSWORD, Walked
+from tests.api.lab_services import NAME, PASSWORD, Walked
 
 
 @pytest.fixture
-def address(lab_house: House) -> Iterator[str]:
+def address(lab_services: Services) -> Iterator[str]:
     """The pages, served for real; without a stage."""
     port = free_port_pair()
-    server = uvicorn.Server(uvicorn.Config(create_application(lab_house), port=port, log_level="warning"))
+    server = uvicorn.Server(uvicorn.Config(create_application(lab_services), port=port, log_level="warning"))
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started:
@@ -65,12 +65,12 @@ def test_experimenter_makes_a_study_corrects_a_mistake_and_gets_the_link(chromiu
     page.context.close()
 
 
-def test_now_shows_who_joins_without_a_reload(chromium, address, lab_house, walked: Walked):
+def test_now_shows_who_joins_without_a_reload(chromium, address, lab_services, walked: Walked):
     page = signed_in_page(chromium, address)
     page.goto(f"{address}/lab/studies/{walked.id}/now")
     page.evaluate("window.notReloaded = true")
-    with lab_house.database.transaction() as s:
-        session, _ = join_study(s, s.get_one(Study, walked.id), language="de", files=lab_house.files)
+    with lab_services.database.transaction() as s:
+        session, _ = join_study(s, s.get_one(Study, walked.id), language="de", files=lab_services.files)
         code = session.participant.code
     expect(page.get_by_role("link", name=code)).to_be_visible(timeout=15_000)
     assert page.evaluate("window.notReloaded")

@@ -15,8 +15,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
 from backend.settings import Settings
 from backend.store.models import Response, Session, Study, utc_now
 from backend.study.plan.assignment import assignment_table
@@ -31,17 +31,17 @@ AT_ONCE = 6
 
 
 @pytest.fixture
-def served(postgres_server: str, tmp_path: Path) -> Iterator[tuple[House, TestClient, str]]:
-    """A house on PostgreSQL with one study of three conditions and a quota; its recruiting link."""
+def served(postgres_server: str, tmp_path: Path) -> Iterator[tuple[Services, TestClient, str]]:
+    """Services on PostgreSQL with one study of three conditions and a quota; its recruiting link."""
     with postgres.holding(postgres_server, tmp_path / "none") as url:
-        house = build_house(Settings(data=tmp_path / "data", database_url=url, _env_file=None))
+        services = build_services(Settings(data=tmp_path / "data", database_url=url, _env_file=None))
         keys = {"query_set": str(twenty_queries(tmp_path)), "assignment": {"scheme": "latin_square"}, "quotas": QUOTAS}
         frozen = small_protocol(tmp_path, [{"questionnaire": {"use": "about"}}, CROSSED], **keys)
-        with house.database.transaction() as s:
-            link = create_study(s, house.files, frozen, name="At once", created_by=None).recruiting_token
-        with TestClient(create_application(house), follow_redirects=False) as client:
-            yield house, client, link
-        house.database.close()
+        with services.database.transaction() as s:
+            link = create_study(s, services.files, frozen, name="At once", created_by=None).recruiting_token
+        with TestClient(create_application(services), follow_redirects=False) as client:
+            yield services, client, link
+        services.database.close()
 
 
 def together(asked: list[tuple[str, dict[str, Any]]], client: TestClient) -> list[tuple[int, dict[str, Any]]]:
@@ -57,11 +57,11 @@ def together(asked: list[tuple[str, dict[str, Any]]], client: TestClient) -> lis
         return list(pool.map(send, asked))
 
 
-def test_people_at_the_same_moment_get_their_places_and_count_once(served: tuple[House, TestClient, str]) -> None:
-    house, client, link = served
+def test_people_at_the_same_moment_get_their_places_and_count_once(served: tuple[Services, TestClient, str]) -> None:
+    services, client, link = served
     joined = together([(f"/join/{link}", {"language": "en"})] * AT_ONCE, client)
     assert [status for status, _ in joined] == [201] * AT_ONCE
-    with house.database.session() as s:
+    with services.database.session() as s:
         study = s.scalars(select(Study)).one()
         table = assignment_table(s, study, thaw(study).protocol, now=utc_now())
     assert [line.held for line in table] == [2, 2, 2]
@@ -76,7 +76,7 @@ def test_people_at_the_same_moment_get_their_places_and_count_once(served: tuple
     about = {"age": 30, "gender": "woman"}
     asked = [(f"{api}/about", {"request_id": f"the-about-{n}", "value": about}) for n, api in enumerate(apis)]
     assert {status for status, _ in together(asked, client)} == {200}
-    with house.database.session() as s:
+    with services.database.session() as s:
         states = sorted(s.scalars(select(Session.state)))
         counted = len(list(s.scalars(select(Response.id))))
     assert states == ["active"] * 2 + ["screened_out"] * (AT_ONCE - 2)  # nobody too many took the last place

@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from backend.store.models import Event, Response
-from tests.api.participant_house import logged, submit, to_first_trial
+from tests.api.participant_services import logged, submit, to_first_trial
 from tests.study import walking
 
 
@@ -35,7 +35,7 @@ def test_the_state_of_a_trial_holds_what_the_page_needs_and_no_more(client, toke
     assert not {"trajectory_a", "trajectory_b", "query", "arms"} & (set(trial) | set(state["step"]))
 
 
-def test_answering_too_early_is_refused_and_logged(client, house, token):
+def test_answering_too_early_is_refused_and_logged(client, services, token):
     to_first_trial(client, token)
     early = submit(client, token, "block.01", {"choice": "a"})
     assert early.status_code == 409
@@ -44,7 +44,7 @@ def test_answering_too_early_is_refused_and_logged(client, house, token):
     shown = started["step"]["trial"]["playback_id"]
     seen = client.post(f"/api/session/{token}/trials/block.01/seen", json={"drive": "a", "playback_id": shown})
     assert seen.json()["error"]["code"] == "too_early"
-    assert len(logged(house, "too_early")) == 2
+    assert len(logged(services, "too_early")) == 2
 
 
 def test_a_replayed_request_is_acknowledged_and_counts_once(client, token):
@@ -54,7 +54,7 @@ def test_a_replayed_request_is_acknowledged_and_counts_once(client, token):
     assert again.json()["step"]["key"] == "consent"
 
 
-def test_another_participants_trial_cannot_be_answered_or_played(client, house, link, token):
+def test_another_participants_trial_cannot_be_answered_or_played(client, services, link, token):
     other = client.post(f"/join/{link}", data={"language": "en"}).headers["location"].removeprefix("/p/")
     to_first_trial(client, token)
     to_first_trial(client, other)
@@ -63,16 +63,16 @@ def test_another_participants_trial_cannot_be_answered_or_played(client, house, 
     shown = theirs["step"]["trial"]["playback_id"]
     foreign = client.post(f"/api/session/{token}/trials/block.01/seen", json={"drive": "a", "playback_id": shown})
     assert foreign.json()["error"]["code"] == "other_playback"
-    assert len(logged(house, "other_playback")) == 1
+    assert len(logged(services, "other_playback")) == 1
 
 
-def test_a_reload_in_the_middle_starts_the_trial_over(client, house, token):
+def test_a_reload_in_the_middle_starts_the_trial_over(client, services, token):
     to_first_trial(client, token)
     client.post(f"/api/session/{token}/trials/block.01/start", json={"request_id": "start-01"})
     client.get(f"/p/{token}")
     trial = client.get(f"/api/session/{token}").json()["step"]["trial"]
     assert (trial["phase"], trial["restarts"]) == ("ready", 1)
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert s.scalars(select(Event).where(Event.kind == "trial_interrupted")).one().data["reason"] == "page_loaded"
 
 
@@ -103,17 +103,17 @@ def test_an_answer_needs_a_request_id(client, token, body):
     assert answered.json()["error"]["field"] == "request_id"
 
 
-def test_what_the_page_noticed_is_logged_with_its_own_time(client, house, token):
+def test_what_the_page_noticed_is_logged_with_its_own_time(client, services, token):
     told = {"kind": "visibility", "data": {"hidden": True}, "client_time": "2026-11-21T10:00:00+01:00"}
     assert client.post(f"/api/session/{token}/events", json=told).status_code == 204
     assert client.post(f"/api/session/{token}/events", json={"kind": "sql"}).status_code == 422
-    with house.database.session() as s:
+    with services.database.session() as s:
         event = s.scalars(select(Event).where(Event.kind == "page_visibility")).one()
     assert event.client_time.hour == 9
     assert event.data["page"] == {"hidden": True}
 
 
-def test_the_language_can_be_changed_between_pairs_and_answers_stay(client, house, token):
+def test_the_language_can_be_changed_between_pairs_and_answers_stay(client, services, token):
     submit(client, token, "information", walking.VALUES["information"])
     submit(client, token, "consent", walking.VALUES["consent"])
     assert 'value="de"' in client.get(f"/p/{token}").text
@@ -123,13 +123,13 @@ def test_the_language_can_be_changed_between_pairs_and_answers_stay(client, hous
     assert '<html lang="de"' in client.get(f"/p/{token}").text
     # The copy of the consent keeps the words that were agreed to.
     assert '<html lang="en"' in client.get(f"/p/{token}/consent").text
-    with house.database.session() as s:
+    with services.database.session() as s:
         event = s.scalars(select(Event).where(Event.kind == "language_changed")).one()
         assert (event.data["before"], event.data["after"], event.data["step"]) == ("en", "de", "demographics")
         assert s.scalars(select(Response).where(Response.step_key == "consent")).one()
 
 
-def test_the_language_stays_while_a_pair_is_on_the_stage_and_when_it_is_none_of_the_protocols(client, house, token):
+def test_the_language_stays_while_a_pair_is_on_the_stage_and_when_it_is_none_of_the_protocols(client, services, token):
     refused = client.post(f"/p/{token}/language", data={"language": "fr"})
     assert refused.status_code == 422
     to_first_trial(client, token)
@@ -137,4 +137,4 @@ def test_the_language_stays_while_a_pair_is_on_the_stage_and_when_it_is_none_of_
     assert refused.status_code == 409
     assert "Not during a pair" in refused.text
     assert client.get(f"/api/session/{token}").json()["language"] == "en"
-    assert len(logged(house, "in_trial")) == 1
+    assert len(logged(services, "in_trial")) == 1

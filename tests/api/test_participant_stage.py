@@ -8,52 +8,52 @@ import json
 import pytest
 from sqlalchemy import select
 
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.api.participant.stream import _glance, _tell
-from backend.api.stage.stage_bridge import StageBridge, bridge_of, stage_cookie, stage_token
+from backend.api.stage.admission import stage_cookie, stage_token
 from backend.store.models import Event, Session, Study, Trial
 from backend.study.session import machine
 from tests.study import walking
 
 
 @pytest.fixture
-def walker(house: House) -> walking.Walker:
-    with house.database.session() as s:
+def walker(services: Services) -> walking.Walker:
+    with services.database.session() as s:
         study = s.scalars(select(Study).where(Study.name == "Short")).one()
-    return walking.Walker(house.database, house.files, study)
+    return walking.Walker(services.database, services.files, study)
 
 
-def admit(house, token, cookies):
-    return asyncio.run(StageBridge(house).admit(token, cookies, None))
+def admit(services, token, cookies):
+    return asyncio.run(services.admission.admit(token, cookies, None))
 
 
-def codes(house):
-    with house.database.session() as s:
+def codes(services):
+    with services.database.session() as s:
         return [event.data["code"] for event in s.scalars(select(Event).where(Event.kind == "refused"))]
 
 
-def test_token_and_cookie_of_the_same_session_open_its_stage(house, walker):
-    grant = admit(house, stage_token(walker.session), dict([stage_cookie(walker.session)]))
+def test_token_and_cookie_of_the_same_session_open_its_stage(services, walker):
+    grant = admit(services, stage_token(walker.session), dict([stage_cookie(walker.session)]))
     assert grant is not None
     assert grant.key == walker.session.id
     assert walker.session.participant_id not in stage_token(walker.session)
     assert walker.token not in stage_token(walker.session)
 
 
-def test_a_forged_foreign_or_copied_address_opens_nothing_and_is_logged(house, walker):
-    other = walking.Walker(house.database, house.files, _study(house))
+def test_a_forged_foreign_or_copied_address_opens_nothing_and_is_logged(services, walker):
+    other = walking.Walker(services.database, services.files, _study(services))
     cookie = dict([stage_cookie(walker.session)])
-    assert admit(house, f"{walker.session.id}.{'0' * 40}", cookie) is None
-    assert admit(house, "nobody.0", cookie) is None
-    assert admit(house, stage_token(walker.session), {}) is None  # the address was copied
-    assert admit(house, stage_token(other.session), cookie) is None  # somebody else's
-    assert codes(house) == ["forged_stage", "unknown_stage", "stage_without_cookie", "stage_without_cookie"]
+    assert admit(services, f"{walker.session.id}.{'0' * 40}", cookie) is None
+    assert admit(services, "nobody.0", cookie) is None
+    assert admit(services, stage_token(walker.session), {}) is None  # the address was copied
+    assert admit(services, stage_token(other.session), cookie) is None  # somebody else's
+    assert codes(services) == ["forged_stage", "unknown_stage", "stage_without_cookie", "stage_without_cookie"]
 
 
-def test_the_stage_of_a_session_that_has_ended_stays_closed(house, walker):
+def test_the_stage_of_a_session_that_has_ended_stays_closed(services, walker):
     walker.do(machine.withdraw, now=walker.now)
-    assert admit(house, stage_token(walker.session), dict([stage_cookie(walker.session)])) is None
-    assert codes(house) == ["stage_of_ended_session"]
+    assert admit(services, stage_token(walker.session), dict([stage_cookie(walker.session)])) is None
+    assert codes(services) == ["stage_of_ended_session"]
 
 
 class Recorder:
@@ -69,31 +69,31 @@ class Recorder:
         self.asked.append("clear")
 
 
-def test_a_stage_that_connects_shows_the_trial_and_puts_it_back_to_its_start(house, walker):
+def test_a_stage_that_connects_shows_the_trial_and_puts_it_back_to_its_start(services, walker):
     stage = Recorder()
-    StageBridge(house).on_connect(stage, walker.session.id)
+    services.presenter.on_connect(stage, walker.session.id)
     assert stage.asked == ["clear"]  # no trial yet
     walker.walk_to("block.01")
     walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
-    StageBridge(house).on_connect(stage, walker.session.id)
+    services.presenter.on_connect(stage, walker.session.id)
     assert stage.asked[1:] == ["show top_down study_room 2"]
-    with house.database.session() as s:
+    with services.database.session() as s:
         trial = s.scalars(select(Trial)).one()
         event = s.scalars(select(Event).where(Event.kind == "trial_interrupted")).one()
     assert (trial.phase, trial.restarts) == ("ready", 1)
     assert event.data["reason"] == "stage_connected"
 
 
-def test_the_stream_tells_of_changes_and_of_another_window(house, walker):
+def test_the_stream_tells_of_changes_and_of_another_window(services, walker):
     async def page() -> list[tuple[str, dict]]:
-        bridge = bridge_of(house)
-        first = await asyncio.to_thread(_glance, house, walker.token)
-        stream = _tell(house, walker.token, first, bridge.listen(walker.session.id))
+        listeners = services.listeners
+        first = await asyncio.to_thread(_glance, services, walker.token)
+        stream = _tell(services, walker.token, first, listeners.listen(walker.session.id))
         told = [parsed(await anext(stream))]
         await asyncio.to_thread(walker.submit, "information", {})
-        bridge.changed(walker.session.id)
+        listeners.changed(walker.session.id)
         told.append(parsed(await anext(stream)))
-        bridge.listen(walker.session.id)  # a second window
+        listeners.listen(walker.session.id)  # a second window
         told.append(parsed(await anext(stream)))
         assert [one async for one in stream] == []
         return told
@@ -101,12 +101,12 @@ def test_the_stream_tells_of_changes_and_of_another_window(house, walker):
     assert asyncio.run(page()) == [("state", {}), ("state", {}), ("moved", {"reason": "other_window"})]
 
 
-def test_the_stream_tells_the_jobs_progress_while_somebody_waits(house, walker):
+def test_the_stream_tells_the_jobs_progress_while_somebody_waits(services, walker):
     walker.walk_to("train.wait")
 
     async def page() -> list[tuple[str, dict]]:
-        first = await asyncio.to_thread(_glance, house, walker.token)
-        stream = _tell(house, walker.token, first, bridge_of(house).listen(walker.session.id))
+        first = await asyncio.to_thread(_glance, services, walker.token)
+        stream = _tell(services, walker.token, first, services.listeners.listen(walker.session.id))
         return [parsed(await anext(stream)) for _ in range(2)]
 
     assert asyncio.run(page()) == [("state", {}), ("job", {"progress": 0.0, "done": False})]
@@ -117,14 +117,14 @@ def parsed(event: str) -> tuple[str, dict]:
     return name.removeprefix("event: "), json.loads(data.removeprefix("data: "))
 
 
-def _study(house):
-    with house.database.session() as s:
+def _study(services):
+    with services.database.session() as s:
         return s.scalars(select(Study).where(Study.name == "Short")).one()
 
 
-def test_a_session_is_never_shown_to_a_key_that_is_none(house):
+def test_a_session_is_never_shown_to_a_key_that_is_none(services):
     stage = Recorder()
-    StageBridge(house).on_connect(stage, "nobody")
+    services.presenter.on_connect(stage, "nobody")
     assert stage.asked == []
-    with house.database.session() as s:
+    with services.database.session() as s:
         assert s.scalars(select(Session)).first() is None

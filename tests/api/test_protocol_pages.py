@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.api.lab.preview import preview_steps
 from backend.store.models import Study
 from backend.study.protocol.revising import revise_study
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import create_study
-from tests.api.lab_house import csrf
+from tests.api.lab_services import csrf
 from tests.study.small_protocol import CROSSED, DEBRIEFING, small_protocol
 from tests.study.walking import twenty_queries
 
@@ -32,17 +32,17 @@ EVERYTHING = [
 
 
 @pytest.fixture
-def study(lab_house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
+def study(lab_services: Services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     monkeypatch.setitem(DEBRIEFING["debriefing"], "return_url", "https://example.org/?cc=BACK-88")
     folder = tmp_path / "protocols"
     folder.mkdir()
     keys = {"query_set": str(twenty_queries(folder)), "assignment": {"scheme": "latin_square"}}
     keys["screen_out"] = {"text": "sorry.md", "completion_code": "SORRY-77"}
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         study = create_study(
-            s, lab_house.files, small_protocol(folder, EVERYTHING, **keys), name="Everything", created_by=None
+            s, lab_services.files, small_protocol(folder, EVERYTHING, **keys), name="Everything", created_by=None
         )
-        revise_study(s, lab_house.files, study, small_protocol(folder, EVERYTHING[:-1], version=2, **keys), by="ada")
+        revise_study(s, lab_services.files, study, small_protocol(folder, EVERYTHING[:-1], version=2, **keys), by="ada")
     return study
 
 
@@ -61,8 +61,8 @@ def test_every_stage_is_told_in_words_and_versions_stand_apart(lab: TestClient, 
     assert "version: 2" in lab.get(f"/lab/studies/{study.id}/protocol.yaml").text
 
 
-def test_every_step_of_a_protocol_can_be_previewed(lab: TestClient, lab_house: House, study: Study):
-    with lab_house.database.session() as s:
+def test_every_step_of_a_protocol_can_be_previewed(lab: TestClient, lab_services: Services, study: Study):
+    with lab_services.database.session() as s:
         steps = preview_steps(newest_protocol(s, s.get_one(Study, study.id))[1])
     assert {"attention", "comprehension", "break", "appointment", "trial"} <= {step["kind"] for step in steps}
     for number, step in enumerate(steps, 1):
@@ -107,9 +107,9 @@ def test_what_is_worth_money_is_shown_to_who_may_take_it(lab: TestClient, as_rol
 
 
 def test_nor_does_the_preview_of_the_last_page_tell_the_way_back(
-    lab: TestClient, lab_house: House, as_role, study: Study
+    lab: TestClient, lab_services: Services, as_role, study: Study
 ):
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         last = len(preview_steps(newest_protocol(s, s.get_one(Study, study.id))[1]))
     page = f"/lab/studies/{study.id}/preview/{last}"
     assert "cc=BACK-88" in lab.get(page).text

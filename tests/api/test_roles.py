@@ -7,14 +7,14 @@ import re
 import pytest
 from sqlalchemy import select
 
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.api.core.roles import CHANGING, ROLES, SHOWING, Right, may, rule_of
 from backend.store.models import Audit, Note, Participant, Session, Study
-from tests.api.lab_house import csrf
+from tests.api.lab_services import csrf
 
 
-def entries(house: House, **where: str) -> list[Audit]:
-    with house.database.session() as s:
+def entries(services: Services, **where: str) -> list[Audit]:
+    with services.database.session() as s:
         return list(s.scalars(select(Audit).filter_by(**where).order_by(Audit.id)))
 
 
@@ -59,7 +59,7 @@ def test_pages_offer_only_what_the_role_may_do(as_role, lab, walked):
     assert "/revise" not in analyst.get(f"/lab/studies/{walked.id}/protocol").text
 
 
-def test_a_new_role_holds_from_the_next_click_on(lab, lab_house, as_role):
+def test_a_new_role_holds_from_the_next_click_on(lab, lab_services, as_role):
     ada = as_role("viewer")
     assert ada.get("/lab/new").status_code == 403
     token = csrf(lab)
@@ -67,13 +67,13 @@ def test_a_new_role_holds_from_the_next_click_on(lab, lab_house, as_role):
     given = lab.post("/lab/settings/accounts/a-viewer/role", data={"csrf": token, "role": "experimenter"})
     assert given.status_code == 303
     assert ada.get("/lab/new").status_code == 200
-    changed = entries(lab_house, action="role_changed")
+    changed = entries(lab_services, action="role_changed")
     assert [(e.by, e.role, e.outcome, e.data) for e in changed] == [
         ("experimenter", "owner", "done", {"name": "a-viewer", "as_role": "experimenter"})
     ]
 
 
-def test_the_audit_log_keeps_who_did_what_and_what_was_refused(lab, lab_house, as_role, walked):
+def test_the_audit_log_keeps_who_did_what_and_what_was_refused(lab, lab_services, as_role, walked):
     person = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     viewer = as_role("viewer")
     assert viewer.post(f"{person}/exclude", data={"csrf": csrf(viewer), "reason": "no"}).status_code == 403
@@ -81,7 +81,7 @@ def test_the_audit_log_keeps_who_did_what_and_what_was_refused(lab, lab_house, a
     assert lab.post(f"{person}/exclude", data={"csrf": token, "reason": ""}).status_code == 422
     assert lab.post(f"{person}/exclude", data={"csrf": token, "reason": "asleep"}).status_code == 303
     assert lab.post(f"/lab/studies/{walked.id}/state", data={"csrf": token, "state": "closed"}).status_code == 303
-    told = [(e.by, e.action, e.outcome, e.data) for e in entries(lab_house) if e.action != "signed_in"]
+    told = [(e.by, e.action, e.outcome, e.data) for e in entries(lab_services) if e.action != "signed_in"]
     assert told == [
         ("a-viewer", "participant_excluded", "refused", {}),
         ("experimenter", "participant_excluded", "done", {}),
@@ -93,18 +93,18 @@ def test_the_audit_log_keeps_who_did_what_and_what_was_refused(lab, lab_house, a
     assert "No" in lab.get("/lab/audit?by=nobody").text
 
 
-def test_an_erasure_takes_the_notes_and_the_entries_about_the_person(lab, lab_house, walked):
+def test_an_erasure_takes_the_notes_and_the_entries_about_the_person(lab, lab_services, walked):
     person = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     token = csrf(lab)
     assert lab.post(f"{person}/notes", data={"csrf": token, "text": "  "}).status_code == 422
     assert lab.post(f"{person}/notes", data={"csrf": token, "text": "came late"}).status_code == 303
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         session_id = s.scalars(select(Session.id).join(Participant).where(Participant.code == walked.half_way)).one()
     about = {"csrf": token, "text": "second try", "session": session_id}
     assert lab.post(f"{person}/notes", data=about).status_code == 303
     foreign = f"/lab/studies/{walked.id}/people/{walked.finished}/notes"
     assert lab.post(foreign, data=about).status_code == 404  # that session is somebody else's
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         first, second = s.scalars(select(Note).order_by(Note.created_at)).all()
     assert [(n.text, n.written_by, n.session_id) for n in (first, second)] == [
         ("came late", "experimenter", None),
@@ -113,14 +113,14 @@ def test_an_erasure_takes_the_notes_and_the_entries_about_the_person(lab, lab_ho
     assert lab.post(f"{person}/notes/{first.id}/remove", data={"csrf": token}).status_code == 303
     assert "came late" not in lab.get(person).text
     assert "second try" in lab.get(person).text
-    assert len(entries(lab_house, action="note_written")) == 2
-    with lab_house.database.session() as s:
+    assert len(entries(lab_services, action="note_written")) == 2
+    with lab_services.database.session() as s:
         typed = s.get_one(Study, walked.id).name
     assert lab.post(f"{person}/erase", data={"csrf": token, "typed": typed}).status_code == 303
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         assert s.scalars(select(Note)).all() == []
-    assert entries(lab_house, action="note_written") == []
-    assert [(e.by, e.participant_id, e.data) for e in entries(lab_house, action="participant_erased")] == [
+    assert entries(lab_services, action="note_written") == []
+    assert [(e.by, e.participant_id, e.data) for e in entries(lab_services, action="participant_erased")] == [
         ("experimenter", None, {})
     ]
 

@@ -1,4 +1,4 @@
-"""What people are told about what is stored, and their own code: the pages say what the house then does."""
+"""What people are told about what is stored, and their own code: the pages say what the server then does."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from sqlalchemy import select
 
 from backend.api.participant.requests import DEVICE_FIELDS
 from backend.store.models import Participant, Response, Session, Study
-from tests.api.lab_house import VALUES
+from tests.api.lab_services import VALUES
 
 
 @pytest.fixture
-def link(lab_house, walked):
-    with lab_house.database.session() as s:
+def link(lab_services, walked):
+    with lab_services.database.session() as s:
         return f"/join/{s.get_one(Study, walked.id).recruiting_token}"
 
 
@@ -35,24 +35,24 @@ def submit(client, token, key):
     return client.post(f"/api/session/{token}/steps/{key}", json=body)
 
 
-def test_continue_stores_a_code_and_the_window_as_the_first_page_says(visitor, link, lab_house):
+def test_continue_stores_a_code_and_the_window_as_the_first_page_says(visitor, link, lab_services):
     told = visitor.get(link).text
     assert "random code and notes your language, the size of your window" in told
     assert "Nothing is stored" not in told
     assert "recruiting service" not in told
     assert "The number that the recruiting service has" in visitor.get(f"{link}?PROLIFIC_PID=p1").text
     joined(visitor, link)
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         assert newest(s).device == {"width": 1024, "height": 700, "webgl": True}
         assert set(newest(s).device) <= set(DEVICE_FIELDS)
 
 
-def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(visitor, link, lab_house):
+def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(visitor, link, lab_services):
     token = joined(visitor, link)
     assert submit(visitor, token, "information").status_code == 200
     assert submit(visitor, token, "demographics").status_code == 409
     assert visitor.post(f"/api/session/{token}/withdraw", json={}).json()["state"] == "withdrawn"
-    with lab_house.database.session() as s:
+    with lab_services.database.session() as s:
         session = newest(s)
         assert (session.state, session.plan[session.position]["kind"]) == ("withdrawn", "consent")
         person = s.get_one(Participant, session.participant_id)
@@ -63,12 +63,12 @@ def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(vi
     assert f"Your code: {person.code}. Name it if you want your answers erased." in page
 
 
-def test_the_view_from_inside_is_explained_only_where_it_is_shown(visitor, link, lab_house):
+def test_the_view_from_inside_is_explained_only_where_it_is_shown(visitor, link, lab_services):
     token = joined(visitor, link)
     inside = "In the view from inside the room"
     for page in (f"/p/{token}", f"/p/{token}/help"):
         assert inside not in visitor.get(page).text
-    with lab_house.database.transaction() as s:
+    with lab_services.database.transaction() as s:
         session = newest(s)
         session.plan = [step | {"view": "immersive"} if "view" in step else step for step in session.plan]
     for page in (f"/p/{token}", f"/p/{token}/help"):

@@ -12,7 +12,7 @@ from backend.api.core.throttle import LARGEST_BODY
 from backend.api.participant import recruiting, requests, session_pages
 from backend.store.export import export_study
 from backend.store.models import ProblemReport, RecruitingId, Study
-from tests.api.participant_house import logged
+from tests.api.participant_services import logged
 
 
 @contextmanager
@@ -22,17 +22,17 @@ def limited_to(monkeypatch, module, name, limit):
         yield
 
 
-def test_links_that_lead_nowhere_fill_no_log_and_shut_nobody_out(client, house, link, token, monkeypatch):
+def test_links_that_lead_nowhere_fill_no_log_and_shut_nobody_out(client, services, link, token, monkeypatch):
     with limited_to(monkeypatch, requests, "REFUSALS_PER_ADDRESS", "3 per 1 minute"):
         answers = [client.get(f"/api/session/guess-{k}").status_code for k in range(3)]
         answers += [client.get(f"/{where}/guess").status_code for where in ("join", "p", "api/session")]
         assert answers == [404] * 3 + [429] * 3
-        assert len(logged(house, "unknown")) == 3
+        assert len(logged(services, "unknown")) == 3
         assert client.get(f"/join/{link}").status_code == 200  # somebody else behind the same address
         assert client.get(f"/p/{token}").status_code == 200
 
 
-def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, house, link, token, monkeypatch):
+def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, services, link, token, monkeypatch):
     def noticed():
         return client.post(f"/api/session/{token}/events", json={"kind": "viewed", "data": {}}).status_code
 
@@ -43,7 +43,7 @@ def test_joins_from_one_address_and_events_of_one_page_have_a_limit(client, hous
     assert answers == [303, 303, 204, 204, 429]
     with limited_to(monkeypatch, recruiting, "JOINS_PER_ADDRESS", "2 per 1 minute"):
         assert client.post(f"/join/{link}", data={"language": "en"}).status_code == 429
-    assert not logged(house, "too_many")
+    assert not logged(services, "too_many")
 
 
 @pytest.mark.parametrize("declared", [True, False])
@@ -54,7 +54,7 @@ def test_a_body_that_is_too_large_is_not_read(client, token, declared):
     assert (answered.status_code, answered.json()["error"]["code"]) == (413, "too_large")
 
 
-def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, house, link, token, tmp_path):
+def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, services, link, token, tmp_path):
     """JSON lets them in: JavaScript cuts an emoji in two, Python reads NaN."""
     odd = {"content-type": "application/json"}
     broken = b'"caf\\u00e9 \\ud83d \\u0000"'
@@ -66,11 +66,11 @@ def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, 
     assert client.post(f"/join/{link}", content=bot, headers=odd).status_code == 201
     form = {"language": "en", "device": '{"scheme": "\\ud83d", "pixel_ratio": NaN}', "PROLIFIC_PID": "id\0"}
     assert client.post(f"/join/{link}", data=form).status_code == 303
-    with house.database.session() as s:
+    with services.database.session() as s:
         study = s.scalars(select(Study.id).where(Study.recruiting_token == link)).one()
         assert s.scalars(select(ProblemReport)).one().text == "café ?"
         assert s.scalars(select(RecruitingId)).one().external_id == "id"
-    export_study(house.database, house.files, study, tmp_path / "out")
+    export_study(services.database, services.files, study, tmp_path / "out")
     events = (tmp_path / "out" / "events.csv").read_text(encoding="utf-8")
     assert "café ? " in events
     assert "NaN" not in events
@@ -89,12 +89,12 @@ def test_half_characters_and_numbers_that_are_none_never_stop_an_export(client, 
         ("post", "/problem"),
     ],
 )
-def test_a_forged_token_opens_nothing_and_is_logged(client, house, method, path):
+def test_a_forged_token_opens_nothing_and_is_logged(client, services, method, path):
     body = {"json": {"request_id": "12345678"}} if method == "post" else {}
     answered = getattr(client, method)(f"/api/session/forged-token{path}", **body)
     assert answered.status_code == 404
     assert answered.json()["error"]["code"] == "unknown"
-    assert logged(house, "unknown")
+    assert logged(services, "unknown")
 
 
 def test_a_forged_page_is_a_kind_refusal(client):

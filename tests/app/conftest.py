@@ -1,4 +1,4 @@
-"""The stage's tests share one Chromium and a house around the stage."""
+"""The stage's tests share one Chromium and one rig around the stage."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from collections.abc import Callable, Iterator
 import pytest
 from playwright.sync_api import Browser
 
-from tests.app.stage_house import StageHouse, Visitor
+from tests.app.stage_rig import StageRig, Visitor
 
 
 @pytest.fixture
-def house() -> Iterator[StageHouse]:
-    """A house whose stages stay empty until the test shows something."""
-    built = StageHouse(on_connect=lambda stage, key: None)
+def rig() -> Iterator[StageRig]:
+    """A rig whose stages stay empty until the test shows something."""
+    built = StageRig(on_connect=lambda stage, key: None)
     yield built
     built.stop()
 
 
 @pytest.fixture
-def visit(chromium: Browser, house: StageHouse) -> Iterator[Callable[..., Visitor]]:
+def visit(chromium: Browser, rig: StageRig) -> Iterator[Callable[..., Visitor]]:
     """Open the stage in a fresh browser context: `visit("key")`."""
     contexts = []
 
     def open_page(key: str = "amber", width: int = 320, height: int = 200) -> Visitor:
         context = chromium.new_context(viewport={"width": width, "height": height})
         contexts.append(context)
-        return Visitor(context.new_page(), house, key)
+        return Visitor(context.new_page(), rig, key)
 
     yield open_page
     for context in contexts:

@@ -12,9 +12,9 @@ from typing import Any
 
 from app.paper import Paper
 from app.stage import Stage
-from backend.commands.browser_way import chromium
+from backend.experiments.browser.client import chromium
 from backend.simulation.demonstration_scenes import demonstration_scene
-from tests.app.stage_house import StageHouse, Visitor
+from tests.app.stage_rig import StageRig, Visitor
 
 EVENTS = 300
 COALESCED = 4  # a pen that tells 240 Hz on a screen of 60 Hz
@@ -72,17 +72,17 @@ def moved(visitor: Visitor, *, events: int = EVENTS, coalesced: int = COALESCED,
 
 
 def main() -> None:
-    house = StageHouse(on_connect=lambda stage, key: None)
+    rig = StageRig(on_connect=lambda stage, key: None)
     with chromium() as browser:
         context = browser.new_context(viewport={"width": 1024, "height": 480})
-        visitor = Visitor(context.new_page(), house, "amber")
-        visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", 120)
-        stage = house.server.stage("amber")
+        visitor = Visitor(context.new_page(), rig, "amber")
+        visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", 120)
+        stage = rig.server.stage("amber")
         assert isinstance(stage, Stage)
         stage.draw(demonstration_scene("corridor", 0), "top_down", Paper("sheet-1"))
         visitor.wait_for("ready", timeout_s=120)
         times = moved(visitor)
-    house.stop()
+    rig.stop()
 
     def share(name: str, part: float) -> float:
         ordered = sorted(times[name])

@@ -15,17 +15,17 @@ from app.stage import Stage
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.walks import Walk
 from tests.app.measure_pen import moved
-from tests.app.stage_house import StageHouse, Visitor, drive
+from tests.app.stage_rig import StageRig, Visitor, drive
 
 SCENE = demonstration_scene("corridor", 0)
 Visit = Callable[..., Visitor]
 
 
-def paper(house: StageHouse, visit: Visit, view: str) -> Visitor:
+def paper(rig: StageRig, visit: Visit, view: str) -> Visitor:
     """A visitor before an empty sheet."""
     visitor = visit(width=800, height=500)
-    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", timeout_s=60)
-    stage = house.server.stage("amber")
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
     assert isinstance(stage, Stage)
     stage.draw(SCENE, view, Paper("sheet-1"))  # type: ignore[arg-type]
     visitor.wait_for("ready")
@@ -37,7 +37,7 @@ def order(visitor: Visitor, **message: Any) -> None:
     """What the page orders of the pen."""
     visitor.page.evaluate(
         "([message, origin]) => document.getElementById('stage').contentWindow.postMessage(message, origin)",
-        [{"type": "draw", **message}, visitor.house.stage_origin],
+        [{"type": "draw", **message}, visitor.rig.stage_origin],
     )
 
 
@@ -66,8 +66,8 @@ def newest(visitor: Visitor) -> dict[str, Any]:
     return visitor.events("drawing")[-1]
 
 
-def test_a_path_is_drawn_section_by_section_and_goes_off_at_the_goal(house: StageHouse, visit: Visit) -> None:
-    visitor = paper(house, visit, "top_down")
+def test_a_path_is_drawn_section_by_section_and_goes_off_at_the_goal(rig: StageRig, visit: Visit) -> None:
+    visitor = paper(rig, visit, "top_down")
     order(visitor, do="speed", value=0.1)
     drag(visitor, arc(0.5))
     visitor.wait_until(lambda: newest(visitor)["can_finish"], "half of it is drawn")
@@ -92,8 +92,8 @@ def test_a_path_is_drawn_section_by_section_and_goes_off_at_the_goal(house: Stag
     assert stroke["pointer"] == "mouse"
 
 
-def test_what_is_too_close_is_said_while_drawing(house: StageHouse, visit: Visit) -> None:
-    visitor = paper(house, visit, "top_down")
+def test_what_is_too_close_is_said_while_drawing(rig: StageRig, visit: Visit) -> None:
+    visitor = paper(rig, visit, "top_down")
     drag(visitor, arc(0.6, SCENE.person.pose.y))
     visitor.wait_until(lambda: newest(visitor)["tight"] is not None, "the person is in the way")
     assert newest(visitor)["tight"]["name"] == "person"
@@ -104,14 +104,14 @@ def test_what_is_too_close_is_said_while_drawing(house: StageHouse, visit: Visit
     visitor.wait_until(lambda: 0 < newest(visitor)["length_m"] < before - 0.5, "the good part is left")
 
 
-def test_a_stroke_comes_back_with_its_times_and_one_begun_away_is_begun_anew(house: StageHouse, visit: Visit) -> None:
-    visitor = paper(house, visit, "top_down")
+def test_a_stroke_comes_back_with_its_times_and_one_begun_away_is_begun_anew(rig: StageRig, visit: Visit) -> None:
+    visitor = paper(rig, visit, "top_down")
     away = {
         "points": [list(place) for place in arc()[8:]],
         "speeds": [0.2] * 17,
         "times_s": [0.1 * k for k in range(17)],
     }
-    stage = house.server.stage("amber")
+    stage = rig.server.stage("amber")
     assert isinstance(stage, Stage)
     problem = {"code": "starts_away", "at": away["points"][0], "thing": None}
     stage.draw(SCENE, "top_down", Paper("sheet-2", drawn=away, problem=problem))
@@ -133,8 +133,8 @@ def test_a_stroke_comes_back_with_its_times_and_one_begun_away_is_begun_anew(hou
     visitor.wait_until(lambda: newest(visitor)["length_m"] == length, "undo brings the old one back")
 
 
-def test_by_keys_alone(house: StageHouse, visit: Visit) -> None:
-    visitor = paper(house, visit, "top_down")
+def test_by_keys_alone(rig: StageRig, visit: Visit) -> None:
+    visitor = paper(rig, visit, "top_down")
     for _ in range(4):
         order(visitor, do="key", key="ArrowRight", shift=False)
     order(visitor, do="key", key="Enter", shift=False)
@@ -149,9 +149,9 @@ def test_by_keys_alone(house: StageHouse, visit: Visit) -> None:
 
 @pytest.mark.parametrize("view", ["first_person", "immersive"])
 def test_from_the_eyes_the_ring_begins_a_path_and_elsewhere_the_gaze_turns(
-    house: StageHouse, visit: Visit, view: str
+    rig: StageRig, visit: Visit, view: str
 ) -> None:
-    visitor = paper(house, visit, view)
+    visitor = paper(rig, visit, view)
     before = visitor.camera()
     mouse = visitor.page.mouse
     mouse.move(600, 420)
@@ -165,8 +165,8 @@ def test_from_the_eyes_the_ring_begins_a_path_and_elsewhere_the_gaze_turns(
     assert newest(visitor)["near"]["name"] in ("wall", "you")
 
 
-def test_every_coalesced_event_counts_and_a_pens_pressure_is_the_speed(house: StageHouse, visit: Visit) -> None:
-    visitor = paper(house, visit, "top_down")
+def test_every_coalesced_event_counts_and_a_pens_pressure_is_the_speed(rig: StageRig, visit: Visit) -> None:
+    visitor = paper(rig, visit, "top_down")
     times = moved(visitor, events=12, coalesced=5, pen=0.4)
     stroke = visitor.wait_for("stroke")
     assert len(stroke["points"]) >= 12 * 5
@@ -175,10 +175,10 @@ def test_every_coalesced_event_counts_and_a_pens_pressure_is_the_speed(house: St
     assert times["sent"] == 0  # ink needs no server
 
 
-def test_a_walk_is_shown_and_the_person_is_measured_where_they_will_be(house: StageHouse, visit: Visit) -> None:
+def test_a_walk_is_shown_and_the_person_is_measured_where_they_will_be(rig: StageRig, visit: Visit) -> None:
     visitor = visit(width=800, height=500)
-    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", timeout_s=60)
-    stage = house.server.stage("amber")
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
     assert isinstance(stage, Stage)
     begin = SCENE.person.pose
     away = Walk((0.0, 2.0), (begin.x, begin.x + 1.0), (begin.y, -1.0), (begin.yaw, begin.yaw))
@@ -200,10 +200,10 @@ def test_a_walk_is_shown_and_the_person_is_measured_where_they_will_be(house: St
     assert visitor.wait_for("stroke")["walk"] == 1
 
 
-def test_who_walks_beside_a_drive_is_recorded_and_kept_out_of_walls(house: StageHouse, visit: Visit) -> None:
+def test_who_walks_beside_a_drive_is_recorded_and_kept_out_of_walls(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
-    visitor.wait_until(lambda: house.server.stage("amber") is not None, "the stage connects", timeout_s=60)
-    stage = house.server.stage("amber")
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
     assert isinstance(stage, Stage)
     beside = drive(SCENE, duration_s=3.0, bend_m=0.8)
     drawn = {

@@ -17,7 +17,7 @@ from app.shapes import Shape, ball, box, limb, merged, turned
 from app.views import ViewError, camera_for, frame_of, require_view
 from backend.simulation.scene import Obstacle, Pose
 from backend.simulation.setups import ROBOT_RADIUS_M
-from tests.app.stage_house import drive, open_field, study_room
+from tests.app.stage_rig import drive, open_field, study_room
 
 
 def test_a_light_place_has_no_picture_and_still_a_line_every_metre() -> None:

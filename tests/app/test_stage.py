@@ -14,7 +14,7 @@ import pytest
 from app import viser_hooks
 from app.beside import Beside
 from app.stage import HOLD_S, Stage
-from tests.app.stage_house import StageHouse, Visitor, drive, open_field, study_room
+from tests.app.stage_rig import StageRig, Visitor, drive, open_field, study_room
 
 Visit = Callable[..., Visitor]
 
@@ -23,14 +23,14 @@ def stage_of(visitor: Visitor) -> Stage:
     """The server's side of this visitor's stage, once it is connected."""
     visitor.wait_for("connected")
     for _ in range(400):
-        stage = visitor.house.server.stage(visitor.key)
+        stage = visitor.rig.server.stage(visitor.key)
         if stage is not None:
             return stage
         visitor.page.wait_for_timeout(25)
     raise AssertionError("the stage server never saw the page")
 
 
-def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(house: StageHouse, visit: Visit) -> None:
+def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     trajectory = drive(study_room(), duration_s=1.6)
@@ -52,7 +52,7 @@ def test_a_drive_plays_to_its_end_and_the_page_hears_of_it(house: StageHouse, vi
     assert len(visitor.events("ready")) == 1, "playing in the scene that stands must not rebuild it"
 
 
-def test_a_slow_machine_gets_a_plain_floor_and_fewer_pixels(house: StageHouse, visit: Visit) -> None:
+def test_a_slow_machine_gets_a_plain_floor_and_fewer_pixels(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     stage.show(study_room(), "top_down")
@@ -65,7 +65,7 @@ def test_a_slow_machine_gets_a_plain_floor_and_fewer_pixels(house: StageHouse, v
     assert light == pytest.approx(0.6 * full, abs=1)
 
 
-def test_a_and_b_share_one_frame_in_the_open(house: StageHouse, visit: Visit) -> None:
+def test_a_and_b_share_one_frame_in_the_open(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     scene = open_field()
@@ -84,11 +84,11 @@ def test_a_and_b_share_one_frame_in_the_open(house: StageHouse, visit: Visit) ->
     assert visitor.camera()[2] > cameras[0][2], "a path that leaves the frame gets a wider one"
 
 
-def test_a_stage_whose_page_is_gone_takes_orders_in_silence(house: StageHouse, visit: Visit) -> None:
+def test_a_stage_whose_page_is_gone_takes_orders_in_silence(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     visitor.page.goto("about:blank")
-    while house.server.stage("amber") is not None:
+    while rig.server.stage("amber") is not None:
         visitor.page.wait_for_timeout(50)
     visitor.page.wait_for_timeout(100)
     with warnings.catch_warnings():
@@ -97,10 +97,10 @@ def test_a_stage_whose_page_is_gone_takes_orders_in_silence(house: StageHouse, v
         stage.clear()
 
 
-def test_a_driven_clock_shortens_the_wait(house: StageHouse, chromium: Any) -> None:
+def test_a_driven_clock_shortens_the_wait(rig: StageRig, chromium: Any) -> None:
     context = chromium.new_context(viewport={"width": 320, "height": 200})
     context.clock.install()
-    visitor = Visitor(context.new_page(), house, "swift")
+    visitor = Visitor(context.new_page(), rig, "swift")
     stage = stage_of(visitor)
     trajectory = drive(open_field(), duration_s=60.0)
     stage.play(trajectory, label="B", view="first_person", playback_id="long")
@@ -114,7 +114,7 @@ def test_a_driven_clock_shortens_the_wait(house: StageHouse, chromium: Any) -> N
 
 
 @pytest.mark.parametrize("view", ["top_down", "first_person"])
-def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(house: StageHouse, visit: Visit, view: str) -> None:
+def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(rig: StageRig, visit: Visit, view: str) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     stage.show(study_room(), view)  # type: ignore[arg-type]
@@ -152,7 +152,7 @@ def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(house: StageH
     )
 
 
-def test_from_above_the_whole_room_is_in_sight_in_any_window(house: StageHouse, visit: Visit) -> None:
+def test_from_above_the_whole_room_is_in_sight_in_any_window(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     scene = study_room()
@@ -176,7 +176,7 @@ def test_from_above_the_whole_room_is_in_sight_in_any_window(house: StageHouse, 
         visitor.wait_until(lambda: 0.9 < spread() <= 1.0, f"the room fills {width}x{height} and nothing is cut off")
 
 
-def test_first_person_looks_from_the_eyes_and_follows_the_robot(house: StageHouse, visit: Visit) -> None:
+def test_first_person_looks_from_the_eyes_and_follows_the_robot(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     trajectory = drive(study_room(), duration_s=1.0)
@@ -197,7 +197,7 @@ def test_first_person_looks_from_the_eyes_and_follows_the_robot(house: StageHous
     assert visitor.frame.evaluate("window.__viserMutable.camera.fov") == pytest.approx(60)
 
 
-def test_immersive_turns_the_head_and_never_moves_the_feet(house: StageHouse, visit: Visit) -> None:
+def test_immersive_turns_the_head_and_never_moves_the_feet(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     stage.show(open_field(), "immersive")
@@ -224,7 +224,7 @@ def test_immersive_turns_the_head_and_never_moves_the_feet(house: StageHouse, vi
     assert visitor.wait_for("key")["key"] == "b"
 
 
-def test_nothing_that_is_sent_tells_the_goal(house: StageHouse, visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_that_is_sent_tells_the_goal(rig: StageRig, visit: Visit, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[str] = []
     monkeypatch.setattr(viser_hooks, "run_javascript", lambda client, source: sent.append(source))
     visitor = visit()
@@ -240,7 +240,7 @@ def test_nothing_that_is_sent_tells_the_goal(house: StageHouse, visit: Visit, mo
         assert order.get("paper") is None  # a pair of dots says where a path was to end
 
 
-def test_a_hidden_tab_interrupts_the_drive(house: StageHouse, visit: Visit) -> None:
+def test_a_hidden_tab_interrupts_the_drive(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     stage.play(drive(open_field(), duration_s=20), label="", view="top_down", playback_id="h")
@@ -256,7 +256,7 @@ def test_a_hidden_tab_interrupts_the_drive(house: StageHouse, visit: Visit) -> N
     assert visitor.events("played") == []
 
 
-def test_a_lost_webgl_context_interrupts_the_drive(house: StageHouse, visit: Visit) -> None:
+def test_a_lost_webgl_context_interrupts_the_drive(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     stage.play(drive(open_field(), duration_s=20), label="", view="top_down", playback_id="g")
@@ -269,25 +269,25 @@ def test_a_lost_webgl_context_interrupts_the_drive(house: StageHouse, visit: Vis
     visitor.wait_for("webgl-lost")
 
 
-def test_after_a_server_restart_the_page_comes_back_without_focus(house: StageHouse, visit: Visit) -> None:
-    house.on_connect = lambda stage, key: stage.show(study_room(), "top_down")
+def test_after_a_server_restart_the_page_comes_back_without_focus(rig: StageRig, visit: Visit) -> None:
+    rig.on_connect = lambda stage, key: stage.show(study_room(), "top_down")
     visitor = visit()
     visitor.wait_for("ready")
-    stage = house.server.stage("amber")
+    stage = rig.server.stage("amber")
     assert stage is not None
     stage.play(drive(study_room(), duration_s=30), label="", view="top_down", playback_id="cut")
     visitor.wait_for("playing", playback_id="cut")
     visitor.page.evaluate("document.body.focus(); window.focus()")
-    house.restart_stage_server()
+    rig.restart_stage_server()
     assert visitor.wait_for("interrupted", playback_id="cut")["reason"] == "connection-lost"
     visitor.wait_for("connection-lost")
     visitor.wait_for("connected", count=2)
     visitor.wait_for("ready", count=2)
-    assert house.connections == ["amber", "amber"]
+    assert rig.connections == ["amber", "amber"]
 
 
-def test_a_second_tab_takes_over_and_the_first_one_stays_away(house: StageHouse, visit: Visit) -> None:
-    house.on_connect = lambda stage, key: stage.show(open_field(), "top_down")
+def test_a_second_tab_takes_over_and_the_first_one_stays_away(rig: StageRig, visit: Visit) -> None:
+    rig.on_connect = lambda stage, key: stage.show(open_field(), "top_down")
     first = visit()
     first.wait_for("ready")
     second = visit()
@@ -295,15 +295,15 @@ def test_a_second_tab_takes_over_and_the_first_one_stays_away(house: StageHouse,
     first.wait_for("replaced")
     second.page.wait_for_timeout(2500)
     assert second.events("connection-lost") == []
-    assert house.connections == ["amber", "amber"]
+    assert rig.connections == ["amber", "amber"]
 
 
-def test_the_parent_may_say_hello_and_no_one_else_may(house: StageHouse, visit: Visit) -> None:
+def test_the_parent_may_say_hello_and_no_one_else_may(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage_of(visitor)
     visitor.frame.evaluate("window.postMessage({type: 'hello'}, '*')")  # not from the parent window
     visitor.page.evaluate(
-        f"document.querySelector('#stage').contentWindow.postMessage({{type: 'hello'}}, '{house.stage_origin}')"
+        f"document.querySelector('#stage').contentWindow.postMessage({{type: 'hello'}}, '{rig.stage_origin}')"
     )
     answer = visitor.wait_for("state")
     assert answer["connected"] is True
@@ -311,7 +311,7 @@ def test_the_parent_may_say_hello_and_no_one_else_may(house: StageHouse, visit: 
     assert len(visitor.events("state")) == 1
 
 
-def test_analysts_replay_two_drives_of_one_scene(house: StageHouse, visit: Visit) -> None:
+def test_analysts_replay_two_drives_of_one_scene(rig: StageRig, visit: Visit) -> None:
     visitor = visit()
     stage = stage_of(visitor)
     left, right = drive(open_field(), bend_m=1.0), drive(open_field(), bend_m=-1.0)

@@ -17,7 +17,7 @@ from viser import _messages
 
 from app import viser_hooks
 from app.page import stage_page
-from tests.app.stage_house import CAMERA_REPORT, StageHouse, listen_to_the_end, run_async
+from tests.app.stage_rig import CAMERA_REPORT, StageRig, listen_to_the_end, run_async
 
 CLIENT_SOURCE = Path(viser.__file__).parent / "client" / "src"
 
@@ -56,23 +56,23 @@ def test_the_page_can_be_opened_up_for_our_scripts() -> None:
     assert scripts == sorted(scripts), "our scripts run before viser's"
 
 
-def test_a_clients_path_can_be_read_and_its_connection_closed(house: StageHouse) -> None:
+def test_a_clients_path_can_be_read_and_its_connection_closed(rig: StageRig) -> None:
     async def knock() -> None:
         async with websockets.connect(
-            house.server.upstream_url("a key/with?marks"),
+            rig.server.upstream_url("a key/with?marks"),
             subprotocols=[websockets.Subprotocol(viser_hooks.SUBPROTOCOL)],
             max_size=None,
         ) as socket:
             await socket.send(msgspec.msgpack.encode(CAMERA_REPORT))
-            while not house.connections:
+            while not rig.connections:
                 await asyncio.sleep(0.05)
-            stage = house.server.stage("a key/with?marks")
+            stage = rig.server.stage("a key/with?marks")
             assert stage is not None
             stage.retire()
             assert await listen_to_the_end(socket) > 0
 
     run_async(knock())
-    assert house.connections == ["a key/with?marks"]
+    assert rig.connections == ["a key/with?marks"]
 
 
 @pytest.mark.parametrize(

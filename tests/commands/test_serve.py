@@ -11,23 +11,23 @@ from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
 from backend.api.application import create_application
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.cli import app
-from backend.commands.loopback import free_port_pair
+from backend.experiments.loopback import free_port_pair
 
 
-def start(data: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, House]:
-    """What the command printed, and its house; nothing listens: real starts are in tests/faults and tests/journeys."""
-    houses: list[House] = []
+def start(data: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, Services]:
+    """What the command printed, and its services; nothing listens: real starts are in tests/faults, tests/journeys."""
+    installations: list[Services] = []
 
-    def ready(house: House, on_ready: Callable[[], None]) -> None:
-        houses.append(house)
+    def ready(services: Services, on_ready: Callable[[], None]) -> None:
+        installations.append(services)
         on_ready()
 
     monkeypatch.setattr("backend.api.server.run", ready)
     ended = CliRunner().invoke(app, ["serve", "--demo", "--data", str(data), "--port", str(free_port_pair())])
     assert ended.exit_code == 0, ended.output
-    return ended.stdout, houses[0]
+    return ended.stdout, installations[0]
 
 
 def address(printed: str, whose: str) -> str:
@@ -39,20 +39,20 @@ def address(printed: str, whose: str) -> str:
 def test_the_demo_prints_three_addresses_and_the_first_password_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    printed, house = start(tmp_path, monkeypatch)
+    printed, services = start(tmp_path, monkeypatch)
     participant = address(printed, "Participant")
     password = re.search(r"with password (\S+)$", printed, re.MULTILINE)
     assert password, printed
-    with TestClient(create_application(house), follow_redirects=False) as browser:
+    with TestClient(create_application(services), follow_redirects=False) as browser:
         assert browser.get(participant).status_code == 200
         for whose in ("Experimenter", "Analyst"):
             sent = browser.get(address(printed, whose))
             assert sent.headers["location"].startswith("/lab/sign-in")
         signed_in = browser.post("/lab/sign-in", data={"name": "experimenter", "password": password.group(1)})
         assert signed_in.status_code == 303
-    house.database.close()
+    services.database.close()
 
-    again, house = start(tmp_path, monkeypatch)
-    house.database.close()
+    again, services = start(tmp_path, monkeypatch)
+    services.database.close()
     assert address(again, "Participant") == participant
     assert "password" not in again

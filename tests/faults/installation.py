@@ -21,8 +21,8 @@ from websockets.sync.client import connect as connect_websocket
 
 from app.viser_hooks import SUBPROTOCOL, readable_part
 from backend.api.core.auth import ensure_first_user
-from backend.commands.benchmark_serve import CAMERA
-from backend.commands.loopback import loopback_server
+from backend.experiments.benchmarks.open_browser import CAMERA
+from backend.experiments.loopback import loopback_server
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database

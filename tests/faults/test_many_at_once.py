@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.commands import benchmark_serve as benchmark
+from backend.experiments.benchmarks import serving as benchmark
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from tests.answered_study import add_answered_study
@@ -31,14 +31,14 @@ def test_a_lost_and_a_foreign_answer_are_noticed(database: Database, files: Arte
         rows = s.query(benchmark.Response).all()
         place = {row.step_key: (s.get_one(benchmark.Session, row.session_id).token_hash, row.step_key) for row in rows}
     seen = {row.request_id: place[row.step_key] for row in rows}
-    complete = benchmark._Tally(acknowledged=dict(seen), pairs=set(seen))
+    complete = benchmark.Tally(acknowledged=dict(seen), pairs=set(seen))
     assert benchmark._stored(database, complete) == 2
-    lost = benchmark._Tally(acknowledged={**seen, "never-stored": place[rows[0].step_key]}, pairs=set(seen))
+    lost = benchmark.Tally(acknowledged={**seen, "never-stored": place[rows[0].step_key]}, pairs=set(seen))
     with pytest.raises(benchmark.ServeBenchmarkError, match="of 3 acknowledged answers 1 are not stored"):
         benchmark._stored(database, lost)
     del seen[rows[0].request_id]
     with pytest.raises(benchmark.ServeBenchmarkError, match="1 were stored without being acknowledged"):
-        benchmark._stored(database, benchmark._Tally(acknowledged=seen, pairs=set(seen)))
+        benchmark._stored(database, benchmark.Tally(acknowledged=seen, pairs=set(seen)))
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import socket
 import subprocess
 from pathlib import Path
 
-from backend.commands.loopback import free_port_pair
+from backend.experiments.loopback import free_port_pair
 from tests.faults.installation import run_command
 
 

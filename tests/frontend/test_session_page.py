@@ -18,9 +18,9 @@ import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
-from backend.commands.loopback import free_port_pair
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
+from backend.experiments.loopback import free_port_pair
 from backend.settings import Settings
 from backend.store.models import Event, ProblemReport, Response, Session
 from backend.study.protocol.freezing import freeze
@@ -40,7 +40,7 @@ EMPTY_ROOM = "<!doctype html><title>room</title><body></body>"
 class Running:
     """A server with one study."""
 
-    house: House
+    services: Services
     url: str
     recruiting_token: str
 
@@ -52,17 +52,17 @@ def _broken() -> None:
 @pytest.fixture(scope="module")
 def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     port = free_port_pair()
-    house = build_house(Settings(data=tmp_path_factory.mktemp("data"), port=port, worker=False, _env_file=None))
-    with house.database.transaction() as s:
-        token = create_study(s, house.files, freeze(PROTOCOL), name="Test", created_by=None).recruiting_token
-    application = create_application(house)
+    services = build_services(Settings(data=tmp_path_factory.mktemp("data"), port=port, worker=False, _env_file=None))
+    with services.database.transaction() as s:
+        token = create_study(s, services.files, freeze(PROTOCOL), name="Test", created_by=None).recruiting_token
+    application = create_application(services)
     application.add_api_route("/broken", _broken)
     server = uvicorn.Server(uvicorn.Config(application, port=port, log_level="critical"))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     while not server.started:
         thread.join(0.02)
-    yield Running(house, f"http://127.0.0.1:{port}", token)
+    yield Running(services, f"http://127.0.0.1:{port}", token)
     server.should_exit = True
     thread.join(10)
 
@@ -119,13 +119,13 @@ class Visit:
         expect(self.page.locator("#question")).to_be_focused()
 
     def answers(self, key: str) -> list[dict[str, Any]]:
-        with self.running.house.database.session() as s:
+        with self.running.services.database.session() as s:
             session = s.scalars(select(Session).where(Session.token_hash == token_hash(self.token))).one()
             rows = s.scalars(select(Response).where(Response.session_id == session.id, Response.step_key == key))
             return [row.value for row in rows]
 
     def events(self, kind: str) -> list[dict[str, Any]]:
-        with self.running.house.database.session() as s:
+        with self.running.services.database.session() as s:
             session = s.scalars(select(Session).where(Session.token_hash == token_hash(self.token))).one()
             return [e.data for e in s.scalars(select(Event).where(Event.session_id == session.id, Event.kind == kind))]
 
@@ -143,7 +143,7 @@ def test_while_the_database_is_busy_the_page_says_so_and_the_answer_counts_once(
     visit.watch_both()
     key = visit.step["key"]
     monkeypatch.setattr("backend.store.database.TURN_PATIENCE_S", 0.1)
-    with visit.running.house.database.transaction():  # somebody else keeps writing
+    with visit.running.services.database.transaction():  # somebody else keeps writing
         visit.page.keyboard.press("a")
         expect(visit.page.locator("#banner")).to_contain_text("We are trying again")
         assert visit.answers(key) == []
@@ -323,7 +323,7 @@ def test_a_problem_report_arrives(visit: Visit) -> None:
     page.get_by_label("Something is not right?").fill("The picture is dark.")
     page.get_by_role("button", name="Send").click()
     expect(page.get_by_text("Thank you, your message has arrived.")).to_be_visible()
-    with visit.running.house.database.session() as s:
+    with visit.running.services.database.session() as s:
         assert "The picture is dark." in [report.text for report in s.scalars(select(ProblemReport))]
 
 

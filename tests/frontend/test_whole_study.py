@@ -19,9 +19,9 @@ import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
-from backend.commands.loopback import free_port_pair
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
+from backend.experiments.loopback import free_port_pair
 from backend.learning.policies.shipped import load_queries
 from backend.learning.queries.queries import QuerySet
 from backend.settings import Settings
@@ -40,8 +40,8 @@ WATCHED_S = 4.0  # the longest drive of the pairs here
 class Studies:
     """A server with studies that differ from the shipped interface study in a few words."""
 
-    def __init__(self, house: House, url: str, queries: Path) -> None:
-        self.house, self.url, self._queries = house, url, queries
+    def __init__(self, services: Services, url: str, queries: Path) -> None:
+        self.services, self.url, self._queries = services, url, queries
 
     def link(self, *changes: tuple[str, str]) -> str:
         """The recruiting link of a new study with these replacements in its YAML."""
@@ -55,13 +55,13 @@ class Studies:
         for old, new in (*small, *changes):
             assert text.count(old) == 1, old
             text = text.replace(old, new)
-        with self.house.database.transaction() as s:
-            study = create_study(s, self.house.files, freeze_text(text), name="Small", created_by=None)
+        with self.services.database.transaction() as s:
+            study = create_study(s, self.services.files, freeze_text(text), name="Small", created_by=None)
             return f"{self.url}/join/{study.recruiting_token}"
 
     def rows(self, table: type[Any]) -> list[Any]:
         """All rows of the youngest session."""
-        with self.house.database.session() as s:
+        with self.services.database.session() as s:
             session = s.scalars(select(Session).order_by(Session.created_at.desc())).first()
             assert session is not None
             found = list(s.scalars(select(table).where(table.session_id == session.id)))
@@ -77,13 +77,13 @@ def studies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studies]:
     queries = folder / "short.npz"
     QuerySet(shipped.setup, tuple(short[:6]), {}).save(queries)
     port = free_port_pair()
-    house = build_house(Settings(data=folder, port=port, worker=False, _env_file=None))
-    server = uvicorn.Server(uvicorn.Config(create_application(house), port=port, log_level="critical"))
+    services = build_services(Settings(data=folder, port=port, worker=False, _env_file=None))
+    server = uvicorn.Server(uvicorn.Config(create_application(services), port=port, log_level="critical"))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     while not server.started:
         thread.join(0.02)
-    yield Studies(house, f"http://127.0.0.1:{port}", queries)
+    yield Studies(services, f"http://127.0.0.1:{port}", queries)
     server.should_exit = True
     thread.join(10)
 

@@ -27,7 +27,7 @@ QUICK = {"updates": 12, "gate_scenes": 50, "comparisons": 2}
 
 
 @pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database, ArtefactStore]:
+def services(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database, ArtefactStore]:
     settings = Settings(data=tmp_path_factory.mktemp("aligning"), _env_file=None)
     database, files = Database(settings.database), ArtefactStore(settings.artefacts)
     database.migrate()
@@ -36,27 +36,27 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database,
     return settings, database, files
 
 
-def begin(house: tuple[Settings, Database, ArtefactStore], kind: str, params: dict[str, object]) -> JobContext:
+def begin(services: tuple[Settings, Database, ArtefactStore], kind: str, params: dict[str, object]) -> JobContext:
     """The context of a job whose row says it runs."""
-    settings, database, files = house
+    settings, database, files = services
     with database.transaction() as s:
         job = enqueue_job(s, kind, params)
         job.state = "running"
     return JobContext(settings, database, files, job, Progress(database, job.id))
 
 
-def snapshot_of(house: tuple[Settings, Database, ArtefactStore], **study: object) -> str:
-    _, database, files = house
+def snapshot_of(services: tuple[Settings, Database, ArtefactStore], **study: object) -> str:
+    _, database, files = services
     study_id = add_answered_study(database, files, **study)
     with database.transaction() as s:
         return take_snapshot(s, files, study_id=study_id, whose="simulated").id
 
 
-def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):
-    _, database, files = house
-    snapshot = snapshot_of(house, answers=15)
+def test_alignment_walks_back_to_the_answers_and_is_repeatable(services):
+    _, database, files = services
+    snapshot = snapshot_of(services, answers=15)
     params = AlignParams(snapshot=snapshot, **QUICK)
-    first = align(begin(house, "align", params.model_dump()), params)
+    first = align(begin(services, "align", params.model_dump()), params)
     assert first["passed"] is True
     assert first["gate"]["scenes"] == 50
     with database.session() as s:
@@ -80,16 +80,16 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(house):
         assert {drive.scene.digest() for drive in drives} == {pair["scene"]}
         assert all(drive.outcome == 1 for drive in drives)
 
-    again = align(begin(house, "align", params.model_dump()), params)
+    again = align(begin(services, "align", params.model_dump()), params)
     assert {**again, "seconds": 0} == {**first, "seconds": 0}
 
 
-def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(house):
-    _, database, files = house
+def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(services):
+    _, database, files = services
     params = AlignParams(
-        snapshot=snapshot_of(house, answers=15), recipe="instant", gate_scenes=50, comparisons=2, hold_out=2
+        snapshot=snapshot_of(services, answers=15), recipe="instant", gate_scenes=50, comparisons=2, hold_out=2
     )
-    result = align(begin(house, "align", params.model_dump()), params)
+    result = align(begin(services, "align", params.model_dump()), params)
     assert result["passed"]
     assert len(result["comparisons"]) == 2
     assert (result["held_out"]["answers"], result["held_out"]["folds"]) == (15, 2)
@@ -107,13 +107,13 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(hou
     assert not made.critic
 
 
-def test_people_who_want_the_same_have_a_policy_each(house):
-    _, database, files = house
+def test_people_who_want_the_same_have_a_policy_each(services):
+    _, database, files = services
     tree = {}
     for answers in (13, 14):
-        snapshot = snapshot_of(house, answers=answers)
+        snapshot = snapshot_of(services, answers=answers)
         params = AlignParams(snapshot=snapshot, recipe="instant", gate_scenes=50, comparisons=0)
-        result = align(begin(house, "align", params.model_dump()), params)
+        result = align(begin(services, "align", params.model_dump()), params)
         with database.session() as s:
             tree[answers] = lineage(s, result["policy"])
     policies = [Policy.from_bytes(files.get(one.artefact.id)) for one in tree.values()]
@@ -121,10 +121,10 @@ def test_people_who_want_the_same_have_a_policy_each(house):
     assert {answers: len(one.all_answers()) for answers, one in tree.items()} == {13: 13, 14: 14}
 
 
-def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(house):
-    _, database, _ = house
-    params = AlignParams(snapshot=snapshot_of(house, answers=15), recipe="refine", start="conditioned", **QUICK)
-    result = align(begin(house, "align", params.model_dump()), params)
+def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(services):
+    _, database, _ = services
+    params = AlignParams(snapshot=snapshot_of(services, answers=15), recipe="refine", start="conditioned", **QUICK)
+    result = align(begin(services, "align", params.model_dump()), params)
     with database.session() as s:
         card = s.get_one(Artefact, result["policy"]).card
     assert result["passed"] == result["takes_over"]
@@ -139,25 +139,25 @@ def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(
     assert better["low"] <= better["value"] <= better["high"]
 
 
-def test_recipe_instant_needs_preference_weights(house):
-    params = AlignParams(snapshot=snapshot_of(house, answers=4), recipe="instant", model="linear")
+def test_recipe_instant_needs_preference_weights(services):
+    params = AlignParams(snapshot=snapshot_of(services, answers=4), recipe="instant", model="linear")
     with pytest.raises(LearningError, match="model = weights"):
-        align(begin(house, "align", params.model_dump()), params)
+        align(begin(services, "align", params.model_dump()), params)
 
 
-def test_policy_that_does_not_pass_the_gate_gets_no_comparison(house):
+def test_policy_that_does_not_pass_the_gate_gets_no_comparison(services):
     params = AlignParams(
-        snapshot=snapshot_of(house, answers=3), **{**QUICK, "gate_least_success": 1.0, "gate_scenes": 2_000}
+        snapshot=snapshot_of(services, answers=3), **{**QUICK, "gate_least_success": 1.0, "gate_scenes": 2_000}
     )
-    result = align(begin(house, "align", params.model_dump()), params)
+    result = align(begin(services, "align", params.model_dump()), params)
     assert result["passed"] is False
     assert result["comparisons"] == []
 
 
-def test_nothing_is_kept_of_answers_that_are_erased_meanwhile(house):
-    _, database, _ = house
-    params = AlignParams(snapshot=snapshot_of(house, answers=4), **QUICK)
-    context = begin(house, "align", params.model_dump())
+def test_nothing_is_kept_of_answers_that_are_erased_meanwhile(services):
+    _, database, _ = services
+    params = AlignParams(snapshot=snapshot_of(services, answers=4), **QUICK)
+    context = begin(services, "align", params.model_dump())
     context.progress.part = lambda first, last: erase_then(context, params.snapshot)  # type: ignore[method-assign]
     with pytest.raises(ArtefactError, match="quarantined"):
         align(context, params)
@@ -173,10 +173,10 @@ def erase_then(context: JobContext, snapshot: str) -> Progress:
     return Progress(context.database, context.job.id)
 
 
-def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(house):
-    _, database, _ = house
-    params = RewardModelParams(snapshot=snapshot_of(house, participants=3, answers=15))
-    context = begin(house, "reward_model", params.model_dump())
+def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(services):
+    _, database, _ = services
+    params = RewardModelParams(snapshot=snapshot_of(services, participants=3, answers=15))
+    context = begin(services, "reward_model", params.model_dump())
     result = learn_reward_model(context, params)
     assert [row["participant"] for row in result["held_out"]] == ["P001", "P002", "P003"]
     for row in result["held_out"]:
@@ -190,7 +190,7 @@ def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(hous
         assert s.get_one(Job, context.job.id).progress > 0.5
 
 
-def test_two_answers_cannot_be_held_out_and_the_job_says_so(house):
-    params = RewardModelParams(snapshot=snapshot_of(house, participants=1, answers=2))
-    result = learn_reward_model(begin(house, "reward_model", params.model_dump()), params)
+def test_two_answers_cannot_be_held_out_and_the_job_says_so(services):
+    params = RewardModelParams(snapshot=snapshot_of(services, participants=1, answers=2))
+    result = learn_reward_model(begin(services, "reward_model", params.model_dump()), params)
     assert result["held_out"] == [{"participant": "P001", "n": 2, "reason": "too_few_answers"}]

@@ -23,7 +23,7 @@ from backend.store.strokes import read_demonstrations
 
 
 @pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database, ArtefactStore, str]:
+def services(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database, ArtefactStore, str]:
     settings = Settings(data=tmp_path_factory.mktemp("demonstrating"), _env_file=None)
     database, files = Database(settings.database), ArtefactStore(settings.artefacts)
     database.migrate()
@@ -32,8 +32,8 @@ def house(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Database,
         return settings, database, files, taken.id
 
 
-def run(house: tuple[Settings, Database, ArtefactStore, str], **changes: object) -> dict[str, object]:
-    settings, database, files, snapshot = house
+def run(services: tuple[Settings, Database, ArtefactStore, str], **changes: object) -> dict[str, object]:
+    settings, database, files, snapshot = services
     params = TrainDemonstrationsParams(**{"snapshot": snapshot, "updates": 60, **changes})
     with database.transaction() as s:
         job = enqueue_job(s, "train_demonstrations", params.model_dump())
@@ -41,9 +41,9 @@ def run(house: tuple[Settings, Database, ArtefactStore, str], **changes: object)
     return train_demonstrations(JobContext(settings, database, files, job, Progress(database, job.id)), params)
 
 
-def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_them(house) -> None:
-    _, database, files, snapshot = house
-    made = run(house, gate_least_success=0.0)
+def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_them(services) -> None:
+    _, database, files, snapshot = services
+    made = run(services, gate_least_success=0.0)
     policy = Policy.from_bytes(files.get(made["policy"]))
     assert policy.setup == "room"
     with database.session() as s:
@@ -63,9 +63,9 @@ def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_th
         assert same.digest() == driven.digest()
 
 
-def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_compared_ones_arrive(house) -> None:
-    files = house[2]
-    made = run(house, gate_least_success=0.0)
+def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_compared_ones_arrive(services) -> None:
+    files = services[2]
+    made = run(services, gate_least_success=0.0)
     assert [one["scene_seed"] for one in made["situations"]] == [0, 1, 2, 3]  # arrived or not: all of them are rated
     assert all(one in made["situations"] for one in made["comparisons"])
     for compared in made["comparisons"]:
@@ -77,14 +77,14 @@ def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_
         assert (drives["base"].poses == drive(DWA, [scene])[0].poses).all()
 
 
-def test_a_controller_that_does_not_arrive_is_not_shown(house) -> None:
-    made = run(house, updates=16, seed=3)
+def test_a_controller_that_does_not_arrive_is_not_shown(services) -> None:
+    made = run(services, updates=16, seed=3)
     arrived = made["judged"]["success_rate"]
     assert made["passed"] == (arrived >= 0.95)
     assert arrived < 0.95  # 16 updates teach nobody
     assert made["comparisons"] == []
 
 
-def test_what_is_no_snapshot_of_demonstrations_is_refused(house) -> None:
+def test_what_is_no_snapshot_of_demonstrations_is_refused(services) -> None:
     with pytest.raises(ArtefactError, match="no demonstrations"):
-        run(house, snapshot="f" * 64)
+        run(services, snapshot="f" * 64)

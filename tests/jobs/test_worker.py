@@ -27,7 +27,7 @@ PATIENCE_S = 150
 ENDLESS = {"setup": "study_room", "updates": 2_000_000, "n_envs": 8}
 
 
-class House:
+class WorkerRig:
     """A data folder with a worker on it."""
 
     def __init__(self, data: Path) -> None:
@@ -87,31 +87,31 @@ def processes_of(job_id: str) -> list[int]:
 
 
 @pytest.fixture(scope="module")
-def house(tmp_path_factory: pytest.TempPathFactory) -> Iterator[House]:
-    made = House(tmp_path_factory.mktemp("worker"))
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WorkerRig]:
+    made = WorkerRig(tmp_path_factory.mktemp("worker"))
     made.start_worker()
     yield made
     assert made.stop_worker() == 0
 
 
-def test_job_runs_to_an_artefact_with_card_and_lineage(house):
-    done = house.ended(house.enqueue("evaluate", policy="study_room/base", scenes=40))
+def test_job_runs_to_an_artefact_with_card_and_lineage(rig):
+    done = rig.ended(rig.enqueue("evaluate", policy="study_room/base", scenes=40))
     assert (done.state, done.progress, done.error) == ("succeeded", 1.0, None), done.error
     assert done.started_at <= done.heartbeat_at <= done.finished_at
-    with house.database.session() as s:
+    with rig.database.session() as s:
         made = s.get_one(Artefact, done.result["evaluation"])
         assert [parent.artefact.name for parent in lineage(s, made.id).parents] == ["study_room/base"]
     assert made.job_id == done.id
     assert made.card["command"] == "desirepath jobs start evaluate --set policy=study_room/base --set scenes=40"
     assert made.card["results"]["n"] == 40
     assert made.card["results"]["success_rate"] > 0.8
-    assert "done in" in read_log(house.settings, done.id)
+    assert "done in" in read_log(rig.settings, done.id)
 
 
-def test_trained_policy_is_measured_afterwards(house):
-    trained = house.ended(house.enqueue("train_base", setup="open_field", updates=240, n_envs=64, selection_scenes=50))
+def test_trained_policy_is_measured_afterwards(rig):
+    trained = rig.ended(rig.enqueue("train_base", setup="open_field", updates=240, n_envs=64, selection_scenes=50))
     assert trained.state == "succeeded", trained.error
-    with house.database.session() as s:
+    with rig.database.session() as s:
         follow_up = s.scalars(select(Job).where(Job.params["policy"].as_string() == trained.result["policy"])).one()
         curves = set(s.scalars(select(JobMetric.name).where(JobMetric.job_id == trained.id)))
         card = s.get_one(Artefact, trained.result["policy"]).card
@@ -119,31 +119,31 @@ def test_trained_policy_is_measured_afterwards(house):
     assert {"success_rate", "min_human_distance_m"} <= curves
     assert any("progress" in departure for departure in card["departures"])
     # No need to wait for 2,000 scenes of a poor driver.
-    with house.database.transaction() as s, contextlib.suppress(ValueError):
+    with rig.database.transaction() as s, contextlib.suppress(ValueError):
         cancel_job(s, follow_up.id, by="tests")
 
 
-def test_command_starts_a_job_and_prints_its_result(house):
+def test_command_starts_a_job_and_prints_its_result(rig):
     words = ["jobs", "start", "evaluate", "--set", "policy=study_room/base", "--set", "scenes=30", "--json"]
     told = subprocess.run(
         [sys.executable, "-m", "backend.cli", *words],
         cwd=ROOT,
-        env=environment_of(house.settings),
+        env=environment_of(rig.settings),
         stdout=subprocess.PIPE,
     )
     result = json.loads(told.stdout)
     assert told.returncode == 0
     assert result["measured"]["n"] == 30
-    assert house.job(result["job"]).created_by == "command line"
+    assert rig.job(result["job"]).created_by == "command line"
 
 
-def test_cancel_ends_the_training_and_its_process(house):
-    job = house.enqueue("train_base", **ENDLESS)
-    house.begun(job)
-    with house.database.transaction() as s:
+def test_cancel_ends_the_training_and_its_process(rig):
+    job = rig.enqueue("train_base", **ENDLESS)
+    rig.begun(job)
+    with rig.database.transaction() as s:
         cancel_job(s, job, by="tests")
-    assert house.ended(job).state == "cancelled"
-    house.wait(lambda: not processes_of(job))
+    assert rig.ended(job).state == "cancelled"
+    rig.wait(lambda: not processes_of(job))
 
 
 @pytest.mark.parametrize(
@@ -155,41 +155,41 @@ def test_cancel_ends_the_training_and_its_process(house):
         ("bake", {}, "known: align"),
     ],
 )
-def test_job_that_cannot_work_says_why(house, kind, params, says):
-    failed = house.ended(house.enqueue(kind, **params))
+def test_job_that_cannot_work_says_why(rig, kind, params, says):
+    failed = rig.ended(rig.enqueue(kind, **params))
     assert failed.state == "failed"
     assert says in failed.error
 
 
-def test_process_that_is_killed_is_tried_once_more_then_given_up(house):
-    job = house.enqueue("train_base", **ENDLESS)
+def test_process_that_is_killed_is_tried_once_more_then_given_up(rig):
+    job = rig.enqueue("train_base", **ENDLESS)
     for attempt in (1, 2):
-        house.begun(job, times=attempt)
-        os.kill(house.process_of(job), signal.SIGKILL)
-    failed = house.ended(job)
+        rig.begun(job, times=attempt)
+        os.kill(rig.process_of(job), signal.SIGKILL)
+    failed = rig.ended(job)
     assert failed.state == "failed"
     assert "SIGKILL" in failed.error
     assert "tried again once" in failed.error
 
 
 def test_killed_worker_leaves_no_orphan_and_the_next_one_finishes_the_job(tmp_path):
-    house = House(tmp_path)
-    house.start_worker()
-    job = house.enqueue("evaluate", policy="study_room/base", scenes=200)
-    cancelled = house.enqueue("train_base", **ENDLESS)
-    house.begun(job)
-    orphan = house.process_of(job)
-    assert house.stop_worker(signal.SIGKILL) == -signal.SIGKILL
-    house.wait(lambda: orphan not in processes_of(job))
-    assert house.job(job).state == "running"
-    with house.database.transaction() as s:
+    rig = WorkerRig(tmp_path)
+    rig.start_worker()
+    job = rig.enqueue("evaluate", policy="study_room/base", scenes=200)
+    cancelled = rig.enqueue("train_base", **ENDLESS)
+    rig.begun(job)
+    orphan = rig.process_of(job)
+    assert rig.stop_worker(signal.SIGKILL) == -signal.SIGKILL
+    rig.wait(lambda: orphan not in processes_of(job))
+    assert rig.job(job).state == "running"
+    with rig.database.transaction() as s:
         cancel_job(s, cancelled, by="tests")
-    house.start_worker()
+    rig.start_worker()
     try:
-        done = house.ended(job)
+        done = rig.ended(job)
         assert done.state == "succeeded", done.error
-        assert house.ended(cancelled).state == "cancelled"
-        with house.database.session() as s:
+        assert rig.ended(cancelled).state == "cancelled"
+        with rig.database.session() as s:
             assert len(list(s.scalars(select(Artefact).where(Artefact.kind == "evaluation")))) == 1
     finally:
-        house.stop_worker()
+        rig.stop_worker()

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
-from backend.commands.loopback import loopback_server
+from backend.experiments.loopback import loopback_server
 from backend.settings import Settings
 
 # Everything in the page that measures time runs `speed` times as fast; animation frames still come when they come.

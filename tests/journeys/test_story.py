@@ -19,7 +19,7 @@ import pytest
 from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
-from backend.commands.browser_way import walk_with_browser
+from backend.experiments.browser.client import walk_with_browser
 from backend.learning.policies.shipped import load_queries
 from backend.learning.queries.queries import QuerySet
 from backend.settings import Settings

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.experiments.asking_study import AskingConfig, asking_study, summarise
+from backend.experiments.asking import AskingConfig, asking_study, summarise
 from backend.learning.errors import LearningError
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig
 from backend.learning.preferences.vocabulary import MEASURES, NAMES, OPPOSITES, typical_differences

@@ -20,7 +20,7 @@ from backend.api.analyst.job_pages import csv_response, posted
 from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, Files, house
+from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.learning.policies.policy import Policy
 from backend.store.artefacts import Lineage, lineage, load_trajectory
@@ -96,7 +96,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
         found = next((one for one in content.answers if one.response == response_id), None)
         if found is None:
             raise LabRefusal(404, "no_answer")
-        t = house(request).texts.get(lab_language(request))
+        t = services_of(request).texts.get(lab_language(request))
         pair = [load_trajectory(files, one) for one in (found.trajectory_a, found.trajectory_b)]
         names = [
             t("analyst.answer.drive_chosen" if found.choice == x.lower() else "analyst.answer.drive", name=x)
@@ -285,7 +285,7 @@ def _held_out_figure(request: Request, artefact: Artefact) -> Markup | None:
     measured = [row for row in _held_out(artefact) if "accuracy" in row]
     if not measured:
         return None
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     rows = [
         svg_figures.Interval(
             row["participant"],

@@ -22,9 +22,9 @@ from backend.api.analyst.job_forms import form_fields
 from backend.api.analyst.job_pages import csv_response
 from backend.api.core import svg_figures
 from backend.api.core.auth import checked_csrf
-from backend.api.core.dependencies import Db, Files, house
+from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
-from backend.api.stage.replay_stages import Replay, replays
+from backend.api.stage.replay_stages import Replay
 from backend.jobs.kinds import KINDS
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
@@ -107,7 +107,7 @@ def comparison(
         title = _t(request)("analyst.compare.plan", scene=str(shown[scene]["scene_seed"]))
         plan = Markup(svg_figures.drives(pair[0].scene, pair, names=names, title=title))  # noqa: S704
         if stage:
-            replay = replays(house(request)).grant(Replay(tuple(pair), tuple(names)))
+            replay = services_of(request).replays.grant(Replay(tuple(pair), tuple(names)))
     return lab_page(
         request,
         "analyst/comparison.html",
@@ -280,4 +280,4 @@ def _histogram(request: Request, content: dict[str, Any], measure: str) -> str:
 
 
 def _t(request: Request) -> Any:
-    return house(request).texts.get(lab_language(request))
+    return services_of(request).texts.get(lab_language(request))

@@ -35,11 +35,11 @@ from backend.api.analyst.path_rows import (
 from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, Files, house
+from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.core.texts import Catalogue
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
-from backend.api.stage.replay_stages import Replay, replays
+from backend.api.stage.replay_stages import Replay
 from backend.demonstrations import quality
 from backend.jobs.kinds import get_kind
 from backend.simulation.demonstration_scenes import demonstration_scene
@@ -180,8 +180,8 @@ def paths_page(
     """Every kept path of people or of simulated participants, or of one participant, place by place; where there are
     many, one place at a time. watch: of which stroke the place is shown in 3D.
     """
-    parts = house(request)
-    t = parts.texts.get(lab_language(request))
+    services = services_of(request)
+    t = services.texts.get(lab_language(request))
     with database.session() as s:
         study = the_study(s, study_id)
         chosen = the_participant(s, study, participant) if participant else None
@@ -195,7 +195,7 @@ def paths_page(
         for shown in places:
             for one in shown.rows:
                 if one.stroke.id == watch:
-                    stage = replays(parts).grant(shown.in_3d(t, one))
+                    stage = services.replays.grant(shown.in_3d(t, one))
         return study_tab(
             request,
             study,
@@ -228,7 +228,7 @@ def place_svg(
 ) -> Response:
     """The figure of one place."""
     place = _place(study_id, environment, pair, database, files, who, participant)
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     return Response(place.figure(t), media_type="image/svg+xml")
 
 

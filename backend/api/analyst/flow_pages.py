@@ -16,11 +16,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from backend.api.core.auth import checked_csrf
-from backend.api.core.dependencies import Db, Files, house
-from backend.api.core.figure_process import FigureError, FlowOrder, figure_process
+from backend.api.core.dependencies import Db, Files, services_of
+from backend.api.core.figure_process import FigureError, FlowOrder
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.core.texts import Catalogue
-from backend.api.stage.replay_stages import Replay, replays
+from backend.api.stage.replay_stages import Replay
 from backend.explain.flow_field import CELL_M
 from backend.explain.flow_files import FigureFiles
 from backend.explain.flow_words import Words
@@ -96,7 +96,7 @@ class _Problem(ValueError):
 @router.get("/lab/flow-field")
 def flow_field(request: Request, database: Db, files: Files, stage: bool = False) -> Response:
     """The form, and below it the figure, its numbers and the same scene in 3D."""
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     asked = figure = token = problem = None
     with database.session() as s:
         choices = _choices(s)
@@ -107,7 +107,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
             policies = [side.policy(files) for side in asked.sides]
             figure = _drawn(request, t, asked, policies)[1]
             if stage:
-                token = replays(house(request)).grant(_replay(asked, policies))
+                token = services_of(request).replays.grant(_replay(asked, policies))
     except _Problem as wrong:
         problem = t(f"flow.problems.{wrong.key}", **wrong.values)
     except LearningError as wrong:
@@ -140,7 +140,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
 @router.get("/lab/flow-field/{name}")
 def flow_file(request: Request, name: str, database: Db, files: Files) -> Response:
     """One file of the figure that the rest of the address asks for."""
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     try:
         with database.session() as s:
             asked = _asked(request, s)
@@ -223,7 +223,7 @@ def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[Poli
         CELL_M,
         tuple((field.name, t.table("flow.words")[field.name]) for field in fields(Words)),
     )
-    return figure_process(house(request)).draw(order)
+    return services_of(request).figures.draw(order)
 
 
 def _replay(asked: Asked, policies: Sequence[Policy]) -> Replay:

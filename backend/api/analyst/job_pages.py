@@ -23,7 +23,7 @@ from backend.api.analyst.job_forms import form_fields, typed_values
 from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, TheHouse, house
+from backend.api.core.dependencies import Db, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab.study_rows import found_page
 from backend.jobs.kept_artefacts import command_of, find_artefact
@@ -193,10 +193,10 @@ def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Res
 
 
 @router.get("/lab/jobs/{job_id}/log.txt")
-def log(job_id: str, database: Db, parts: TheHouse) -> Response:
+def log(job_id: str, database: Db, services: TheServices) -> Response:
     with database.session() as s:
         _job(s, job_id)
-    return PlainTextResponse(read_log(parts.settings, job_id, last_bytes=5_000_000))
+    return PlainTextResponse(read_log(services.settings, job_id, last_bytes=5_000_000))
 
 
 @router.get("/lab/jobs/{job_id}/curves/{name}.svg")
@@ -351,7 +351,7 @@ def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
         "job": job,
         "made": made_by(s, job),
         "curves": drawn,
-        "log": read_log(house(request).settings, job.id, last_bytes=LOG_TAIL_BYTES),
+        "log": read_log(services_of(request).settings, job.id, last_bytes=LOG_TAIL_BYTES),
         "waiting_before": waiting_before,
         "known_kind": job.kind in KINDS,
         "command": _command(job),
@@ -375,6 +375,6 @@ def _curve(s: DatabaseSession, job_id: str, name: str) -> list[tuple[int, float]
 
 
 def _draw(request: Request, name: str, points: list[tuple[int, float]]) -> str:
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     title = t(f"analyst.metrics.{name}") if t.knows(f"analyst.metrics.{name}") else name
     return svg_figures.curve(points, title=title, x_label=t("analyst.curves.step"), number=svg_figures.exact(t.number))

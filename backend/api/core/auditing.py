@@ -13,7 +13,7 @@ import structlog
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
-from backend.api.core.dependencies import house
+from backend.api.core.dependencies import services_of
 from backend.store.audit import record
 from backend.store.database import StorageError
 
@@ -56,5 +56,5 @@ async def write(request: Request, status: int) -> None:
 def _write(request: Request, noted: _Noted) -> None:
     given = {**request.path_params, **noted.data}
     own = {key: given.pop(key) for key in OWN_COLUMNS if key in given}
-    with house(request).database.transaction() as s:
+    with services_of(request).database.transaction() as s:
         record(s, noted.action, by=noted.by, role=noted.role, outcome=noted.outcome, **own, **given)

@@ -23,10 +23,10 @@ from sqlalchemy import delete, select
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.core.auditing import audited
-from backend.api.core.dependencies import Db, public_url, route_of
+from backend.api.core.dependencies import Db, public_url, route_of, services_of
 from backend.api.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
 from backend.api.core.roles import ROLES, may, rule_of
-from backend.api.core.throttle import address_of, count, exhausted, limiter
+from backend.api.core.throttle import address_of, count, exhausted
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import SignIn, User, utc_now
@@ -243,7 +243,9 @@ def sign_in(
 
     for limit, key in windows:
         if exhausted(request, limit, key):
-            seconds = max(1, round(limiter(request).get_window_stats(limit, key).reset_time - utc_now().timestamp()))
+            seconds = max(
+                1, round(services_of(request).limiter.get_window_stats(limit, key).reset_time - utc_now().timestamp())
+            )
             refused = again(429, "too_many", minutes=-(-seconds // 60))
             refused.headers["Retry-After"] = str(seconds)
             return refused

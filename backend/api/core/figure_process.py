@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from backend.api.core.dependencies import House
     from backend.explain.flow_files import FigureFiles
 
 MOST_KEPT = 24  # figures; about one MB each
@@ -139,11 +138,6 @@ class FigureProcess:
             self._child.kill()
             self._child.wait()
             self._child = None
-
-
-def figure_process(parts: House) -> FigureProcess:
-    """The house's figure process; made at first use."""
-    return parts.part("figures", FigureProcess)
 
 
 def _draw(told: dict[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.core import auditing, auth
-from backend.api.core.dependencies import house, page, route_of, stage_origin
+from backend.api.core.dependencies import page, route_of, services_of, stage_origin
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
 
 READING = ("GET", "HEAD", "OPTIONS")
@@ -71,7 +71,7 @@ async def _refusal(request: Request, limit: int) -> Response | None:
     if request.method in READING or not _behind_sign_in(request):
         return None
     try:
-        await run_in_threadpool(auth.signed_in, request, house(request).database)
+        await run_in_threadpool(auth.signed_in, request, services_of(request).database)
     except (auth.NotSignedIn, auth.PasswordMustChange) as problem:
         return auth.exception_handlers[type(problem)](request, problem)
     return None
@@ -119,7 +119,7 @@ def trouble(request: Request, status: int, code: str, message: str) -> Response:
     """A page for people, JSON for scripts. Reads no table: it has to work when the store does not."""
     if request.url.path.startswith(("/api/", "/static/")):
         return JSONResponse({"error": {"code": code, "message": message}}, status)
-    parts = house(request)
-    language = parts.texts.best(request.headers.get("Accept-Language"))
-    contact = parts.settings.contact
+    services = services_of(request)
+    language = services.texts.best(request.headers.get("Accept-Language"))
+    contact = services.settings.contact
     return page(request, "participant/refusal.html", language=language, status=status, code=code, contact=contact)

@@ -11,7 +11,7 @@ from typing import Any
 from fastapi import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from backend.api.core.dependencies import house, page
+from backend.api.core.dependencies import page, services_of
 from backend.api.core.roles import may
 
 LANGUAGES = ("en", "de")
@@ -45,7 +45,7 @@ def lab_language(request: Request) -> str:
     chosen = request.cookies.get(LANGUAGE_COOKIE)
     if chosen in LANGUAGES:
         return chosen
-    return house(request).texts.best(request.headers.get("Accept-Language"), LANGUAGES)
+    return services_of(request).texts.best(request.headers.get("Accept-Language"), LANGUAGES)
 
 
 def lab_page(request: Request, template: str, *, status: int = 200, **context: Any) -> HTMLResponse:

@@ -11,7 +11,7 @@ from limits.storage import MemoryStorage
 from limits.strategies import MovingWindowRateLimiter
 from starlette.exceptions import HTTPException
 
-from backend.api.core.dependencies import house
+from backend.api.core.dependencies import services_of
 
 REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no session or join form is known for
 JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
@@ -20,9 +20,9 @@ LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol
 LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
 
 
-def limiter(request: Request) -> MovingWindowRateLimiter:
-    """One per house, in memory: a restart forgives, and the server is one process."""
-    return house(request).part("limiter", lambda: MovingWindowRateLimiter(MemoryStorage()))
+def memory_limiter() -> MovingWindowRateLimiter:
+    """One per server, in memory: a restart forgives, and the server is one process."""
+    return MovingWindowRateLimiter(MemoryStorage())
 
 
 def address_of(request: Request) -> str:
@@ -32,12 +32,12 @@ def address_of(request: Request) -> str:
 
 def count(request: Request, limit: RateLimitItem, *key: str) -> bool:
     """Count one request; False where it is one too many."""
-    return limiter(request).hit(limit, *key)
+    return services_of(request).limiter.hit(limit, *key)
 
 
 def exhausted(request: Request, limit: RateLimitItem, *key: str) -> bool:
     """Whether the next request would be one too many; counts nothing."""
-    return not limiter(request).test(limit, *key)
+    return not services_of(request).limiter.test(limit, *key)
 
 
 class TooLarge(HTTPException):

@@ -28,7 +28,7 @@ from starlette.responses import RedirectResponse, Response
 
 from backend.api.analyst.flow_pages import FIGURE_POLICY, MEDIA_TYPES
 from backend.api.core.auth import checked_csrf
-from backend.api.core.dependencies import Db, House, house
+from backend.api.core.dependencies import Db, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.jobs.process import ONE_THREAD, environment_of
@@ -123,11 +123,6 @@ def _error_in(told: bytes) -> str:
         return "the process ended without an answer"
 
 
-def reports_of(parts: House) -> Reports:
-    """The house's reports; made at first use."""
-    return parts.part("reports", lambda: Reports(parts.settings))
-
-
 def _mark(s: DatabaseSession, study: Study) -> str:
     """Changes with every answer, exclusion, withdrawal, erasure and change of protocol."""
     answers = s.execute(
@@ -149,7 +144,7 @@ def _asked(request: Request, s: DatabaseSession, study_id: str, who: str) -> tup
     if who not in WHO:
         raise LabRefusal(404, "no_report")
     study = the_study(s, study_id)
-    return study, reports_of(house(request)).report(study.id, who, _mark(s, study))
+    return study, services_of(request).reports.report(study.id, who, _mark(s, study))
 
 
 @router.get("/lab/studies/{study_id}/analysis/{who}")

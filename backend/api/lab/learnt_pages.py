@@ -13,7 +13,7 @@ from starlette.responses import Response
 from backend.api.analyst.job_pages import csv_response
 from backend.api.core import svg_figures
 from backend.api.core.auth import checked_csrf
-from backend.api.core.dependencies import Db, Files, house
+from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab.study_tabs import TABS, the_participant, the_study
 from backend.store.artefacts import ArtefactStore
@@ -26,7 +26,7 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 @router.get("/lab/studies/{study_id}/people/{code}/learnt")
 def learnt(request: Request, study_id: str, code: str, database: Db, files: Files) -> Response:
     """The page; with the header `X-Fragment`, only the part that changes."""
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     with database.session() as s:
         study = the_study(s, study_id)
         participant = the_participant(s, study, code)
@@ -57,7 +57,7 @@ def learnt_csv(study_id: str, code: str, database: Db, files: Files) -> Response
 
 @router.get("/lab/studies/{study_id}/people/{code}/learnt.svg")
 def learnt_svg(request: Request, study_id: str, code: str, database: Db, files: Files) -> Response:
-    t = house(request).texts.get(lab_language(request))
+    t = services_of(request).texts.get(lab_language(request))
     with database.session() as s:
         now = _learnt(s, files, the_participant(s, the_study(s, study_id), code))
     if not now.shares:

@@ -9,7 +9,7 @@ from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, Files, TheHouse, house
+from backend.api.core.dependencies import Db, Files, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab import drafts
 from backend.api.lab.drafts import Draft, DraftError
@@ -24,8 +24,8 @@ LONGEST_NAME = 200
 router = APIRouter(prefix="/lab/new", dependencies=[Depends(checked_csrf)], tags=["new study"])
 
 
-def _draft(parts: TheHouse, draft_id: str) -> Draft:
-    found = drafts.find_draft(parts.settings.data, draft_id)
+def _draft(services: TheServices, draft_id: str) -> Draft:
+    found = drafts.find_draft(services.settings.data, draft_id)
     if found is None:
         raise LabRefusal(404, "no_draft")
     return found
@@ -50,14 +50,14 @@ def _choose_page(request: Request, *, status: int = 200, problem: DraftError | N
 @router.post("")
 def make_draft(
     request: Request,
-    parts: TheHouse,
+    services: TheServices,
     source: Annotated[str, Form()] = "",
     yaml: Annotated[str, Form()] = "",
     protocol: Annotated[UploadFile | None, File()] = None,
     texts: Annotated[list[UploadFile] | None, File()] = None,
 ) -> Response:
     """`source`: shipped:NAME, upload or paste."""
-    data = parts.settings.data
+    data = services.settings.data
     try:
         if source.startswith("shipped:"):
             draft = drafts.draft_from_shipped(data, source.removeprefix("shipped:"))
@@ -110,7 +110,7 @@ def _check_page(
     """The second and third step on one page: what is wrong, or what the study will be and the button that opens it."""
     frozen, problems = None, []
     try:
-        with house(request).database.session() as s:
+        with services_of(request).database.session() as s:
             frozen = draft.freeze(query_sets_here(s))
     except ProtocolError as wrong:
         problems = sorted(wrong.problems, key=lambda one: (one.file, one.line))

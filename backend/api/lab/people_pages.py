@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, Files, house
+from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal
 from backend.api.lab import people_rows, study_rows
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
@@ -98,7 +98,7 @@ def erase(
         if typed.strip() != study.name:
             return _person_page(request, s, study, code, status=422, problem="name_differs")
         participant_id = participant.id
-    erase_participant(database, files, participant_id, by=user.name, data=house(request).settings.data)
+    erase_participant(database, files, participant_id, by=user.name, data=services_of(request).settings.data)
     return RedirectResponse(f"/lab/studies/{study_id}/erased?done=erased", status_code=303)
 
 

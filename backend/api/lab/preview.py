@@ -11,12 +11,11 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, House, TheHouse, contact, house, page
+from backend.api.core.dependencies import Db, Services, TheServices, contact, page, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.core.roles import Right
 from backend.api.lab.drafts import find_draft
 from backend.api.participant.session_view import leads_to, next_kind
-from backend.api.stage.replay_stages import replays
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
@@ -91,24 +90,24 @@ def example_query(files: ArtefactStore, query_set: str) -> tuple[Trajectory, Tra
 
 
 @router.get("/new/{draft_id}/preview/{number}")
-def preview_draft(request: Request, parts: TheHouse, draft_id: str, number: int, language: str = "") -> Response:
-    return _preview_page(request, _drafted(parts, draft_id), number, language, back=f"/lab/new/{draft_id}")
+def preview_draft(request: Request, services: TheServices, draft_id: str, number: int, language: str = "") -> Response:
+    return _preview_page(request, _drafted(services, draft_id), number, language, back=f"/lab/new/{draft_id}")
 
 
 @router.get("/studies/{study_id}/revise/{draft_id}/preview/{number}")
 def preview_change(
-    request: Request, parts: TheHouse, study_id: str, draft_id: str, number: int, language: str = ""
+    request: Request, services: TheServices, study_id: str, draft_id: str, number: int, language: str = ""
 ) -> Response:
     back = f"/lab/studies/{study_id}/revise/{draft_id}"
-    return _preview_page(request, _drafted(parts, draft_id), number, language, back=back)
+    return _preview_page(request, _drafted(services, draft_id), number, language, back=back)
 
 
-def _drafted(parts: House, draft_id: str) -> FrozenProtocol:
-    draft = find_draft(parts.settings.data, draft_id)
+def _drafted(services: Services, draft_id: str) -> FrozenProtocol:
+    draft = find_draft(services.settings.data, draft_id)
     if draft is None:
         raise LabRefusal(404, "no_draft")
     try:
-        with parts.database.session() as s:
+        with services.database.session() as s:
             return draft.freeze(query_sets_here(s))
     except ProtocolError:
         raise LabRefusal(422, "not_valid") from None
@@ -125,11 +124,11 @@ def preview_study(request: Request, study_id: str, number: int, database: Db, la
 
 
 @router.post("/preview-stage/{token}/{drive}", status_code=204)
-def play(parts: TheHouse, token: str, drive: str, user: CheckedCsrf) -> None:
+def play(services: TheServices, token: str, drive: str, user: CheckedCsrf) -> None:
     """Play drive `a` or `b` on a preview's stage."""
-    found = replays(parts).shown_by(token)
-    key = replays(parts).key_of(token)
-    stage = parts.stage.stage(key) if parts.stage and key else None
+    found = services.replays.shown_by(token)
+    key = services.replays.key_of(token)
+    stage = services.presenter.server.stage(key) if services.presenter.server and key else None
     if not isinstance(found, QueryPreview) or stage is None or drive not in ("a", "b"):
         raise LabRefusal(404, "no_preview")
     found.play(stage, drive)
@@ -145,7 +144,7 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
     step = steps[number - 1]
     query_set = frozen.protocol.query_set
     shown = step["kind"] in ON_STAGE and query_set is not None
-    query = example_query(house(request).files, query_set or "") if shown else None
+    query = example_query(services_of(request).files, query_set or "") if shown else None
     payload = payload_of(frozen, step, language, completion_code=EXAMPLE_CODE)
     if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE):
         payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
@@ -171,8 +170,8 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
         contact=frozen.protocol.contact or contact(request),
         back=back,
         here=request.url.path.rsplit("/", 1)[0],
-        lab=house(request).texts.get(lab_language(request)),
-        stage_token=replays(house(request)).grant(QueryPreview(*query, view=step["view"])) if query else None,
+        lab=services_of(request).texts.get(lab_language(request)),
+        stage_token=services_of(request).replays.grant(QueryPreview(*query, view=step["view"])) if query else None,
         drives=[round(one.duration_s, 1) for one in query] if query else [0.0, 0.0] if step["kind"] in ON_STAGE else [],
         csrf=request.state.sign_in.csrf,
     )

@@ -13,7 +13,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
-from backend.api.core.dependencies import Db, Files, TheHouse
+from backend.api.core.dependencies import Db, Files, TheServices
 from backend.api.core.roles import Right
 from backend.api.lab import drafts
 from backend.api.lab.drafts import Draft, DraftError
@@ -103,7 +103,7 @@ def make_change(
     request: Request,
     study_id: str,
     database: Db,
-    parts: TheHouse,
+    services: TheServices,
     protocol: Annotated[UploadFile | None, File()] = None,
     texts: Annotated[list[UploadFile] | None, File()] = None,
 ) -> Response:
@@ -115,7 +115,7 @@ def make_change(
         if protocol is not None and protocol.filename:
             yaml = uploaded_text(protocol.filename, read_upload(protocol))
         named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
-        draft = drafts.draft_from_text(parts.settings.data, yaml, named, newest.files)
+        draft = drafts.draft_from_text(services.settings.data, yaml, named, newest.files)
     except DraftError as problem:
         return _choose_page(request, study_id, database, problem)
     return RedirectResponse(f"/lab/studies/{study_id}/revise/{draft.id}", status_code=303)

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Form, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.core.dependencies import contact, house, page
+from backend.api.core.dependencies import contact, page, services_of
 from backend.api.participant.requests import told_device
 from backend.store.models import Session, utc_now
 from backend.study.protocol.schema import DeviceGate
@@ -61,7 +61,7 @@ def check_page(request: Request, s: DatabaseSession, session: Session, token: st
 def check(token: str, request: Request, device: Annotated[str, Form()] = "") -> Response:
     """What the page measured; the session goes on with it, or the study cannot be shown here."""
     response = RedirectResponse(f"/p/{token}", status_code=303)
-    with acting(house(request).database, token, request="device", now=utc_now()) as (s, session):
+    with acting(services_of(request).database, token, request="device", now=utc_now()) as (s, session):
         try:
             devices.change_device(s, session, protocol_of(s, session).protocol.device, told_device(device))
         except Refused as refused:

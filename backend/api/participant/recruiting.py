@@ -13,7 +13,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
-from backend.api.core.dependencies import contact, house, page
+from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.api.participant.device_check import remember
 from backend.api.participant.requests import storable, told_device, too_many
@@ -33,13 +33,13 @@ PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_
 @router.get("/join/{recruiting_token}")
 def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None, Query()] = None) -> Response:
     """Device check and welcome; nothing is stored yet."""
-    parts = house(request)
-    with parts.database.session() as s:
+    services = services_of(request)
+    with services.database.session() as s:
         study = study_by_link(s, recruiting_token)
         check_open(s, study)
         frozen = newest_protocol(s, study)[1]
     languages = tuple(frozen.protocol.languages)
-    best = parts.texts.best(request.headers.get("Accept-Language"), languages)
+    best = services.texts.best(request.headers.get("Accept-Language"), languages)
     language = lang if lang in languages else best
     here = request.url.path
     return page(
@@ -78,7 +78,7 @@ async def _body(request: Request, is_json: bool) -> dict[str, Any]:
 
 
 def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_json: bool) -> Response:
-    parts = house(request)
+    services = services_of(request)
     recruiting = {field: str(given[name]) for name, field in PLATFORM_FIELDS.items() if given.get(name)}
     simulated = is_json and given.get("simulated") is True
     if simulated and not _from_here(request):
@@ -86,11 +86,11 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
     oracle = given.get("oracle")
-    with parts.database.transaction() as s:
+    with services.database.transaction() as s:
         session, token = join_study(
             s,
             study_by_link(s, recruiting_token),
-            files=parts.files,
+            files=services.files,
             language=str(given.get("language", "")),
             recruiting={"platform": "prolific", **recruiting} if recruiting else None,
             device=told_device(given.get("device")),
@@ -108,7 +108,7 @@ def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_jso
 @router.get("/back")
 def code_page(request: Request) -> Response:
     """Where the code of a later appointment is typed, on a device that does not have the link."""
-    texts = house(request).texts
+    texts = services_of(request).texts
     language = texts.best(request.headers.get("Accept-Language"), texts.languages)
     return page(request, "participant/back.html", language=language, contact=contact(request))
 

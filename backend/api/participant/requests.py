@@ -15,7 +15,7 @@ from fastapi import Body, Request
 from pydantic import AfterValidator
 from starlette.responses import JSONResponse, Response
 
-from backend.api.core.dependencies import contact, house, page
+from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import REFUSALS_PER_ADDRESS, address_of, count, exhausted
 from backend.store.models import utc_now
 from backend.study.refusals import Refused, log_refusal
@@ -31,7 +31,7 @@ async def not_guessing(request: Request) -> None:
 
 def _check_link(request: Request) -> None:
     try:
-        with house(request).database.session() as s:
+        with services_of(request).database.session() as s:
             if "token" in request.path_params:
                 find_session(s, request.path_params["token"], now=utc_now(), lock=False)
             elif "recruiting_token" in request.path_params:
@@ -119,7 +119,7 @@ def drive_of(given: Any) -> Literal["a", "b"]:
 def refusal_page(request: Request, problem: Exception) -> Response:
     """A Refused as the page (people) or JSON (scripts) that says what happened."""
     assert isinstance(problem, Refused)  # noqa: S101  registered for this class only
-    parts = house(request)
+    services = services_of(request)
     wants_json = request.url.path.startswith("/api/") or request.headers.get("content-type", "").startswith(
         "application/json"
     )
@@ -129,14 +129,14 @@ def refusal_page(request: Request, problem: Exception) -> Response:
     if problem.code != "too_many" and (joining or problem.code == "unknown"):
         counted = count(request, REFUSALS_PER_ADDRESS, "refused", address_of(request))
         if joining and counted:
-            log_refusal(parts.database, problem, request="join")
+            log_refusal(services.database, problem, request="join")
     if wants_json:
         return JSONResponse(problem.as_dict(), problem.status)
-    languages = parts.texts.languages
+    languages = services.texts.languages
     return page(
         request,
         "participant/refusal.html",
-        language=parts.texts.best(request.headers.get("Accept-Language"), languages),
+        language=services.texts.best(request.headers.get("Accept-Language"), languages),
         status=problem.status,
         code=problem.code,
         contact=contact(request),

@@ -16,12 +16,12 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.core.dependencies import TheHouse, contact, house, page
+from backend.api.core.dependencies import TheServices, contact, page, services_of
 from backend.api.core.throttle import EVENTS_PER_SESSION, count
 from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
-from backend.api.participant.requests import Json, client_time_of, not_guessing, refusal_page, request_id_of, too_many
+from backend.api.participant.requests import Json, client_time_of, not_guessing, request_id_of, too_many
 from backend.api.participant.session_view import looking, page_context, state_of
-from backend.api.stage.stage_bridge import bridge_of, stage_cookie
+from backend.api.stage.admission import stage_cookie
 from backend.store.events import log_event
 from backend.store.models import Participant, Session, utc_now
 from backend.store.models import Response as Answer
@@ -44,18 +44,18 @@ LARGEST_EVENT = 4000  # bytes of JSON; ours
 @router.get("/p/{token}")
 def session_page(token: str, request: Request) -> Response:
     """The whole page at the current step. A drive that an older page was playing is not seen any more."""
-    parts = house(request)
+    services = services_of(request)
     now = utc_now()
-    with acting(parts.database, token, request="page", now=now) as (s, session):
+    with acting(services.database, token, request="page", now=now) as (s, session):
         if device_check.is_wanted(s, request, session):
             return device_check.check_page(request, s, session, token)
         reloaded = machine.interrupted(s, session, reason="page_loaded", now=now)
-        machine.settle(s, parts.files, session, now=now)
+        machine.settle(s, services.files, session, now=now)
         name, value = stage_cookie(session)
         context = page_context(request, s, session, token)
     if reloaded:
-        bridge_of(parts).show(session.id, afresh=True)
-        bridge_of(parts).changed(session.id)
+        services.presenter.show(session.id, afresh=True)
+        services.listeners.changed(session.id)
     response = page(request, "participant/session.html", language=session.language, **context)
     response.set_cookie(name, value, path="/stage", httponly=True, samesite="lax", secure=request.url.scheme == "https")
     response.headers["X-Step-Key"] = context["step"].key
@@ -63,9 +63,9 @@ def session_page(token: str, request: Request) -> Response:
 
 
 @router.post("/p/{token}/language")
-def change_language(token: str, parts: TheHouse, language: Annotated[str, Form()] = "") -> Response:
+def change_language(token: str, services: TheServices, language: Annotated[str, Form()] = "") -> Response:
     """Go on in another language; the page is loaded anew."""
-    with acting(parts.database, token, request="language", now=utc_now()) as (s, session):
+    with acting(services.database, token, request="language", now=utc_now()) as (s, session):
         machine.change_language(s, session, language)
     return RedirectResponse(f"/p/{token}", status_code=303)
 
@@ -73,7 +73,7 @@ def change_language(token: str, parts: TheHouse, language: Annotated[str, Form()
 @router.get("/p/{token}/step")
 def step_fragment(token: str, request: Request) -> Response:
     """The current step alone, to be swapped into the page."""
-    with looking(house(request), token) as (s, session):
+    with looking(services_of(request), token) as (s, session):
         context = page_context(request, s, session, token)
     response = page(request, "participant/step.html", language=session.language, **context)
     response.headers["X-Step-Key"] = context["step"].key
@@ -83,7 +83,7 @@ def step_fragment(token: str, request: Request) -> Response:
 @router.get("/p/{token}/consent")
 def consent_copy(token: str, request: Request) -> Response:
     """The participant's copy of what they consented to."""
-    with looking(house(request), token) as (s, session):
+    with looking(services_of(request), token) as (s, session):
         frozen = protocol_of(s, session)
         step = next(step for step in session.plan if step["kind"] == "consent")
         theirs = select(Session.id).where(Session.participant_id == session.participant_id)  # of every appointment
@@ -115,7 +115,7 @@ def _consented_in(frozen: FrozenProtocol, given: Answer | None) -> str | None:
 @router.get("/p/{token}/help")
 def help_page(token: str, request: Request) -> Response:
     """Whom to ask and how things work."""
-    with looking(house(request), token) as (s, session):
+    with looking(services_of(request), token) as (s, session):
         context = page_context(request, s, session, token)
     return page(request, "participant/help.html", language=session.language, **context)
 
@@ -126,21 +126,21 @@ def help_page(token: str, request: Request) -> Response:
 @router.get("/api/session/{token}")
 def state(token: str, request: Request) -> dict[str, Any]:
     """Where the session stands."""
-    with looking(house(request), token) as (s, session):
+    with looking(services_of(request), token) as (s, session):
         return state_of(request, s, session, machine.current(s, session))
 
 
 @router.post("/api/session/{token}/steps/{key}")
 def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """Store an answer; the reply is the acknowledgement."""
-    parts = house(request)
+    services = services_of(request)
     now = utc_now()
     request_id = request_id_of(body)
     client_time = client_time_of(body.get("client_time"))
-    with acting(parts.database, token, request="answer", now=now) as (s, session):
+    with acting(services.database, token, request="answer", now=now) as (s, session):
         submitted = machine.submit(
             s,
-            parts.files,
+            services.files,
             session,
             key,
             body.get("value") or {},
@@ -150,13 +150,13 @@ def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]
         )
         reply = state_of(request, s, session, machine.current(s, session))
     if not submitted.duplicate:
-        bridge_of(parts).show(session.id)
-        bridge_of(parts).changed(session.id)
+        services.presenter.show(session.id)
+        services.listeners.changed(session.id)
     return {"accepted": True, "duplicate": submitted.duplicate, **reply}
 
 
 @router.post("/api/session/{token}/events", status_code=204)
-def page_event(token: str, request: Request, parts: TheHouse, body: Json) -> Response:
+def page_event(token: str, request: Request, services: TheServices, body: Json) -> Response:
     """Something the page noticed: into the log, with the browser's own time."""
     if not count(request, EVENTS_PER_SESSION, "page_event", token_hash(token)):
         raise too_many()
@@ -164,7 +164,7 @@ def page_event(token: str, request: Request, parts: TheHouse, body: Json) -> Res
     if kind not in PAGE_EVENTS or not isinstance(data, dict) or len(json.dumps(data)) > LARGEST_EVENT:
         allowed = ", ".join(sorted(PAGE_EVENTS))
         raise Refused(422, "bad_value", f"must be one of {allowed} with a small object as data", field="kind")
-    with acting(parts.database, token, request="event", now=utc_now()) as (s, session):
+    with acting(services.database, token, request="event", now=utc_now()) as (s, session):
         log_event(
             s,
             f"page_{kind}",
@@ -195,9 +195,9 @@ def withdraw(token: str, request: Request) -> dict[str, Any]:
 
 
 @router.post("/api/session/{token}/problem", status_code=204)
-def problem(token: str, parts: TheHouse, body: Json) -> Response:
+def problem(token: str, services: TheServices, body: Json) -> Response:
     """Report a problem."""
-    with acting(parts.database, token, request="problem", now=utc_now()) as (s, session):
+    with acting(services.database, token, request="problem", now=utc_now()) as (s, session):
         machine.report_problem(s, session, str(body.get("text", "")))
     return Response(status_code=204)
 
@@ -205,16 +205,15 @@ def problem(token: str, parts: TheHouse, body: Json) -> Response:
 def _change(
     request: Request, token: str, asked: str, act: Callable[[DatabaseSession, Session, datetime], None]
 ) -> dict[str, Any]:
-    parts = house(request)
+    services = services_of(request)
     now = utc_now()
-    with acting(parts.database, token, request=asked, now=now) as (s, session):
+    with acting(services.database, token, request=asked, now=now) as (s, session):
         act(s, session, now)
         reply = state_of(request, s, session, machine.current(s, session))
-    bridge_of(parts).show(session.id, afresh=True)
-    bridge_of(parts).changed(session.id)
+    services.presenter.show(session.id, afresh=True)
+    services.listeners.changed(session.id)
     return reply
 
 
 for part in (recruiting, device_check, trials, stroke_requests, stream):
     router.include_router(part.router)
-exception_handlers = {Refused: refusal_page}

@@ -9,8 +9,8 @@ from typing import Any
 from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.core.dependencies import House, contact, public_url, stage_origin
-from backend.api.stage.stage_bridge import bridge_of, stage_token
+from backend.api.core.dependencies import Services, contact, public_url, stage_origin
+from backend.api.stage.admission import stage_token
 from backend.store.models import Participant, Session, utc_now
 from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
 from backend.study.personalising import training
@@ -65,20 +65,20 @@ def state_of(request: Request, s: DatabaseSession, session: Session, view: machi
 
 
 @contextmanager
-def looking(parts: House, token: str) -> Iterator[tuple[DatabaseSession, Session]]:
+def looking(services: Services, token: str) -> Iterator[tuple[DatabaseSession, Session]]:
     """A reading transaction on the token's session, which first lets a waiting session go on. Refusals are logged."""
     try:
-        with parts.database.session() as s:
+        with services.database.session() as s:
             session = find_session(s, token, now=utc_now(), lock=False)
             due = _may_settle(s, session)
             if not due:
                 yield s, session
         if due:
-            _settle(parts, token)
-            with parts.database.session() as s:
+            _settle(services, token)
+            with services.database.session() as s:
                 yield s, find_session(s, token, now=utc_now(), lock=False)
     except Refused as refused:
-        log_refusal(parts.database, refused, request="look")
+        log_refusal(services.database, refused, request="look")
         raise
 
 
@@ -89,9 +89,9 @@ def _may_settle(s: DatabaseSession, session: Session) -> bool:
     return training.outcome_of(s, session, protocol, utc_now()) is not None
 
 
-def _settle(parts: House, token: str) -> None:
+def _settle(services: Services, token: str) -> None:
     now = utc_now()
-    with acting(parts.database, token, request="settle", now=now) as (s, session):
-        moved = machine.settle(s, parts.files, session, now=now)
+    with acting(services.database, token, request="settle", now=now) as (s, session):
+        moved = machine.settle(s, services.files, session, now=now)
     if moved:
-        bridge_of(parts).changed(session.id)
+        services.listeners.changed(session.id)

@@ -13,9 +13,9 @@ from fastapi import APIRouter, Request
 from fastapi.responses import StreamingResponse
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.core.dependencies import House, house
+from backend.api.core.dependencies import Services, services_of
 from backend.api.participant.session_view import looking
-from backend.api.stage.stage_bridge import Listener, bridge_of
+from backend.api.stage.listening import Listener
 from backend.store.database import DatabaseBusy
 from backend.store.models import Session, utc_now
 from backend.study.drawing import paths
@@ -35,11 +35,11 @@ SEEN_EVERY = timedelta(seconds=20)
 @router.get("/api/session/{token}/stream")
 async def stream(token: str, request: Request) -> StreamingResponse:
     """Server-sent events: `state` (look again), `job` (progress while waiting), `moved` (another window took over)."""
-    parts = house(request)
-    first = await asyncio.to_thread(_glance, parts, token)
-    listener = bridge_of(parts).listen(first.session_id)
+    services = services_of(request)
+    first = await asyncio.to_thread(_glance, services, token)
+    listener = services.listeners.listen(first.session_id)
     return StreamingResponse(
-        _tell(parts, token, first, listener),
+        _tell(services, token, first, listener),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
@@ -64,18 +64,17 @@ class _Glance:
             self.job = {"progress": round(training.progress_of(s, session), 3), "done": False}
 
 
-def _glance(parts: House, token: str) -> _Glance:
-    with looking(parts, token) as (s, session):
+def _glance(services: Services, token: str) -> _Glance:
+    with looking(services, token) as (s, session):
         glance = _Glance(s, session)
         unseen = session.last_seen_at is None or utc_now() - session.last_seen_at > SEEN_EVERY
     if unseen:
-        with suppress(DatabaseBusy), acting(parts.database, token, request="stream", now=utc_now(), durable=False):
+        with suppress(DatabaseBusy), acting(services.database, token, request="stream", now=utc_now(), durable=False):
             pass  # `acting` notes when the session was last seen; a busy database is told at the next look
     return glance
 
 
-async def _tell(parts: House, token: str, before: _Glance, listener: Listener) -> AsyncIterator[str]:
-    bridge = bridge_of(parts)
+async def _tell(services: Services, token: str, before: _Glance, listener: Listener) -> AsyncIterator[str]:
     try:
         yield _event("state", {})  # whatever happened before the stream was open
         if before.job:
@@ -86,7 +85,7 @@ async def _tell(parts: House, token: str, before: _Glance, listener: Listener) -
                 yield _event("moved", {"reason": "other_window"})
                 return
             try:
-                now = await asyncio.to_thread(_glance, parts, token)
+                now = await asyncio.to_thread(_glance, services, token)
             except Refused:
                 yield _event("moved", {"reason": "step"})
                 return
@@ -100,7 +99,7 @@ async def _tell(parts: House, token: str, before: _Glance, listener: Listener) -
                 yield ": still here\n\n"
             before = now
     finally:
-        bridge.leave(before.session_id, listener)
+        services.listeners.leave(before.session_id, listener)
 
 
 def _event(name: str, data: dict[str, Any]) -> str:

@@ -1,6 +1,6 @@
 """The API of drawing: a stroke comes in, its drive is shown, seen, interrupted or taken back.
 
-Keeping a path is the step's answer, `session_pages.py`'s. What a stroke may be is `study/session/strokes_drawn.py`'s,
+Keeping a path is the step's answer, `session_pages.py`'s. What a stroke may be is `study/session/strokes.py`'s,
 what the stage shows `drawing_sheet.py`'s.
 """
 
@@ -12,11 +12,9 @@ from typing import Any
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.core.dependencies import House, house
+from backend.api.core.dependencies import Services, services_of
 from backend.api.participant.requests import Json, client_time_of, request_id_of
 from backend.api.participant.session_view import looking, state_of
-from backend.api.stage.drawing_sheet import play_stroke
-from backend.api.stage.stage_bridge import bridge_of
 from backend.store.models import Session, StrokeRow, utc_now
 from backend.study.drawing import paths, strokes, walks
 from backend.study.drawing.walks import Walked
@@ -32,11 +30,11 @@ router = APIRouter()  # included in participant.router, which keeps guessers out
 @router.post("/api/session/{token}/drawing/{key}/stroke")
 def stroke(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """Store a drawn path; one that can be driven is driven at once. `problem` says kindly why another cannot."""
-    parts = house(request)
+    services = services_of(request)
     request_id = request_id_of(body)
-    with looking(parts, token) as (_, session):
+    with looking(services, token) as (_, session):
         step = _step(session, key)
-        if not session.simulated and not bridge_of(parts).connected(session.id):
+        if not session.simulated and not services.presenter.connected(session.id):
             raise Refused(409, "stage_not_ready", "The picture is not there yet.", session_id=session.id)
         simulated = session.simulated
     attempt = strokes.attempt_of(step, body, simulated=simulated)  # outside any transaction: it computes
@@ -44,7 +42,7 @@ def stroke(token: str, key: str, request: Request, body: Json) -> dict[str, Any]
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
         return strokes.add_stroke(
-            s, parts.files, session, step, attempt, request_id=request_id, client_time=client_time, now=utc_now()
+            s, services.files, session, step, attempt, request_id=request_id, client_time=client_time, now=utc_now()
         )
 
     return _on_drawing(request, token, key, "stroke", act)
@@ -65,18 +63,18 @@ def drive(token: str, key: str, request: Request) -> dict[str, Any]:
 @router.post("/api/session/{token}/drawing/{key}/driven")
 def driven(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """The stage told the page that the drive has been watched to its end."""
-    parts, playback = house(request), body.get("playback_id")
-    walked = _walked(parts, token, key, body["walk"]) if body.get("walk") is not None else None
+    services, playback = services_of(request), body.get("playback_id")
+    walked = _walked(services, token, key, body["walk"]) if body.get("walk") is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes.driven(s, parts.files, session, _step(session, key), playback, walked, now=utc_now())
+        return strokes.driven(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
 
     return _on_drawing(request, token, key, "driven", act)
 
 
-def _walked(parts: House, token: str, key: str, given: object) -> Walked | None:
+def _walked(services: Services, token: str, key: str, given: object) -> Walked | None:
     """What was walked beside the drive that is shown; made outside any transaction, as it computes."""
-    with looking(parts, token) as (s, session):
+    with looking(services, token) as (s, session):
         step = _step(session, key)
         stroke = paths.latest_stroke(s, session.id, key)
         if stroke is None or not paths.is_walked(step, stroke):
@@ -145,8 +143,8 @@ def _on_drawing(
     afresh: bool = False,
 ) -> dict[str, Any]:
     """One change of a drawing: commit it, then drive what it says, then tell the page's stream."""
-    parts = house(request)
-    with acting(parts.database, token, request=asked, now=utc_now()) as (s, session):
+    services = services_of(request)
+    with acting(services.database, token, request=asked, now=utc_now()) as (s, session):
         _step(session, key)
         row = act(s, session)
         s.flush()
@@ -154,10 +152,9 @@ def _on_drawing(
         reply = state_of(request, s, session, machine.current(s, session))
         if row is not None:
             reply["problem"] = row.problem if row.state == "refused" else None
-    bridge = bridge_of(parts)
     if shown is not None:
-        bridge.tell_stage(session.id, lambda stage: play_stroke(parts, stage, session.id, shown))
+        services.presenter.play_stroke(session.id, shown)
     elif afresh or paths.met(row):
-        bridge.show(session.id)
-    bridge.changed(session.id)
+        services.presenter.show(session.id)
+    services.listeners.changed(session.id)
     return reply

@@ -10,10 +10,9 @@ from typing import Any, Literal
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.core.dependencies import TheHouse, house
+from backend.api.core.dependencies import TheServices, services_of
 from backend.api.participant.requests import Json, drive_of
 from backend.api.participant.session_view import looking, state_of
-from backend.api.stage.stage_bridge import bridge_of
 from backend.store.models import Session, utc_now
 from backend.study.refusals import Refused
 from backend.study.session import machine
@@ -27,7 +26,7 @@ def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """Play the first drive that was not seen yet."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
-        if not session.simulated and not bridge_of(house(request)).connected(session.id):
+        if not session.simulated and not services_of(request).presenter.connected(session.id):
             raise Refused(
                 409,
                 "stage_not_ready",
@@ -88,28 +87,27 @@ def _on_trial(
 
     Watching is no answer: if the power fails, the trial starts over, so nobody waits for the disk here.
     """
-    parts = house(request)
+    services = services_of(request)
     now = utc_now()
-    with acting(parts.database, token, request=asked, now=now, durable=False) as (s, session):
+    with acting(services.database, token, request=asked, now=now, durable=False) as (s, session):
         playback = act(s, session, now)
         reply = state_of(request, s, session, machine.current(s, session))
-    bridge = bridge_of(parts)
     if playback is not None:
-        bridge.play(session.id, playback)
+        services.presenter.play(session.id, playback)
     elif afresh:
-        bridge.show(session.id, afresh=True)
-    bridge.changed(session.id)
+        services.presenter.show(session.id, afresh=True)
+    services.listeners.changed(session.id)
     return reply
 
 
 @router.get("/api/session/{token}/trial-data")
-def trial_data(token: str, parts: TheHouse) -> dict[str, str]:
+def trial_data(token: str, services: TheServices) -> dict[str, str]:
     """The two drives of the current trial as NPZ in base64, for oracles; simulated sessions only."""
-    with looking(parts, token) as (s, session):
+    with looking(services, token) as (s, session):
         if not session.simulated:
             raise Refused(403, "simulated_only", "Only simulated sessions may read drives.", session_id=session.id)
         trial = machine.trial_of(s, session)
         if trial is None:
             raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
     drives = {"a": trial.trajectory_a, "b": trial.trajectory_b}
-    return {name: base64.b64encode(parts.files.get(drive)).decode() for name, drive in drives.items()}
+    return {name: base64.b64encode(services.files.get(drive)).decode() for name, drive in drives.items()}

@@ -1,6 +1,7 @@
 """What a stage shows at a drawing: the paper with what was kept there, or the drive of the path that was drawn.
 
-The routes that change a drawing live in `drawing.py`; `stage_bridge.py` asks here when a stage has connected.
+The routes that change a drawing live in `participant/stroke_requests.py`; `presenting.py` asks here when a stage
+has connected.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from app.paper import Paper
-from backend.api.core.dependencies import House
-from backend.store.artefacts import load_trajectory
+from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.database import Database
 from backend.store.models import Session, StrokeRow
 from backend.study.drawing import paths, walks
 from backend.study.grammar.words import DRAWN_KINDS
@@ -22,25 +23,25 @@ if TYPE_CHECKING:
 SPECK_M = 0.03  # kept paths are shown in steps of this; finer is not to be seen
 
 
-def play_stroke(parts: House, stage: Stage, session_id: str, shown: paths.Showing) -> None:
+def play_stroke(database: Database, files: ArtefactStore, stage: Stage, session_id: str, shown: paths.Showing) -> None:
     """Show a stroke's drive, unless the session went on meanwhile."""
-    with parts.database.session() as s:
+    with database.session() as s:
         step = machine.step_of(s.get_one(Session, session_id))
         latest = paths.latest_stroke(s, session_id, step["key"])
     if step["kind"] not in DRAWN_KINDS or paths.showing(step, latest) != shown:
         return
     # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
     scene = walks.scene_with(paths.scene_of(step), latest.walk if latest is not None else None)
-    drive = replace(load_trajectory(parts.files, shown.trajectory), scene=scene)
+    drive = replace(load_trajectory(files, shown.trajectory), scene=scene)
     drawn = Paper(step["key"], drawn=latest.drawn, resting=True) if latest is not None else None
     stage.play(
         drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
     )
 
 
-def present(parts: House, stage: Stage, session_id: str) -> None:
+def present(database: Database, stage: Stage, session_id: str) -> None:
     """Bring a stage to the drawing that its session stands at: the scene, what was kept there, what is drawn."""
-    with parts.database.session() as s:
+    with database.session() as s:
         session = s.get_one(Session, session_id)
         step = machine.step_of(session)
         kept = [_thinned(one) for one in paths.kept_strokes(s, session_id, step)]

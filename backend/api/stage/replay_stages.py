@@ -1,7 +1,7 @@
 """Stages for signed-in people (two drives side by side, a protocol's preview): who may open one, and what it shows.
 
-A grant lives in memory for an hour; the stage's own door (`stage_proxy.py`) and bridge ask here about keys that begin
-with `replay:`. Participants' stages have nothing to do with this.
+A grant lives in memory for an hour; the stage's own door (`stage_proxy.py`) and `presenting.py` ask here about keys
+that begin with `replay:`. Participants' stages have nothing to do with this.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from backend.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from app.stage import Stage
-    from backend.api.core.dependencies import House
 
 PREFIX = "replay:"
 GRANT_LASTS_S = 3_600.0
@@ -76,8 +75,3 @@ class ReplayStages:
         if entry is not None:
             entry[1].show(stage)
         return True
-
-
-def replays(parts: House) -> ReplayStages:
-    """The house's replays; made at first use."""
-    return parts.part("replays", ReplayStages)

@@ -13,8 +13,8 @@ from backend.demonstrations.td3_bc import DEPARTURES
 from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WITHOUT, Plan
 from backend.experiments.reproduction.demonstrations_results import BARS, MEASURES, NAMES, SHOWN, Load, Row, measured
 from backend.experiments.reproduction.enquery_report import kinds
-from backend.experiments.reproduction.pieces import Run
 from backend.experiments.reproduction.running import told_time
+from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
 from backend.explain.printed import Section, Shown, Table, page, shown_picture
 

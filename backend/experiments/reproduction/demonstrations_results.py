@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.demonstrations.judging import KINDS
 from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, Cell, Plan
-from backend.experiments.reproduction.pieces import Made
+from backend.experiments.reproduction.tasks import Made
 
 Load = Callable[[str], Made]
 DEMONSTRATED = "demonstrations"

@@ -9,8 +9,8 @@ from typing import Any
 from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig
 from backend.experiments.reproduction.demonstrations import FUNCTIONS, Budget, make_plan
 from backend.experiments.reproduction.demonstrations_results import BARS, rows_of
-from backend.experiments.reproduction.pieces import Piece, Work
 from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Piece, Work
 from backend.learning.cards import Card, card_path, file_sha256
 
 

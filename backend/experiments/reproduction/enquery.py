@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.analysis.metrics import action_diversity
 from backend.experiments.reproduction import thesis
-from backend.experiments.reproduction.pieces import Function, Made, Piece
+from backend.experiments.reproduction.tasks import Function, Made, Piece
 from backend.learning.alignment.align import AlignConfig, align, thesis_config
 from backend.learning.alignment.refine import RefineConfig, refine
 from backend.learning.policies.evaluate import episodes

@@ -16,7 +16,7 @@ from backend.analysis.tested import told_p
 from backend.experiments.reproduction import thesis
 from backend.experiments.reproduction.enquery import MODELS, RECIPES, SOURCES, TEST_SETS, Plan, query_seed
 from backend.experiments.reproduction.enquery_results import FIRST, RAW, CurvePoint, Results, TableRow, nearest_cell
-from backend.experiments.reproduction.pieces import Run
+from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
 from backend.explain.printed import Section, Shown, Table, page, shown_picture
 from backend.learning.cards import DEPARTURES

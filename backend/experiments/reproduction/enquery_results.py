@@ -17,7 +17,7 @@ from backend.analysis.t_tests import TTest, student_t, student_t_against
 from backend.analysis.tested import holm, mean_of
 from backend.experiments.reproduction import thesis
 from backend.experiments.reproduction.enquery import CONDITIONS, MODELS, SOURCES, TEST_SETS, Plan
-from backend.experiments.reproduction.pieces import Made
+from backend.experiments.reproduction.tasks import Made
 from backend.simulation.trajectory import Outcome
 
 Doubles = NDArray[np.float64]

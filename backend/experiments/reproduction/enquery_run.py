@@ -9,8 +9,8 @@ from typing import Any
 
 from backend.experiments.reproduction.enquery import FUNCTIONS, SETUP, Budget, Plan, Speed, make_plan
 from backend.experiments.reproduction.enquery_results import Results, TableRow, results_of
-from backend.experiments.reproduction.pieces import Run, Work
 from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Run, Work
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256
 from backend.learning.policies.shape import FAST_HEADS
 from backend.learning.scene_sets import Purpose, describe

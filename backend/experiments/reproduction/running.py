@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from backend.experiments.reproduction.pieces import Function, Piece, Run, Work, finish, in_order
+from backend.experiments.reproduction.tasks import Function, Piece, Run, Work, finish, in_order
 from backend.learning.cards import source_commit
 
 if TYPE_CHECKING:

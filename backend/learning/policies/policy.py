@@ -6,8 +6,6 @@ Training lives in the algorithms' files, exports to other formats in `export.py`
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 
 from backend.learning.policies.shape import NetworkShape
 from backend.simulation.driving import ActFunction, Driver, RecoveringDriver, Recovery
+from backend.simulation.npz import NpzError, from_npz, npz_header, to_npz
 from backend.simulation.setups import SetupError, get_setup
 
 Floats = NDArray[np.float32]
@@ -54,20 +53,15 @@ def networks_to_bytes(
     escapes: Sequence[Sequence[Floats]] = (),
 ) -> bytes:
     """NPZ without pickled objects; the same meta and weights always give the same bytes."""
-    arrays: dict[str, NDArray[Any]] = {"meta": np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8)}
     named = {"actor": actor, "critic": critic} | {f"escape{n}": escape for n, escape in enumerate(escapes)}
-    arrays |= {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)}
-    out = io.BytesIO()
-    np.savez_compressed(out, allow_pickle=False, **arrays)
-    return out.getvalue()
+    return to_npz(meta, {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)})
 
 
 def stored_format(data: bytes) -> str:
     """The format that a stored policy of any kind names itself. Raises PolicyError for anything else."""
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return str(json.loads(arrays["meta"].tobytes())["format"])
-    except (ValueError, KeyError, OSError, EOFError) as problem:
+        return str(npz_header(data)["format"])
+    except (ValueError, KeyError) as problem:
         raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
 
 
@@ -85,11 +79,13 @@ def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
     found = stored_format(data)
     if found != needed:
         raise PolicyError(f"policy format {found!r}; what is read here is {needed!r}")
-    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-        meta = json.loads(arrays["meta"].tobytes())
-        layers: dict[str, list[Floats]] = {}
-        for name in sorted(arrays.files):
-            layers.setdefault(name.rpartition("_")[0], []).append(arrays[name])
+    try:
+        meta, arrays = from_npz(data)
+    except NpzError as problem:
+        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+    layers: dict[str, list[Floats]] = {}
+    for name in sorted(arrays):
+        layers.setdefault(name.rpartition("_")[0], []).append(arrays[name])
     escapes = tuple(tuple(layers[name]) for name in layers if name.startswith("escape"))
     return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), escapes)
 

@@ -7,8 +7,6 @@ Here live making, filtering and storing them, and the segment baseline of Christ
 from __future__ import annotations
 
 import hashlib
-import io
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations, permutations
@@ -22,6 +20,7 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
+from backend.simulation.npz import Arrays, from_npz, to_npz
 from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -94,32 +93,32 @@ class QuerySet:
             "queries": [{"scene": query.scene.as_dict(), "members": list(query.members)} for query in self.queries],
         }
         observations = [np.concatenate([t.observations, t.next_observations[-1:]]) for t in trajectories]
-        out = io.BytesIO()
-        np.savez_compressed(
-            out,
-            allow_pickle=False,
-            meta=np.frombuffer(json.dumps(meta, sort_keys=True).encode(), dtype=np.uint8),
-            steps=np.array([len(t.actions) for t in trajectories], dtype=np.int32),
-            outcomes=np.array([t.outcome for t in trajectories], dtype=np.int8),
-            self_intersections=np.array([t.self_intersections for t in trajectories], dtype=np.int32),
-            poses=np.concatenate([t.poses for t in trajectories]),
-            actions=np.concatenate([t.actions for t in trajectories]),
-            rewards=np.concatenate([t.rewards for t in trajectories]),
-            observations=np.concatenate(observations).astype(np.float16),
+        return to_npz(
+            meta,
+            {
+                "steps": np.array([len(t.actions) for t in trajectories], dtype=np.int32),
+                "outcomes": np.array([t.outcome for t in trajectories], dtype=np.int8),
+                "self_intersections": np.array([t.self_intersections for t in trajectories], dtype=np.int32),
+                "poses": np.concatenate([t.poses for t in trajectories]),
+                "actions": np.concatenate([t.actions for t in trajectories]),
+                "rewards": np.concatenate([t.rewards for t in trajectories]),
+                "observations": np.concatenate(observations).astype(np.float16),
+            },
         )
-        return out.getvalue()
 
     @classmethod
     def from_bytes(cls, data: bytes) -> QuerySet:
         """Read `to_bytes` back, never unpickling. Raises LearningError on anything else."""
         try:
-            with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            meta = json.loads(arrays["meta"].tobytes())
-        except (ValueError, KeyError, OSError, EOFError) as problem:
+            meta, arrays = from_npz(data)
+            if meta.get("format") == FORMAT:
+                return cls._of(meta, arrays)
+        except (KeyError, IndexError, TypeError, ValueError) as problem:
             raise LearningError(f"not a desirepath query set (.npz): {problem}") from None
-        if meta.get("format") != FORMAT:
-            raise LearningError(f"query set format {meta.get('format')!r} is unknown; this version reads {FORMAT!r}")
+        raise LearningError(f"query set format {meta.get('format')!r} is unknown; this version reads {FORMAT!r}")
+
+    @classmethod
+    def _of(cls, meta: dict[str, Any], arrays: Arrays) -> QuerySet:
         ends = np.cumsum(arrays["steps"])
         trajectories: list[Trajectory] = []
         for k, (end, steps) in enumerate(zip(ends, arrays["steps"], strict=True)):

@@ -6,8 +6,6 @@ MAP estimate with non-negative weights (spec 06). The thesis's neural model live
 
 from __future__ import annotations
 
-import io
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,6 +19,7 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.evaluate import wilson
 from backend.learning.preferences.features import CLOSENESS, FEATURE_NAMES, step_features
 from backend.learning.preferences.preferences import Preference, usable
+from backend.simulation.npz import NpzError, from_npz, to_npz
 from backend.simulation.setups import Setup, get_setup
 from backend.simulation.trajectory import Trajectory
 
@@ -248,10 +247,7 @@ def held_out_accuracy(
 def reward_model_to_bytes(model: RewardModel) -> bytes:
     """NPZ without pickled objects; same model, same bytes."""
     meta, arrays = model.to_arrays()
-    out = io.BytesIO()
-    described = json.dumps({"format": FORMAT, **meta}, sort_keys=True).encode()
-    np.savez_compressed(out, allow_pickle=False, meta=np.frombuffer(described, dtype=np.uint8), **arrays)
-    return out.getvalue()
+    return to_npz({"format": FORMAT, **meta}, arrays)
 
 
 def reward_model_from_bytes(data: bytes) -> RewardModel:
@@ -271,10 +267,8 @@ def reward_model_from_bytes(data: bytes) -> RewardModel:
         "weights": WeightsRewardModel.from_arrays,
     }
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        meta = json.loads(arrays.pop("meta").tobytes())
-    except (ValueError, KeyError, OSError, EOFError) as problem:
+        meta, arrays = from_npz(data)
+    except NpzError as problem:
         raise LearningError(f"not a desirepath reward model (.npz): {problem}") from None
     if meta.get("format") != FORMAT or meta.get("kind") not in kinds:
         raise LearningError(f"reward model format {meta.get('format')!r}, kind {meta.get('kind')!r} is unknown")

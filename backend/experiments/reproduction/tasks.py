@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
-import io
 import json
 import multiprocessing
 import os
@@ -22,10 +21,10 @@ from multiprocessing.connection import wait as wait_for
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.cards import source_commit
+from backend.simulation.npz import from_npz, to_npz
 
 FORMAT = "desirepath-piece-1"
 PARTIAL = ".partial"
@@ -83,17 +82,12 @@ class Work:
 
     def load(self, piece_key: str) -> Made:
         """Never unpickles."""
-        with np.load(self.path(piece_key), allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        return Made(json.loads(arrays.pop("meta").tobytes()), arrays)
+        return Made(*from_npz(self.path(piece_key).read_bytes()))
 
     def store(self, piece_key: str, made: Made) -> None:
-        out = io.BytesIO()
-        meta = np.frombuffer(json.dumps(made.meta, sort_keys=True).encode(), dtype=np.uint8)
-        np.savez_compressed(out, allow_pickle=False, meta=meta, **made.arrays)
         partial = self.folder / f"{piece_key}.{os.getpid()}{PARTIAL}"
         with partial.open("wb") as file:
-            file.write(out.getvalue())
+            file.write(to_npz(made.meta, made.arrays))
             file.flush()
             os.fsync(file.fileno())
         partial.replace(self.path(piece_key))

@@ -21,7 +21,7 @@ import numpy as np
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.commands.serve import DEMO_PROTOCOL
+from backend.experiments.benchmarks.serving import QUICK_STUDY
 from backend.jobs.process import FINAL_STATES, start_worker
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.queries.queries import Query
@@ -63,7 +63,7 @@ def benchmark_finish(*, participants: int = 10, oracle: str = "min-human-distanc
         settings = Settings(data=Path(folder), database_url=None, artefacts_url=None)
         database, files = Database(settings.database), ArtefactStore(settings.artefacts)
         database.migrate()
-        frozen = freeze(DEMO_PROTOCOL)
+        frozen = freeze(QUICK_STUDY)
         with database.transaction() as s:
             register_shipped(s, files)
             study = create_study(s, files, frozen, name="benchmark finish", created_by=None)

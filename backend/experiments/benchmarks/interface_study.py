@@ -16,7 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from backend.commands.loopback import loopback_server
+from backend.experiments.loopback import loopback_server
 from backend.report.findings import Findings, analyse
 from backend.report.made_up_cohorts import VIEWS_DIFFER, Cohort
 from backend.report.study_report import write_study_report

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.pieces import Made, Piece, Work, finish
+from backend.experiments.reproduction.tasks import Made, Piece, Work, finish
 
 
 def number(params: dict[str, Any], needs: Sequence[Made]) -> Made:
@@ -92,7 +92,7 @@ def test_no_process_means_nothing_to_do_it(work: Work) -> None:
 KILLED = """
     import time
     from pathlib import Path
-    from backend.reproduction.pieces import Made, Piece, Work, finish
+    from backend.experiments.reproduction.tasks import Made, Piece, Work, finish
 
     def quick(params, needs):
         return Made({}, {})
@@ -113,7 +113,7 @@ KILLED = """
 def test_after_kill_9_finished_pieces_are_there_the_workers_end_and_the_folder_is_free(tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(textwrap.dedent(KILLED))
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     process = subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": str(root)})
     work = Work(tmp_path / "work")
     try:

@@ -1,4 +1,4 @@
-"""A house with studies that a participant can join, and the first steps of one, for the tests of their pages."""
+"""An installation with studies that a participant can join, and the first steps of one, for their pages' tests."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.application import build_house, create_application
-from backend.api.core.dependencies import House
+from backend.api.application import build_services, create_application
+from backend.api.core.dependencies import Services
 from backend.settings import Settings
 from backend.store.models import Event, Study
 from tests.study import walking
@@ -27,24 +27,24 @@ def furnished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def house(furnished: Path, tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator[House]:
-    """A house of its own over the furnished folder, without a stage."""
+def services(furnished: Path, tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator[Services]:
+    """Services of their own over the furnished folder, without a stage."""
     data = shutil.copytree(furnished, tmp_path / "data")
-    found = build_house(Settings(data=data, database_url=database_of(data), _env_file=None))
+    found = build_services(Settings(data=data, database_url=database_of(data), _env_file=None))
     yield found
     found.database.close()
 
 
 @pytest.fixture
-def client(house: House) -> Iterator[TestClient]:
+def client(services: Services) -> Iterator[TestClient]:
     here = ("127.0.0.1", 50_000)
-    with TestClient(create_application(house), follow_redirects=False, client=here) as client:
+    with TestClient(create_application(services), follow_redirects=False, client=here) as client:
         yield client
 
 
 @pytest.fixture
-def link(house: House) -> str:
-    with house.database.session() as s:
+def link(services: Services) -> str:
+    with services.database.session() as s:
         return s.scalars(select(Study.recruiting_token).where(Study.name == "Short")).one()
 
 
@@ -68,6 +68,6 @@ def to_first_trial(client, token):
     return answered.json()
 
 
-def logged(house, code):
-    with house.database.session() as s:
+def logged(services, code):
+    with services.database.session() as s:
         return [e for e in s.scalars(select(Event).where(Event.kind == "refused")) if e.data["code"] == code]

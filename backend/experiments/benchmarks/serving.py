@@ -1,7 +1,6 @@
 """`desirepath benchmark serve`: many participants at once against a server of our own, and every answer counted after.
 
-Each participant is a real HTTP client with its event stream open, and a real websocket through the stage's door that
-hears the drives it is to watch. What simulated participants answer lives in `backend/study/simulated/participant.py`.
+What one participant does lives in `open_browser.py`.
 """
 
 from __future__ import annotations
@@ -12,21 +11,17 @@ import os
 import ssl
 import tempfile
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import httpx
-import msgspec
 import numpy as np
-import websockets
 from sqlalchemy import select
 
-from app import viser_hooks
-from backend.commands.loopback import loopback_server
-from backend.commands.serve import DEMO_PROTOCOL
+from backend.experiments.benchmarks.open_browser import OpenBrowser, ServeBenchmarkError, Tally, beside
+from backend.experiments.benchmarks.processes import processor_s, resident_mb
+from backend.experiments.loopback import loopback_server
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -34,218 +29,21 @@ from backend.store.models import Job, Response, Session, Study
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.shipped import register_shipped
 from backend.store.snapshots import take_snapshot
-from backend.study.links import token_hash
-from backend.study.protocol.freezing import freeze
-from backend.study.simulated.participant import BUSY_TRIES, any_answer, put_off_s
+from backend.study.protocol.freezing import PROTOCOLS, freeze
 from backend.study.studies import create_study
 
+QUICK_STUDY = PROTOCOLS / "quick_preference_study.yaml"
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment
 LEAST_ALIGNED = 3  # one is a learning trial
 PACE_S = 20.0  # ours: a person's pair. The shipped drives take 11 to 14 s a pair; starting, changing over and choosing
 # take the rest.
 AT_LEAST = 50  # ours: fewer participants than this answer so much faster that they are as much work as so many people
-DECIDING = 0.5  # ours: share of the pace that lies between a pair's start and its answer
-PATIENCE_S = 30.0  # how long the stage may take to tell of a drive
-TRIES = 3  # of an answer whose connection broke, always with the same request id, as the page does it
 ALIGNMENTS = 3  # queued one behind the other, so that one runs for as long as the participants answer
 ALIGNMENT_BEGUN = 0.04  # progress past loading and fitting the reward model: the policy's training runs
 ALIGNMENT_PATIENCE_S = 180.0
 LOOK_S = 0.5
 MIN_PACE_S, MAX_PACE_S = 0.1, 120.0
 LOG_LINES = 12  # of the server's log, in an error
-
-CAMERA = viser_hooks.CameraReport(
-    wxyz=(1.0, 0.0, 0.0, 0.0),
-    position=(0.0, 0.0, 1.0),
-    fov=1.0,
-    near=0.1,
-    far=100.0,
-    image_height=600,
-    image_width=800,
-    look_at=(0.0, 0.0, 0.0),
-    up_direction=(0.0, 0.0, 1.0),
-)
-
-
-class ServeBenchmarkError(RuntimeError):
-    """An answer was lost or counted twice, or a participant could not go on; says how many and what happened."""
-
-
-@dataclass
-class _Tally:
-    """What the participants of one walk saw. `acknowledged`: request id -> (hash of the session's token, step)."""
-
-    sent: int = 0
-    acknowledged: dict[str, tuple[str, str]] = field(default_factory=dict)
-    pairs: set[str] = field(default_factory=set)  # request ids of answers to pairs of drives
-    ack_ms: list[float] = field(default_factory=list)
-    stage_ms: list[float] = field(default_factory=list)
-    stage_messages: int = 0
-    stage_bytes: int = 0
-    stream_events: int = 0
-    errors: list[str] = field(default_factory=list)
-
-
-class _Participant:
-    """One simulated participant with everything a browser holds open."""
-
-    def __init__(self, client: httpx.AsyncClient, number: int, tally: _Tally) -> None:
-        self._client, self._tally = client, tally
-        self._random = np.random.default_rng([number, 17])
-        self._number = number
-        self._token = ""
-        self._heard = ""  # what the stage was last told that a page acts upon
-        self._news = asyncio.Condition()
-
-    async def walk(self, link: str, answers: int, ready: asyncio.Barrier, offset_s: float, pace_s: float) -> None:
-        """Join, wait at the first pair for everybody else, then answer pairs at the pace."""
-        told = {"name": "random", "noise": 0.0, "seed": 0, "number": self._number}
-        joined = await self._post(f"/join/{link}", {"simulated": True, "language": "en", "oracle": told})
-        self._token = joined["token"]
-        await self._get(f"/p/{self._token}")  # brings the cookie that the stage's door wants
-        state = (await self._get(self._api)).json()
-        while not state["step"]["trial"]:
-            state = await self._submit(state["step"], any_answer(state["step"], self._random), tell=False)
-        async with self._stream(), self._stage(state["stage_url"]):
-            await self._until('"type": "show"')
-            await ready.wait()
-            begin = time.monotonic() + offset_s
-            for number in range(answers):
-                await asyncio.sleep(max(0.0, begin + number * pace_s - time.monotonic()))
-                state = await self._pair(state["step"], begin + (number + DECIDING) * pace_s)
-
-    async def _pair(self, step: dict[str, Any], decide_at: float) -> dict[str, Any]:
-        """The way a page goes: start, hear from the stage what plays, tell that it was seen, choose."""
-        here = f"{self._api}/trials/{step['key']}"
-        asked = time.perf_counter()
-        state = await self._post(f"{here}/start", {"request_id": uuid4().hex})
-        for drive in ("a", "b"):
-            shown = state["step"]["trial"]["playback_id"]
-            await self._until(shown)
-            self._tally.stage_ms.append((time.perf_counter() - asked) * 1000)
-            asked = time.perf_counter()
-            state = await self._post(f"{here}/seen", {"drive": drive, "playback_id": shown})
-        await asyncio.sleep(max(0.0, decide_at - time.monotonic()))
-        answered = await self._submit(state["step"], {"choice": "ab"[int(self._random.integers(2))]}, tell=True)
-        await self._get(f"/p/{self._token}/step")
-        return answered
-
-    async def _submit(self, step: dict[str, Any], value: dict[str, Any], *, tell: bool) -> dict[str, Any]:
-        """Send an answer until it is acknowledged; `tell`: it counts in the figures."""
-        request_id = uuid4().hex
-        body = {"request_id": request_id, "value": value}
-        if tell:
-            self._tally.sent += 1
-            self._tally.pairs.add(request_id)
-        asked = time.perf_counter()
-        for left in reversed(range(TRIES)):
-            try:
-                state = await self._post(f"{self._api}/steps/{step['key']}", body)
-                break
-            except httpx.TransportError as problem:
-                self._tally.errors.append(f"{type(problem).__name__} at {step['key']}")
-                if not left:
-                    raise
-        if tell:
-            self._tally.ack_ms.append((time.perf_counter() - asked) * 1000)
-        self._tally.acknowledged[request_id] = (token_hash(self._token), step["key"])
-        return state
-
-    @property
-    def _api(self) -> str:
-        return f"/api/session/{self._token}"
-
-    # ---- what a browser holds open -----------------------------------------------------------------------------------
-
-    @contextlib.asynccontextmanager
-    async def _stage(self, stage_url: str) -> AsyncIterator[None]:
-        origin, _, rest = stage_url.partition("/stage/")
-        cookies = "; ".join(f"{cookie.name}={cookie.value}" for cookie in self._client.cookies.jar)
-        async with websockets.connect(
-            f"ws{origin.removeprefix('http')}/stage/{rest.rstrip('/')}",
-            origin=websockets.Origin(origin),
-            subprotocols=[websockets.Subprotocol(viser_hooks.SUBPROTOCOL)],
-            additional_headers={"Cookie": cookies},
-            compression=None,
-            max_size=None,
-        ) as socket:
-            await socket.send(msgspec.msgpack.encode(CAMERA))
-            async with _beside(self._hear(socket)):
-                yield
-
-    async def _hear(self, socket: websockets.ClientConnection) -> None:
-        async for frame in socket:
-            if not isinstance(frame, bytes):
-                continue
-            self._tally.stage_messages += 1
-            self._tally.stage_bytes += len(frame)
-            async with self._news:
-                self._heard += viser_hooks.readable_part(frame).decode("utf-8", "replace")
-                self._news.notify_all()
-
-    async def _until(self, words: str) -> None:
-        """Wait for the stage to be told that; what came before it is forgotten."""
-
-        async def heard() -> None:
-            async with self._news:
-                await self._news.wait_for(lambda: words in self._heard)
-                self._heard = self._heard.partition(words)[2]
-
-        try:
-            await asyncio.wait_for(heard(), PATIENCE_S)
-        except TimeoutError:
-            raise ServeBenchmarkError(f"the stage was not told {words!r} within {PATIENCE_S:.0f} s") from None
-
-    @contextlib.asynccontextmanager
-    async def _stream(self) -> AsyncIterator[None]:
-        async with self._client.stream("GET", f"{self._api}/stream", timeout=None) as stream:
-
-            async def read() -> None:
-                async for line in stream.aiter_lines():
-                    self._tally.stream_events += line.startswith("event:")
-
-            async with _beside(read()):
-                yield
-
-    async def _get(self, path: str) -> httpx.Response:
-        return await self._answered("GET", path)
-
-    async def _post(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
-        state: dict[str, Any] = (await self._answered("POST", path, body)).json()
-        return state
-
-    async def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> httpx.Response:
-        """The answer to a request; one that a busy server put off is sent again, as the page does it."""
-        response = await self._client.request(method, path, json=body)
-        for _ in range(BUSY_TRIES):
-            wait_s = put_off_s(response)
-            if wait_s is None:
-                break
-            self._tally.errors.append("put off: the server was busy")
-            await asyncio.sleep(wait_s)
-            response = await self._client.request(method, path, json=body)
-        return _checked(response)
-
-
-@contextlib.asynccontextmanager
-async def _beside(listening: Any) -> AsyncIterator[None]:
-    task = asyncio.create_task(listening)
-    try:
-        yield
-    finally:
-        task.cancel()
-        with contextlib.suppress(asyncio.CancelledError, httpx.TransportError, websockets.ConnectionClosed):
-            await task
-
-
-def _checked(response: httpx.Response) -> httpx.Response:
-    if response.is_success:
-        return response
-    asked = response.request.url.path.rsplit("/", 1)[-1]  # the rest of the path holds a token
-    raise ServeBenchmarkError(f"the server refused {asked!r} with {response.status_code}: {response.text[:200]}")
-
-
-# ---- the whole benchmark ---------------------------------------------------------------------------------------------
 
 
 def usual_pace_s(sessions: int) -> float:
@@ -290,7 +88,7 @@ def benchmark_serve(
         database.migrate()
         with database.transaction() as s:
             register_shipped(s, files)
-            study = create_study(s, files, freeze(DEMO_PROTOCOL), name="benchmark serve", created_by=None)
+            study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark serve", created_by=None)
         log = Path(folder) / "server.log"
         try:
             with loopback_server(settings, worker=during_alignment, log=log) as (url, server):
@@ -316,9 +114,9 @@ def _walk(
     aligning: Callable[[], bool] | None = None,
 ) -> dict[str, Any]:
     """One walk of everybody, checked against the database."""
-    tally = _Tally()
-    memory_before = _resident_mb(server_pid)
-    processor_before = _processor_s(server_pid)
+    tally = Tally()
+    memory_before = resident_mb(server_pid)
+    processor_before = processor_s(server_pid)
     memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, pace_s, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
@@ -334,7 +132,7 @@ def _walk(
         "p95_stage_ms": round(float(np.percentile(tally.stage_ms, 95)), 1),
         "rss_mb": round(memory, 1),
         "rss_per_session_mb": round((memory - memory_before) / sessions, 2),
-        "server_ms_per_answer": round((_processor_s(server_pid) - processor_before) * 1000 / tally.sent, 1),
+        "server_ms_per_answer": round((processor_s(server_pid) - processor_before) * 1000 / tally.sent, 1),
         "stage_messages": tally.stage_messages,
         "stage_mb": round(tally.stage_bytes / 2**20, 2),
         "stream_events": tally.stream_events,
@@ -349,7 +147,7 @@ def _walk(
 
 
 async def _walk_all(
-    tally: _Tally,
+    tally: Tally,
     url: str,
     server_pid: int,
     study: Study,
@@ -366,7 +164,7 @@ async def _walk_all(
 
     async def one(number: int) -> None:
         async with httpx.AsyncClient(base_url=url, timeout=60.0, verify=trust) as client:
-            participant = _Participant(client, number, tally)
+            participant = OpenBrowser(client, number, tally)
             try:
                 await participant.walk(study.recruiting_token, answers, ready, pace_s * number / sessions, pace_s)
             except BaseException:
@@ -377,19 +175,19 @@ async def _walk_all(
         nonlocal memory
         while True:
             if ready.n_waiting == 0 and tally.sent:
-                memory = max(memory, _resident_mb(server_pid))
+                memory = max(memory, resident_mb(server_pid))
                 if aligning is not None:
                     looks.append(await asyncio.to_thread(aligning))
             await asyncio.sleep(LOOK_S)
 
-    async with _beside(look()):
+    async with beside(look()):
         ended = await asyncio.gather(*(one(number) for number in range(sessions)), return_exceptions=True)
     problems = [problem for problem in ended if isinstance(problem, BaseException)]
     told = [problem for problem in problems if not isinstance(problem, asyncio.BrokenBarrierError)] or problems
     return memory, looks, [f"{type(problem).__name__}: {problem}" for problem in told]
 
 
-def _stored(database: Database, tally: _Tally) -> int:
+def _stored(database: Database, tally: Tally) -> int:
     """How many answers to pairs are stored. Raises ServeBenchmarkError for a lost, doubled or misplaced one."""
     hashes = {session for session, _ in tally.acknowledged.values()}
     wanted = (
@@ -450,16 +248,3 @@ def _end_of_errors(log: Path) -> str:
     """The last lines of a server's log that are not about a request that went well."""
     lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     return "\n".join([line for line in lines if "event='request'" not in line][-LOG_LINES:])
-
-
-def _resident_mb(pid: int) -> float:
-    """Resident memory of a process (Linux)."""
-    status = Path(f"/proc/{pid}/status").read_text(encoding="utf-8")
-    line = next(line for line in status.splitlines() if line.startswith("VmRSS:"))
-    return int(line.split()[1]) / 1024
-
-
-def _processor_s(pid: int) -> float:
-    """Processor time that a process has used (Linux)."""
-    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

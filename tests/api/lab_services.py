@@ -1,4 +1,4 @@
-"""A house with a signed-in experimenter, and a study that people have walked through, for the tests of /lab."""
+"""An installation with a signed-in experimenter, and a study that people have walked through, for the tests of /lab."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
-from backend.api.application import build_house, create_application
+from backend.api.application import build_services, create_application
 from backend.api.core.auth import add_user, change_password, ensure_first_user
-from backend.api.core.dependencies import House
+from backend.api.core.dependencies import Services
 from backend.settings import Settings
 from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
 from backend.study.protocol.freezing import freeze, shipped_protocols
@@ -41,36 +41,38 @@ VALUES = {
 
 
 @pytest.fixture(scope="session")
-def new_house(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The data folder of a house with one user, whose first password was changed to PASSWORD; copied by every test."""
-    data = tmp_path_factory.mktemp("house") / "data"
-    house = build_house(Settings(data=data, _env_file=None))
-    first = ensure_first_user(house.database)
+def fresh_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The data folder of an installation with one user, who changed the first password to PASSWORD; tests copy it."""
+    data = tmp_path_factory.mktemp("installation") / "data"
+    services = build_services(Settings(data=data, _env_file=None))
+    first = ensure_first_user(services.database)
     assert first is not None
-    with house.database.session() as s:
+    with services.database.session() as s:
         user_id = s.scalars(select(User.id)).one()
-    change_password(house.database, user_id, first, PASSWORD)
-    house.database.close()
+    change_password(services.database, user_id, first, PASSWORD)
+    services.database.close()
     return data
 
 
 @pytest.fixture
-def lab_house(request: pytest.FixtureRequest, tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator[House]:
-    """A house without a stage; with the walked study where a test asks for `walked`, else without studies."""
+def lab_services(
+    request: pytest.FixtureRequest, tmp_path: Path, database_of: Callable[[Path], str]
+) -> Iterator[Services]:
+    """Services without a stage; with the walked study where a test asks for `walked`, else without studies."""
     if "walked" in request.fixturenames:
-        data = request.getfixturevalue("walked_house")[0]
+        data = request.getfixturevalue("walked_services")[0]
     else:
-        data = request.getfixturevalue("new_house")
+        data = request.getfixturevalue("fresh_data")
     own = shutil.copytree(data, tmp_path / "data")
-    found = build_house(Settings(data=own, database_url=database_of(own), _env_file=None))
+    found = build_services(Settings(data=own, database_url=database_of(own), _env_file=None))
     yield found
     found.database.close()
 
 
 @pytest.fixture
-def visitor(lab_house: House) -> Iterator[TestClient]:
+def visitor(lab_services: Services) -> Iterator[TestClient]:
     """A browser in which nobody is signed in; does not follow redirects."""
-    with TestClient(create_application(lab_house), follow_redirects=False) as client:
+    with TestClient(create_application(lab_services), follow_redirects=False) as client:
         yield client
 
 
@@ -87,14 +89,14 @@ def lab(visitor: TestClient) -> TestClient:
 
 
 @pytest.fixture
-def as_role(lab_house: House) -> Callable[[str], TestClient]:
+def as_role(lab_services: Services) -> Callable[[str], TestClient]:
     """A signed-in browser of somebody who has only this role."""
 
     def enter(role: str) -> TestClient:
-        name, password = f"a-{role}", add_user(lab_house.database, f"a-{role}", role)
-        with lab_house.database.transaction() as s:
+        name, password = f"a-{role}", add_user(lab_services.database, f"a-{role}", role)
+        with lab_services.database.transaction() as s:
             s.execute(update(User).where(User.name == name).values(must_change_password=False))
-        return sign_in(TestClient(create_application(lab_house), follow_redirects=False), name, password)
+        return sign_in(TestClient(create_application(lab_services), follow_redirects=False), name, password)
 
     return enter
 
@@ -118,47 +120,47 @@ class Walked:
 
 
 @pytest.fixture(scope="session")
-def walked_house(new_house: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Walked]:
+def walked_services(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Walked]:
     """Four participants: one finished with a comparison, one in the middle, one new, one simulated in the middle."""
-    data = shutil.copytree(new_house, tmp_path_factory.mktemp("walked") / "data")
-    house = build_house(Settings(data=data, _env_file=None))
-    with house.database.transaction() as s:
-        study = create_study(s, house.files, freeze(QUICK), name=NAME, created_by=None)
-    finished = _walk(house, study, until=None)
-    half_way = _walk(house, study, until="block.09", choice="b")
-    with house.database.transaction() as s:
+    data = shutil.copytree(fresh_data, tmp_path_factory.mktemp("walked") / "data")
+    services = build_services(Settings(data=data, _env_file=None))
+    with services.database.transaction() as s:
+        study = create_study(s, services.files, freeze(QUICK), name=NAME, created_by=None)
+    finished = _walk(services, study, until=None)
+    half_way = _walk(services, study, until="block.09", choice="b")
+    with services.database.transaction() as s:
         s.add(ProblemReport(session_id=half_way[0], text="The picture <b>froze</b> once."))
-    fresh = _walk(house, study, until="information")
-    bot = _walk(house, study, until="block.03", simulated=True)
-    house.database.close()
+    fresh = _walk(services, study, until="information")
+    bot = _walk(services, study, until="block.03", simulated=True)
+    services.database.close()
     return data, Walked(study.id, finished[1], half_way[1], fresh[1], bot[1])
 
 
 @pytest.fixture
-def walked(walked_house: tuple[Path, Walked]) -> Walked:
-    """The study in this test's house."""
-    return walked_house[1]
+def walked(walked_services: tuple[Path, Walked]) -> Walked:
+    """The study in this test's installation."""
+    return walked_services[1]
 
 
 def _walk(
-    house: House, study: Study, *, until: str | None, choice: str = "a", simulated: bool = False
+    services: Services, study: Study, *, until: str | None, choice: str = "a", simulated: bool = False
 ) -> tuple[str, str]:
     """Answer every step before `until` on a clock of our own that ends now. Returns session id and participant code."""
     now = utc_now() - timedelta(minutes=20)
-    with house.database.transaction() as s:
-        session, token = join_study(s, study, language="en", simulated=simulated, files=house.files)
+    with services.database.transaction() as s:
+        session, token = join_study(s, study, language="en", simulated=simulated, files=services.files)
         session_id, code = session.id, session.participant.code
     while True:
-        with house.database.session() as s:
+        with services.database.session() as s:
             view = machine.current(s, s.get_one(Session, session_id))
         if view.key == until or view.kind == "debriefing":
             break
         value = VALUES.get(view.key, {"choice": choice})
         if view.kind == "wait":
-            _finish_training(house, session_id)
-        with acting(house.database, token, request="test", now=now) as (s, session):
+            _finish_training(services, session_id)
+        with acting(services.database, token, request="test", now=now) as (s, session):
             if view.kind == "wait":
-                machine.settle(s, house.files, session, now=now)
+                machine.settle(s, services.files, session, now=now)
                 continue
             if view.kind in ("trial", "comparison"):
                 drives = {"a": view.trial["duration_a_s"], "b": view.trial["duration_b_s"]}
@@ -168,15 +170,15 @@ def _walk(
                     play = machine.drive_seen(s, session, view.key, drive, play.playback_id, now=now)
                 now += timedelta(seconds=1.5)
             request_id = f"{session_id}-{view.key}"
-            machine.submit(s, house.files, session, view.key, value, request_id=request_id, client_time=now, now=now)
-    with acting(house.database, token, request="test", now=utc_now()):
+            machine.submit(s, services.files, session, view.key, value, request_id=request_id, client_time=now, now=now)
+    with acting(services.database, token, request="test", now=utc_now()):
         pass  # the page was heard of just now
     return session_id, code
 
 
-def _finish_training(house: House, session_id: str) -> None:
+def _finish_training(services: Services, session_id: str) -> None:
     """Write what a training would have left: it takes most of a minute, and jobs have tests of their own."""
-    with house.database.transaction() as s:
+    with services.database.transaction() as s:
         job = s.scalars(select(Job).where(Job.session_id == session_id)).first()
         drives = list(s.scalars(select(TrajectoryRow.id).order_by(TrajectoryRow.id).limit(6)))
         pairs = [{"scene": n, "base": drives[2 * n], "own": drives[2 * n + 1], "look_alike": n == 2} for n in range(3)]

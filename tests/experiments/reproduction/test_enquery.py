@@ -22,7 +22,7 @@ from backend.experiments.reproduction.enquery_results import (
     table_of_recipe,
 )
 from backend.experiments.reproduction.enquery_run import reproduce_enquery
-from backend.experiments.reproduction.pieces import Made, Work
+from backend.experiments.reproduction.tasks import Made, Work
 from backend.simulation.trajectory import Outcome
 
 TINY = replace(

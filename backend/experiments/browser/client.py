@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 
-from backend.commands.browser_hand import BrowserHand
+from backend.experiments.browser.hand import BrowserHand
 from backend.study.grammar.words import PLAYING
 from backend.study.simulated.participant import BotError, Character, HttpWay, State, walk_all
 

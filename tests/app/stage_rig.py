@@ -1,4 +1,4 @@
-"""A small house around the stage: one parent page, the door, the stage server, a real Chromium."""
+"""A small rig around the stage: one parent page, the door, the stage server, a real Chromium."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def bound_socket(port: int = 0) -> socket.socket:
     return sock
 
 
-class StageHouse:
+class StageRig:
     """Pages on one port and the stage on another; tokens are `token-for-KEY`."""
 
     def __init__(self, on_connect: Callable[[Stage, str], None]) -> None:
@@ -122,9 +122,9 @@ class StageHouse:
 class Visitor:
     """One browser page that holds the stage, and what it was told."""
 
-    def __init__(self, page: Page, house: StageHouse, key: str) -> None:
-        self.page, self.house, self.key = page, house, key
-        page.goto(f"{house.page_origin}/token-for-{key}")
+    def __init__(self, page: Page, rig: StageRig, key: str) -> None:
+        self.page, self.rig, self.key = page, rig, key
+        page.goto(f"{rig.page_origin}/token-for-{key}")
 
     @property
     def frame(self) -> Frame:

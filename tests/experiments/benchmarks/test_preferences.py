@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.experiments.benchmarks.oracles_moved import WantsConfig, _answers, _queries, benchmark_wants
+from backend.experiments.benchmarks.preferences import WantsConfig, _answers, _queries, benchmark_wants
 from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.oracles import make_oracle

@@ -1,0 +1,142 @@
+"""Shipped policies with their cards: base, ensemble, conditioned. Training itself lives in `backend.learning.td3`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
+from backend.learning.policies.conditioned import settings
+from backend.learning.policies.evaluate import evaluate_policy
+from backend.learning.policies.movement import movement_of
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import DATASETS
+from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
+from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
+from backend.learning.td3.ensemble import EnsembleConfig, train_ensemble
+
+REPORT_SCENES = 2_000
+REPORT_SEEDS = (0, 1, 2, 3, 4)
+FIRST_CONDITIONED_REPORT_SEED = 320  # reporting scenes that nothing else uses and no setting was chosen on
+
+
+def report(policy: Policy) -> dict[str, Any]:
+    """The policy on every set of reporting scenes: the first in full, of the others the success rates."""
+    results = [evaluate_policy(policy, n=REPORT_SCENES, seed=seed) for seed in REPORT_SEEDS]
+    rates = [result["success_rate"] for result in results]
+    return {"first": results[0], "success_rate_per_seed": rates, "worst_success_rate": min(rates)}
+
+
+def report_scenes() -> dict[str, Any]:
+    """The reporting scenes in words, for a card."""
+    return {"report": [describe(Purpose.REPORT, REPORT_SCENES, seed) for seed in REPORT_SEEDS]}
+
+
+def store_policy(policy: Policy, name: str, config: BaseConfig | EnsembleConfig, folder: Path, **told: Any) -> Card:
+    """Write a trained policy, measured on the reporting scenes, with its card.
+
+    name: `SETUP/base` or `SETUP/ensemble/K`. told: further fields of the card; its `results` join the measured ones.
+    """
+    setup, what = name.split("/")[:2]
+    path = folder / f"{name}.npz"
+    policy.save(path)
+    card = Card(
+        kind="policy",
+        name=name,
+        setup=setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.experiments.ship {what} {setup} --seed {config.seed}",
+        seed=config.seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={"select": describe(Purpose.SELECT, config.selection_scenes, config.seed)} | report_scenes(),
+        results=report(policy) | told.pop("results"),
+        **told,
+    )
+    card.save(card_path(path))
+    return card
+
+
+def ship_base(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Train, measure and store one base policy, critic included: alignment starts from it."""
+    config = BaseConfig(setup=setup, seed=seed)
+    result = train_base(config, on_progress)
+    return store_policy(
+        result.policy,
+        f"{setup}/base",
+        config,
+        folder,
+        results={"selection_success_rate": result.selection_success},
+        departures=[DEPARTURES[key] for key in ("progress", "calm", "heads", "environments", "average")],
+        notes=["The file also holds the critic, from which ensembles and alignment go on."],
+    )
+
+
+def ship_ensemble(
+    setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress
+) -> list[Card]:
+    """Train, measure and store the four members that start from the base policy in the same folder."""
+    base_path = folder / setup / "base.npz"
+    config = EnsembleConfig(seed=seed)
+    result = train_ensemble(Policy.load(base_path), config, on_progress)
+    parents = {f"{setup}/base": file_sha256(base_path), "regenerated base buffer": result.base_buffer_sha256}
+    return [
+        store_policy(
+            member,
+            f"{setup}/ensemble/{k}",
+            config,
+            folder,
+            results={"ensemble_action_diversity": result.diversity, "selection_success_rate": result.success_rates[k]},
+            parents=parents,
+            departures=[DEPARTURES[key] for key in ("heads", "environments", "ensemble_start", "ensemble_choice")],
+            notes=[f"Member {k} of {len(result.members)}; averaged weights around step {result.steps[k]}."],
+        )
+        for k, member in enumerate(result.members)
+    ]
+
+
+def ship_conditioned(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Train, measure and store the conditioned policy that starts from the base policy in the same folder."""
+    base_path = folder / setup / "base.npz"
+    base = Policy.load(base_path)
+    config = replace(CONFIGS[setup], seed=seed)
+    result = train_conditioned(base, config, on_progress)
+    return store_conditioned(result, config, base_path, folder)
+
+
+def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base_path: Path, folder: Path) -> Card:
+    """Write a trained conditioned policy with its card: what each objective at full strength moves, and how surely."""
+    path = folder / config.setup / "conditioned.npz"
+    result.policy.save(path)
+    reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed
+    scenes = scene_set(config.setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
+    told = {name: result.policy.at(weights) for name, weights in settings().items()}
+    card = Card(
+        kind="conditioned_policy",
+        name=f"{config.setup}/conditioned",
+        setup=config.setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.experiments.ship conditioned {config.setup} --seed {config.seed}",
+        seed=config.seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={
+            "select": describe(Purpose.SELECT, max(config.selection_scenes, config.strong_scenes), config.seed),
+            "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
+        },
+        results=movement_of(told, Policy.load(base_path), scenes).report()
+        | {"selection": result.selection.summary(), "strength": result.strength},
+        parents={f"{config.setup}/base": file_sha256(base_path)},
+        departures=[
+            DEPARTURES[key]
+            for key in ("conditioned", "progress_conditioned", "environments", "average")
+            + (("recovery",) if config.recovery else ())
+        ],
+        notes=["`told` and `moved`: each objective alone at full strength; `neutral`: nothing wanted."],
+    )
+    card.save(card_path(path))
+    return card
