@@ -131,10 +131,10 @@ def asking(
     """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
     from backend.experiments.asking import HABITS, AskingConfig, asking_study, summarise
     from backend.learning.policies.shipped import load_queries
-    from backend.learning.preferences.oracles import TASTES
+    from backend.learning.preferences.oracles import ORACLE_PREFERENCES
 
     config = AskingConfig(
-        oracles=tuple(oracles.split(",")) if oracles else tuple(TASTES),
+        oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
         habits=tuple(habits.split(",")) if habits else tuple(HABITS),
         answers=answers,
         repetitions=repetitions,
@@ -177,13 +177,13 @@ def wants(
     """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
     from backend.experiments.benchmarks.preferences import WantsConfig, benchmark_wants
     from backend.learning.policies.shipped import load_card, load_conditioned
-    from backend.learning.preferences.oracles import TASTES
+    from backend.learning.preferences.oracles import ORACLE_PREFERENCES
 
     first, _, last = seeds.partition("-")
     if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
         raise typer.BadParameter(f"queries = {queries}, seeds = {seeds}: ensemble or varied; such as 70-79")
     config = WantsConfig(
-        oracles=tuple(oracles.split(",")) if oracles else tuple(TASTES),
+        oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
         noises=tuple(float(noise) for noise in noises.split(",")),
         query_seeds=tuple(range(int(first), int(last or first) + 1)),
         queries="ensemble" if queries == "ensemble" else "varied",

@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-# How a bot's answers stray from its taste (backend/learning/preferences/oracles.py, Habits).
+# How a bot's answers stray from its taste (backend/learning/preferences/oracles.py, ResponseModel).
 NoiseOption = Annotated[
     float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
 ]

@@ -208,7 +208,7 @@ def find_policy(reference: str) -> Policy:
     """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its wants
     (`ID@farther=1`). Raises LookupError.
     """
-    from backend.learning.policies.shipped import load_policy, names_policy, shipped_names, told_policy
+    from backend.learning.policies.shipped import load_policy, names_policy, policy_conditioned_on, shipped_names
     from backend.store.artefacts import ArtefactError, load_artefact
     from backend.store.models import Artefact
     from backend.store.shipped import REGISTERED
@@ -224,7 +224,7 @@ def find_policy(reference: str) -> Policy:
         artefact, content = load_artefact(s, files, artefact_id)
     if artefact.kind not in REGISTERED:
         raise ArtefactError(f"artefact {artefact.id} ({artefact.name}) is a {artefact.kind}, not a policy")
-    return told_policy(content, reference)
+    return policy_conditioned_on(content, reference)
 
 
 def parsed_settings(more: list[str] | None) -> dict[str, Any]:

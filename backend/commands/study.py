@@ -123,7 +123,7 @@ def simulate(
     as_json: JsonFlag = False,
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
-    from backend.learning.preferences.oracles import Habits
+    from backend.learning.preferences.oracles import ResponseModel
     from backend.report.made_up_cohorts import read_cohort
     from backend.store.models import Study
     from backend.study.simulated.participant import Character, simulate_study
@@ -131,7 +131,7 @@ def simulate(
     if browser > participants:
         raise ValueError(f"--browser {browser}: there are only {participants} participants")
     character = Character(
-        oracle, Habits(noise, indifference, myopia), seed, read_cohort(cohort) if cohort is not None else None
+        oracle, ResponseModel(noise, indifference, myopia), seed, read_cohort(cohort) if cohort is not None else None
     )
     database, _ = open_store()
     with database.session() as s:

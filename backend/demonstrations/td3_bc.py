@@ -25,7 +25,7 @@ from backend.learning.policies.shape import FAST_HEADS, NetworkShape
 from backend.learning.scene_sets import Purpose
 from backend.learning.td3.backprop import Floats
 from backend.learning.td3.base import OnProgress, no_progress, policy_of
-from backend.learning.td3.replay import Explorer, concatenate
+from backend.learning.td3.replay import ReplayCollector, concatenate
 from backend.learning.td3.td3 import ActorTerm, Batch, Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same
@@ -149,7 +149,7 @@ class DemonstrationTraining:
         engine = FastEngine(
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight
         )
-        self._explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
+        self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
         self._buffer = ReturnsBuffer(
             min(config.buffer_size, self.planned_transitions() + config.n_envs),
             self.setup.observation_size,
@@ -175,7 +175,7 @@ class DemonstrationTraining:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random)."""
         config = self.config
         warm = self.transitions >= config.random_transitions
-        self._explorer.step(self.agent.act if warm else None, self._buffer)
+        self._collector.step(self.agent.act if warm else None, self._buffer)
         self.transitions += config.n_envs
         if not warm:
             return

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
 from backend.learning.policies.evaluate import wilson
-from backend.learning.preferences.oracles import HELD_OUT, TASTES, TUNING, Habits, make_oracle
+from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, ResponseModel, make_oracle
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig
 from backend.learning.preferences.spans import seen_in
 from backend.learning.queries.choosing import PARTICLES, STRATEGIES, asked_in_turn
@@ -29,11 +29,11 @@ Flags = NDArray[np.bool_]
 T_95 = 1.96
 SEEDS_APART = 1_000_000  # more than a study has repetitions over all tastes
 
-HABITS: dict[str, Habits] = {
-    "right": Habits(),
-    "mistakes": Habits(noise=0.1),
-    "indifference": Habits(indifference=0.25),
-    "myopia": Habits(myopia_s=3.0),
+HABITS: dict[str, ResponseModel] = {
+    "right": ResponseModel(),
+    "mistakes": ResponseModel(lapse_rate=0.1),
+    "indifference": ResponseModel(indifference=0.25),
+    "myopia": ResponseModel(myopia_s=3.0),
 }
 """How answers stray: 10 % wrong; a quarter of a typical difference unnoticed; the first three seconds judged. Ours."""
 
@@ -42,7 +42,7 @@ HABITS: dict[str, Habits] = {
 class AskingConfig:
     """What is simulated. test_share: of the queries, drawn anew per repetition; accuracy is measured on these."""
 
-    oracles: tuple[str, ...] = tuple(TASTES)
+    oracles: tuple[str, ...] = tuple(ORACLE_PREFERENCES)
     habits: tuple[str, ...] = tuple(HABITS)
     strategies: tuple[str, ...] = STRATEGIES
     answers: int = 30
@@ -71,7 +71,7 @@ def asking_study(
     is tested on those of `query_set`. Raises LearningError for unknown names or too few queries, SetupError.
     """
     config = config or AskingConfig()
-    for name, known in (("oracles", TASTES), ("habits", HABITS), ("strategies", STRATEGIES)):
+    for name, known in (("oracles", ORACLE_PREFERENCES), ("habits", HABITS), ("strategies", STRATEGIES)):
         unknown = [value for value in getattr(config, name) if value not in known]
         if unknown:
             raise LearningError(f"{name} = {', '.join(unknown)}: known are {', '.join(known)}")
@@ -108,7 +108,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
     truth = make_oracle(oracle).advantages(tested.queries.queries) < 0
     seen = [make_oracle(oracle, **asdict(HABITS[habits])).advantages(one.queries.queries) for one in sets]
     curves = []
-    place = tuple(TASTES).index(oracle)
+    place = tuple(ORACLE_PREFERENCES).index(oracle)
     ways = [(strategy, strategy, 0) for strategy in config.strategies] + [(PLAIN, "random", 1)] * (len(sets) - 1)
     for name, strategy, which in ways:
         differences = sets[which].differences
@@ -126,7 +126,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
             turns = asked_in_turn(prior, differences, answers, open_ones, config.answers, strategy, random)
             for asked, (_, posterior) in enumerate(turns):
                 accuracy[repetition, asked] = _agreement(posterior, tested.differences[test, 0], truth[test])
-                found[repetition, asked] = posterior.dominant() in TASTES[oracle].wants[:1]
+                found[repetition, asked] = posterior.dominant() in ORACLE_PREFERENCES[oracle].objectives[:1]
         curves.append(
             {
                 "oracle": oracle,
@@ -134,7 +134,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
                 "habits": habits,
                 "strategy": name,
                 **_with_intervals(accuracy),
-                **(_shares(found) if TASTES[oracle].wants else {"dominant": None}),
+                **(_shares(found) if ORACLE_PREFERENCES[oracle].objectives else {"dominant": None}),
             }
         )
     return curves

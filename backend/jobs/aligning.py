@@ -1,7 +1,7 @@
 """Jobs that learn from answers: a snapshot becomes a reward model, the reward model a policy that may be shown.
 
 The algorithms are `backend.learning`'s; here the answers are loaded, everything made is kept with its lineage, and the
-drives for the participant's comparison are prepared, so that no page has to wait for them.
+trajectories for the participant's comparison are prepared, so that no page has to wait for them.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from backend.jobs.kept_artefacts import Parent, find_artefact, keep, keep_trajec
 from backend.jobs.kinds import AlignParams, Params, RewardModelParams
 from backend.learning.alignment.align import AlignConfig, Gate, check_gate, thesis_config
 from backend.learning.alignment.align import align as learn_policy
-from backend.learning.alignment.refine import PLACES, RefineConfig, refine
+from backend.learning.alignment.conditioning_search import PLACES, ConditioningSearchConfig, search_conditioning
 from backend.learning.cards import DEPARTURES
 from backend.learning.errors import LearningError, TooFewAnswers
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
+from backend.learning.preferences.objectives import NAMES
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.preferences import Preference
-from backend.learning.preferences.vocabulary import NAMES
 from backend.learning.queries.queries import QueryConfig, flaw, look_alike
 from backend.learning.rewards.free_form import choose_reward_model
 from backend.learning.rewards.holding_out import Fit, predicted_in_new_scenes
@@ -52,7 +52,7 @@ from backend.store.models import Artefact
 from backend.store.snapshots import Answer, Snapshot, load_snapshot
 
 COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
-COMPARISON_SECONDS = 20.0  # ours: people watch both drives of every comparison
+COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
 
 
 def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def _held_out(preferences: Sequence[Preference], fit: Fit, params: RewardModelPa
 
 
 def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
-    """A policy aligned with the answers, its gate, and drives of it and the base policy for a blind comparison.
+    """A policy aligned with the answers, its gate, and trajectories of it and the base policy for a blind comparison.
 
     The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
     `scene` a hash, `base` and `own` ids of stored trajectories; empty where the gate was not passed. `yoked`: the same
@@ -127,7 +127,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         kind="policy",
         name=f"{_what(params)} {snapshot_artefact.name}",
         setup=setup,
-        # Many people want the same: without their names on them, these would be one policy, first made for the first.
+        # Many people prefer the same: without their names on them, these would be one policy, first made for the first.
         content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
         params=params,
         config=made.config,
@@ -152,7 +152,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "held_out": fitted.get("held_out"),
         "passed": made.may_be_shown,
         "gate": gate,
-        **made.told_by_job,
+        **made.beside,
         "comparisons": comparisons,
         "yoked": yoked,
         "seconds": round(time.monotonic() - began, 2),
@@ -171,12 +171,12 @@ class _Made:
     parents: list[Parent]
     scenes: dict[str, Any]
     departures: list[str]
-    told_by_job: dict[str, Any] = field(default_factory=dict)  # what the job's result says beside
+    beside: dict[str, Any] = field(default_factory=dict)  # what the job's result says beside
 
 
 def _instant(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
     """Recipe A: the conditioned policy at the weights that the answers speak for. No training."""
-    artefact, conditioned, weights = _told(context, params, base, model)
+    artefact, conditioned, weights = _conditioned(context, params, base, model)
     policy = conditioned.at(weights).without_critic()
     gate = check_gate(policy, base, align_config(params))
     return _Made(
@@ -193,9 +193,9 @@ def _instant(context: JobContext, params: AlignParams, base: Policy, model: Rewa
 
 def _refine(context: JobContext, params: AlignParams, base: Policy, model: RewardModel) -> _Made:
     """Behind recipe A: search what else to tell the conditioned policy, and where. Shown if it is better."""
-    artefact, conditioned, weights = _told(context, params, base, model)
+    artefact, conditioned, weights = _conditioned(context, params, base, model)
     config = search_config(params)
-    refined = refine(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
+    refined = search_conditioning(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
     judged = {
         "better_than_instant": refined.score.as_dict(),
         "wanted_better_than_instant": refined.wanted.as_dict(),
@@ -208,19 +208,19 @@ def _refine(context: JobContext, params: AlignParams, base: Policy, model: Rewar
         config={**config.as_dict(), "preference_weights": _by_name(weights)},
         results={
             **judged,
-            "told": dict(zip(PLACES, map(_by_name, refined.told), strict=True)),
+            "told": dict(zip(PLACES, map(_by_name, refined.offsets), strict=True)),
             "chosen": refined.chosen,
             "history": refined.history,
         },
         parents=[(artefact, "conditioned")],
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
-        departures=_departures(conditioned, "instant", "refine_instant"),
+        departures=_departures(conditioned, "instant", "conditioning_search"),
         # On its card, too; but where nothing better was found, the policy and its card are the instant one's.
-        told_by_job=judged,
+        beside=judged,
     )
 
 
-def _told(
+def _conditioned(
     context: JobContext, params: AlignParams, base: Policy, model: RewardModel
 ) -> tuple[Artefact, ConditionedPolicy, NDArray[np.float32]]:
     """The conditioned policy with its artefact, and the weights that the answers speak for."""
@@ -255,7 +255,7 @@ def _train(context: JobContext, params: AlignParams, base: Policy, model: Reward
         results={"chosen_checkpoint": aligned.chosen, "history": aligned.history},
         parents=[],
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
-        departures=[DEPARTURES["refine"]] if params.recipe == "refine" else [],
+        departures=[DEPARTURES["fine_tuning"]] if params.recipe == "refine" else [],
     )
 
 
@@ -272,14 +272,14 @@ def _usual_model(params: AlignParams) -> str:
     return "mlp" if params.recipe == "thesis" else "linear"
 
 
-def search_config(params: AlignParams) -> RefineConfig:
+def search_config(params: AlignParams) -> ConditioningSearchConfig:
     """How the instant policy is refined, with what the parameters change. Raises LearningError for a reward weight."""
     if params.reward_weight is not None:
         raise LearningError(
             f"reward_weight = {params.reward_weight}: from the conditioned policy nothing is trained, so no reward is "
             "weighted; leave it out"
         )
-    usual = RefineConfig()
+    usual = ConditioningSearchConfig()
     return replace(
         usual,
         seed=params.seed,
@@ -316,15 +316,15 @@ def _load_snapshot(context: JobContext, reference: str) -> tuple[Artefact, Snaps
 
 def _preferences(context: JobContext, snapshot: Snapshot) -> dict[str, list[Preference]]:
     """The independent answers by participant. Probes ask the same again: they measure, they do not teach."""
-    drives: dict[str, Trajectory] = {}
+    loaded: dict[str, Trajectory] = {}
 
-    def drive(trajectory_id: str) -> Trajectory:
-        if trajectory_id not in drives:
-            drives[trajectory_id] = load_trajectory(context.files, trajectory_id)
-        return drives[trajectory_id]
+    def trajectory(trajectory_id: str) -> Trajectory:
+        if trajectory_id not in loaded:
+            loaded[trajectory_id] = load_trajectory(context.files, trajectory_id)
+        return loaded[trajectory_id]
 
     def preference(answer: Answer) -> Preference:
-        return Preference(drive(answer.chosen), drive(answer.rejected), answer.source)
+        return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source)
 
     found: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
@@ -348,9 +348,11 @@ def _fit(model: str, reduction: Reduction, seed: int, symmetry: str = "none") ->
 
 def _weights(model: RewardModel) -> dict[str, Any]:
     """Which kind of model it became, and what the answers were about, where it can say so."""
-    told = {"kind": model.to_arrays()[0]["kind"]}
+    described = {"kind": model.to_arrays()[0]["kind"]}
     return (
-        told | {"importance": model.importance()} if isinstance(model, LinearRewardModel | WeightsRewardModel) else told
+        described | {"importance": model.importance()}
+        if isinstance(model, LinearRewardModel | WeightsRewardModel)
+        else described
     )
 
 
@@ -385,7 +387,7 @@ def _comparisons(
     own: tuple[Policy, str],
     seen: Collection[int] = (),
 ) -> list[dict[str, Any]]:
-    """Drives of both policies in fresh scenes in which both arrive soon; pairs that look different come first.
+    """Trajectories of both policies in fresh scenes in which both arrive soon; pairs that look different come first.
 
     against: what the rival is called. seen: seeds of scenes that are shown already.
     """
@@ -395,8 +397,8 @@ def _comparisons(
     rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
     different: list[tuple[Trajectory, Trajectory]] = []
     alike: list[tuple[Trajectory, Trajectory]] = []
-    drives = [rollout(setup, policy.driver, scenes) for policy, _ in (rival, own)]
-    for of_rival, of_own in zip(*drives, strict=True):
+    rollouts = [rollout(setup, policy.driver, scenes) for policy, _ in (rival, own)]
+    for of_rival, of_own in zip(*rollouts, strict=True):
         if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
             (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
     chosen = (different + alike)[: params.comparisons]

@@ -48,7 +48,7 @@ def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
 
 
 def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
-    """Two policies on the same fresh scenes; keeps rows, paired differences, and some drives to look at."""
+    """Two policies on the same fresh scenes; keeps rows, paired differences, and some trajectories to look at."""
     artefact_a, policy_a = load_policy(context, params.policy_a)
     artefact_b, policy_b = load_policy(context, params.policy_b)
     setup = require_same(policy_a=policy_a.setup, policy_b=policy_b.setup)
@@ -58,7 +58,7 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     compared = compare_tables(a, b)
     sides = [(artefact_a, policy_a, a), (artefact_b, policy_b, b)]
     shown = scenes[: params.replays]
-    drives = [rollout(get_setup(setup), policy.driver, shown) if shown else [] for _, policy, _ in sides]
+    trajectories = [rollout(get_setup(setup), policy.driver, shown) if shown else [] for _, policy, _ in sides]
     content = {
         "format": "desirepath-comparison-1",
         "setup": setup,
@@ -74,8 +74,8 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
             {
                 "scene_seed": scene.seed,
                 "trajectories": [
-                    keep_trajectory(context, drive[k], artefact.id)
-                    for (artefact, _, _), drive in zip(sides, drives, strict=True)
+                    keep_trajectory(context, trajectory[k], artefact.id)
+                    for (artefact, _, _), trajectory in zip(sides, trajectories, strict=True)
                 ],
             }
             for k, scene in enumerate(shown)

@@ -109,7 +109,7 @@ def card_of(
 
 
 def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
-    """Store a drive of a policy; returns its id."""
+    """Store a trajectory of a policy; returns its id."""
     with context.database.transaction() as s:
         return save_trajectory(s, context.files, trajectory, made_by=made_by).id
 

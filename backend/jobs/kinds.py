@@ -6,10 +6,11 @@ Labels and hints live in `locales/*/analyst.yaml` under `kinds.KIND.fields.NAME`
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticUndefined
 
 SetupName = Literal["study_room", "open_field"]
@@ -31,6 +32,22 @@ class Params(BaseModel):
     """Base of all parameters: nothing unknown, nothing changed later."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    RENAMED: ClassVar[Mapping[str, str]] = {}
+    """Old name -> name, of parameters in stored job rows and on old command lines: read, never written."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_old_names(cls, given: Any) -> Any:
+        return with_new_names(given, cls.RENAMED) if isinstance(given, dict) else given
+
+
+def with_new_names(given: Mapping[str, Any], renamed: Mapping[str, str]) -> dict[str, Any]:
+    """`given` with its old names replaced; an old name beside its new one stays, and is refused as unknown."""
+    return {
+        renamed[name] if name in renamed and renamed[name] not in given else name: value
+        for name, value in given.items()
+    }
 
 
 def _from(source: str, default: Any = PydanticUndefined, *, advanced: bool = False, **limits: Any) -> Any:
@@ -101,7 +118,9 @@ class AlignParams(Params):
 
 
 class TrainBaseParams(Params):
-    """Train a policy from nothing on a setup's task reward."""
+    """Train a policy from scratch on a setup's task reward."""
+
+    RENAMED: ClassVar[Mapping[str, str]] = {"calm_weight": "smoothness_penalty"}
 
     setup: SetupName = _from("ours", "study_room")
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
@@ -109,7 +128,7 @@ class TrainBaseParams(Params):
     n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)
     updates_per_step: int = _from("design_speed", 12, ge=1, le=256, advanced=True)
     progress_weight: float = _from("spec_06_progress", 1.0, ge=0, le=10)
-    calm_weight: float = _from("ours_calm", 0.2, ge=0, le=10)
+    smoothness_penalty: float = _from("ours_smoothness", 0.2, ge=0, le=10)
     learning_rate: float = _from("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
     batch_size: int = _from("design_speed", 128, ge=8, le=4_096, advanced=True)
     selection_scenes: int = _from("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
@@ -126,7 +145,7 @@ class EnsembleParams(Params):
 
 
 class QueriesParams(Params):
-    """Make queries from the drives of an ensemble, without the drives that nobody could judge."""
+    """Make queries from the trajectories of an ensemble, without the trajectories that nobody could judge."""
 
     members: tuple[str, ...] = Field(
         tuple(f"study_room/ensemble/{k}" for k in range(4)),

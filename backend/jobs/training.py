@@ -1,4 +1,4 @@
-"""Jobs that train without answers: base policies, ensembles, and the queries made from an ensemble's drives."""
+"""Jobs that train without answers: base policies, ensembles, and the queries made from an ensemble's trajectories."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
     config = BaseConfig(**params.model_dump())
     trained = learn_base(config, context.progress)
     result = {"selection_success": trained.selection_success, "transitions": trained.transitions}
-    own_terms = [name for name in ("progress", "calm") if getattr(params, f"{name}_weight")]
+    ours = {"progress": params.progress_weight, "smoothness": params.smoothness_penalty}
     kept = keep(
         context,
         kind="policy",
@@ -37,7 +37,9 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
         config=config.as_dict(),
         results=result,
         scenes={"select": describe(Purpose.SELECT, params.selection_scenes, params.seed)},
-        departures=[DEPARTURES[name] for name in (*own_terms, *BASE_DEPARTURES)],
+        departures=[
+            DEPARTURES[name] for name in (*(term for term, weight in ours.items() if weight), *BASE_DEPARTURES)
+        ],
     )
     return {"policy": kept, **result}
 
@@ -67,7 +69,7 @@ def train_ensemble(context: JobContext, params: EnsembleParams) -> dict[str, Any
 
 
 def make_query_set(context: JobContext, params: QueriesParams) -> dict[str, Any]:
-    """A query set of the members' drives."""
+    """A query set of the members' trajectories."""
     members = [load_policy(context, reference) for reference in params.members]
     config = QueryConfig(**params.model_dump(exclude={"members"}))
     made = make_queries([policy for _, policy in members], config, context.progress)

@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parents[2]
 DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
     "alignment reward, no ensemble training and no evaluation.",
-    "calm": "In the last updates of base training the actor's loss also holds a weight times the mean squared turn "
-    "rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
+    "smoothness": "In the last updates of base training the actor's loss also holds a weight times the mean squared "
+    "turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
     "ensemble training and no alignment.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "
     "here.",
@@ -40,15 +40,37 @@ DEPARTURES = {
     "wanted, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
     "progress_conditioned": "Its training adds +1 per metre of progress and a cost per step, and other rewards for "
     "goal, collision and self-intersection than the setup's (config: stakes); evaluation uses none of these.",
-    "refine_instant": "Refinement searches what else to tell the conditioned policy, and where (along with how far "
-    "goal and person are), so that its ways grow shorter at what is wanted; it is shown only where it is better on "
+    "conditioning_search": "Refinement searches what else to tell the conditioned policy, and where (along with how "
+    "far goal and person are), so that its ways grow shorter at what is wanted; it is shown only where it is better on "
     "scenes that served nothing else. Nothing is trained.",
     "varied": "Pairs are drives of a conditioned policy at drawn preference weights instead of two ensemble members, "
     "chosen so that measures vary and vary independently.",
-    "refine": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, the "
-    "preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
+    "fine_tuning": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, "
+    "the preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",
 }
+
+
+STORED_AS = {
+    "smoothness_penalty": "calm_weight",
+    "smoothing_updates": "calm_updates",
+    "smoothing_learning_rate": "calm_learning_rate",
+    "reward_weights": "stakes",
+    "trajectories": "drives",
+    "settings": "wants",
+}
+"""Setting -> its key on cards, of those renamed since the first release. Cards, and whatever is named by a hash of
+settings, keep their keys: what was shipped can be made again, byte for byte."""
+
+
+def stored_config(config: Any) -> dict[str, Any]:
+    """A configuration (a dataclass) as cards hold it."""
+
+    def stored(value: Any) -> Any:
+        return {STORED_AS.get(k, k): stored(v) for k, v in value.items()} if isinstance(value, dict) else value
+
+    renamed: dict[str, Any] = stored(asdict(config))
+    return renamed
 
 
 @dataclass(frozen=True)

@@ -8,4 +8,4 @@ class LearningError(ValueError):
 
 
 class TooFewAnswers(LearningError):
-    """Fewer answers about two different drives than what was asked for needs."""
+    """Fewer answers about two different trajectories than what was asked for needs."""

@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
-from backend.learning.preferences.oracles import Habits
+from backend.learning.preferences.oracles import ResponseModel
 from backend.report.findings import analyse
 from backend.report.made_up_cohorts import Cohort, made_up_study
 from backend.report.simulated_power import analysed
@@ -30,7 +30,9 @@ from tests.study.walking import twenty_queries
 
 BOTS = 3
 CHARACTER = Character(
-    habits=Habits(noise=0.2), seed=4, cohort=Cohort(seed=2, second_shown=0.2, preferences={"top_down": "shortest"})
+    response_model=ResponseModel(lapse_rate=0.2),
+    seed=4,
+    cohort=Cohort(seed=2, second_shown=0.2, preferences={"top_down": "shortest"}),
 )
 LEFT_TO_CHANCE = {"response", "trial", "session", "probe_of", "consent", "phase_since", "client_time", "decision_s"}
 PORT = 18_700

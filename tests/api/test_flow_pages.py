@@ -18,7 +18,7 @@ from backend.api.core.dependencies import Services
 from backend.api.core.figure_process import FigureError, FigureProcess, FlowOrder
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.shipped import load_policy
-from backend.learning.preferences.vocabulary import SIZE
+from backend.learning.preferences.objectives import SIZE
 from backend.settings import Settings
 from backend.store.artefacts import save_artefact
 from backend.store.models import Artefact, utc_now

@@ -7,7 +7,7 @@ import io
 
 import pytest
 
-from backend.learning.preferences.vocabulary import NAMES
+from backend.learning.preferences.objectives import NAMES
 
 
 def page_of(walked, code):

@@ -24,7 +24,7 @@ def test_a_stored_conditioned_policy_is_named_by_id_and_wants(monkeypatch: pytes
     told, shipped = find_policy(f"{conditioned}@farther=1"), load_policy("study_room/conditioned@farther=1")
     assert all(np.array_equal(a, b) for a, b in zip(told.actor, shipped.actor, strict=True))
     assert find_policy(base).setup == "study_room"
-    with pytest.raises(LearningError, match="takes no wants"):
+    with pytest.raises(LearningError, match="takes no preference weights"):
         find_policy(f"{base}@farther=1")
     with pytest.raises(LookupError, match="neither an id"):
         find_policy("study_room/nobody@farther=1")

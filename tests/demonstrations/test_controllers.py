@@ -13,7 +13,7 @@ from backend.demonstrations.demonstrators import demonstrate
 from backend.demonstrations.dwa import lidar_setup
 from backend.demonstrations.social_cost import SocialCost
 from backend.learning.policies.shipped import load_policy
-from backend.learning.preferences.oracles import TASTES, min_human_distance_m
+from backend.learning.preferences.oracles import ORACLE_PREFERENCES, min_human_distance_m
 from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Person, Pose
@@ -80,7 +80,7 @@ def test_strangers_are_refused() -> None:
 def test_bots_can_choose_between_drives_of_chapter_two(environment: str) -> None:
     scenes = demonstration_scenes(environment)[:1]
     (close,), (far,) = drive("dwa", scenes), [demonstrate("wall_follower", scenes[0], 0).trajectory]
-    for name, taste in TASTES.items():
+    for name, taste in ORACLE_PREFERENCES.items():
         assert np.isfinite(taste.value([close, far])).all(), name
-    near, wide = TASTES["min-human-distance"].value([close, far])
+    near, wide = ORACLE_PREFERENCES["min-human-distance"].value([close, far])
     assert (wide > near) == (min_human_distance_m(far) > min_human_distance_m(close))

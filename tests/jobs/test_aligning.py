@@ -13,7 +13,7 @@ from backend.jobs.kinds import AlignParams, RewardModelParams
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned
-from backend.learning.preferences.vocabulary import NAMES
+from backend.learning.preferences.objectives import NAMES
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database

@@ -161,7 +161,7 @@ def test_the_gate_drives_a_policy_with_its_recovery(base: Policy) -> None:
     still = tuple(np.zeros_like(array) for array in base.actor)
     stuck = Policy(base.setup, base.shape, (*still[:-1], np.array([-9, 0], dtype=np.float32)))
     assert check_gate(stuck, base, TINY).success_rate == 0
-    assert check_gate(replace(stuck, escapes=(base.actor,)), base, TINY).success_rate > 0
+    assert check_gate(replace(stuck, recovery_policies=(base.actor,)), base, TINY).success_rate > 0
 
 
 def test_models_and_policies_of_two_setups_are_refused(model: LinearRewardModel) -> None:

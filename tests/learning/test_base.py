@@ -10,7 +10,7 @@ import torch
 
 from backend.analysis.metrics import success_rate, timeout_rate
 from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.td3.base import BaseConfig, BaseResult, BaseTraining, calm_gradient, train_base
+from backend.learning.td3.base import BaseConfig, BaseResult, BaseTraining, smoothness_penalty_gradient, train_base
 from backend.learning.td3.replay import collect
 from backend.simulation.fast import evaluate
 
@@ -55,22 +55,22 @@ def test_a_regenerated_buffer_is_the_same_for_the_same_seed(tiny_base: BaseResul
     assert digests[0] == digests[1] != digests[2]
 
 
-def test_turning_costs_only_in_the_calm_updates() -> None:
-    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100, calm_updates=40))
+def test_turning_costs_only_in_the_smoothing_updates() -> None:
+    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100, smoothing_updates=40))
     weights = []
     for updates in (0, 100, 110, 120, 140):
         training.agent.updates = updates
-        weights.append(training._calm_weight())
+        weights.append(training._smoothness_penalty())
     assert weights[:2] == [0, 0]
-    assert 0 < weights[2] < weights[3] == weights[4] == training.config.calm_weight
+    assert 0 < weights[2] < weights[3] == weights[4] == training.config.smoothness_penalty
     actions = torch.tensor([[0.3, -1.0], [-1.0, 0.5]]).requires_grad_(True)
     torch.autograd.backward(0.2 * (actions[:, 1] ** 2).mean())
     assert actions.grad is not None
-    assert calm_gradient(actions.detach().numpy(), 0.2).tolist() == actions.grad.tolist()
+    assert smoothness_penalty_gradient(actions.detach().numpy(), 0.2).tolist() == actions.grad.tolist()
 
 
-def test_the_learning_rate_falls_in_the_second_half_and_again_in_the_calm_updates() -> None:
-    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100, calm_updates=40))
+def test_the_learning_rate_falls_in_the_second_half_and_again_in_the_smoothing_updates() -> None:
+    training = BaseTraining(BaseConfig(setup="open_field", n_envs=4, updates=100, smoothing_updates=40))
     rates = []
     for updates in (0, 50, 75, 100):
         training.agent.updates = updates
@@ -79,6 +79,6 @@ def test_the_learning_rate_falls_in_the_second_half_and_again_in_the_calm_update
     assert rates[1] > rates[2] > rates[3]
     assert np.isclose(rates[3], training.config.final_learning_rate)
     training.agent.updates = 101
-    assert training._learning_rate() == pytest.approx(training.config.calm_learning_rate, rel=0.03)
+    assert training._learning_rate() == pytest.approx(training.config.smoothing_learning_rate, rel=0.03)
     training.agent.updates = 140
     assert training._learning_rate() == pytest.approx(training.config.final_learning_rate)

@@ -9,8 +9,8 @@ import pytest
 
 from backend.experiments.asking import AskingConfig, asking_study, summarise
 from backend.learning.errors import LearningError
+from backend.learning.preferences.objectives import MEASURES, NAMES, OPPOSITES, typical_differences
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig
-from backend.learning.preferences.vocabulary import MEASURES, NAMES, OPPOSITES, typical_differences
 from backend.learning.queries.choosing import (
     StoppingRule,
     best_information,
@@ -19,7 +19,7 @@ from backend.learning.queries.choosing import (
     next_query,
 )
 from backend.learning.queries.queries import QuerySet
-from backend.learning.queries.varied_queries import balanced, describe_differences, drawn_wants
+from backend.learning.queries.varied_queries import balanced, describe_differences, drawn_weights
 
 QUICK = PosteriorConfig(particles=4_000)
 PRIOR = Posterior.prior("study_room", QUICK)
@@ -133,7 +133,12 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
 
 def test_another_set_asked_at_random_is_tested_on_the_same_queries(study_queries: QuerySet) -> None:
     config = AskingConfig(
-        oracles=("clearance",), habits=("right",), strategies=("random",), answers=3, repetitions=2, posterior=QUICK
+        oracles=("clearance",),
+        habits=("right",),
+        strategies=("random",),
+        answers=3,
+        repetitions=2,
+        posterior=QUICK,
     )
     curves = asking_study(study_queries, config, plain=study_queries)["curves"]
     assert [curve["strategy"] for curve in curves] == ["random", "random_plain"]
@@ -168,7 +173,7 @@ def test_balancing_takes_apart_what_goes_together() -> None:
 
 
 def test_drawn_wants_are_possible_and_cover_every_objective() -> None:
-    wants = np.array(drawn_wants(14, seed=0))
+    wants = np.array(drawn_weights(14, seed=0))
     assert wants.shape == (14, 9)
     assert (wants.max(axis=0) > 0).all()
     assert not any((wants[:, a] * wants[:, b]).any() for a, b in OPPOSITES)

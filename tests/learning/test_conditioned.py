@@ -14,19 +14,19 @@ from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
 from backend.learning.policies.policy import Policy, PolicyError
 from backend.learning.policies.shipped import load_policy
-from backend.learning.preferences.vocabulary import (
+from backend.learning.preferences.objectives import (
     MIRRORED,
     NAMES,
     OPPOSITES,
     SIZE,
     parsed_weights,
     preference_weights,
+    shares_of_reward,
     step_terms,
-    worth,
 )
 from backend.learning.td3.base import BaseResult
 from backend.learning.td3.conditioned_training import (
-    STAKES,
+    REWARD_WEIGHTS,
     ConditionedConfig,
     ConditionedResult,
     ConditionedTraining,
@@ -113,13 +113,13 @@ def test_farther_is_made_as_strong_as_asked(
 
 def test_a_stuck_robot_is_freed_by_the_base_policy_then_by_nothing_wanted(base: Policy) -> None:
     untrained = ConditionedTraining(base, replace(TINY, recovery=True)).policy(averaged=False)
-    assert not ConditionedTraining(base, TINY).policy(averaged=False).at(settings()["farther"]).escapes
+    assert not ConditionedTraining(base, TINY).policy(averaged=False).at(settings()["farther"]).recovery_policies
     told = ConditionedPolicy.from_bytes(untrained.to_bytes()).at(settings()["farther"])
     seen = FastEngine(get_setup("study_room"), 16, seed=5).observations
-    for escape in told.escapes:
-        np.testing.assert_array_equal(Policy(told.setup, told.shape, escape).act(seen), base.act(seen))
-    assert len(told.escapes) == 2
-    assert told.without_critic().escapes == told.escapes
+    for recovery_policy in told.recovery_policies:
+        np.testing.assert_array_equal(Policy(told.setup, told.shape, recovery_policy).act(seen), base.act(seen))
+    assert len(told.recovery_policies) == 2
+    assert told.without_critic().recovery_policies == told.recovery_policies
 
 
 def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) -> None:
@@ -127,14 +127,14 @@ def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) ->
     trained.policy.save(path)
     again = ConditionedPolicy.load(path)
     assert again.digest() == trained.policy.digest()
-    assert again.scales == STAKES["study_room"].scales
+    assert again.scales == REWARD_WEIGHTS["study_room"].scales
     assert load_policy(f"{path}@farther=1").digest() == trained.policy.at(parsed_weights("farther=1")).digest()
     assert load_policy(str(path)).digest() == trained.policy.at(np.zeros(SIZE, dtype=np.float32)).digest()
     with pytest.raises(PolicyError, match="desirepath-conditioned-1"):
         Policy.load(path)
     with pytest.raises(PolicyError, match="desirepath-policy-1"):
         ConditionedPolicy.from_bytes(load_policy("study_room/base").to_bytes())
-    with pytest.raises(LearningError, match="takes no wants"):
+    with pytest.raises(LearningError, match="takes no preference weights"):
         load_policy("study_room/base@farther=1")
 
 
@@ -208,9 +208,11 @@ def test_the_mirrored_world_is_the_same_world(name: str) -> None:
 
 
 def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
-    stakes = replace(STAKES["study_room"], turning=0.0, time=0.0)
-    training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, stakes=stakes))
-    nothing = replace(TINY, mirrored_share=0.0, relabelled_share=0.0, stakes=replace(stakes, scales=(0.0,) * SIZE))
+    reward_weights = replace(REWARD_WEIGHTS["study_room"], turning=0.0, time=0.0)
+    training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, reward_weights=reward_weights))
+    nothing = replace(
+        TINY, mirrored_share=0.0, relabelled_share=0.0, reward_weights=replace(reward_weights, scales=(0.0,) * SIZE)
+    )
     plain = ConditionedTraining(base, nothing)
     judged, core = training.batch(), plain.batch()
     setup = training.setup
@@ -218,7 +220,9 @@ def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
     wants = judged.observations[:, polar : polar + SIZE].numpy()
     following = np.delete(judged.next_observations.numpy(), range(polar, polar + SIZE), axis=1)
     terms = step_terms(judged.actions.numpy(), following, setup)
-    expected = core.rewards.numpy() + (worth(wants) * terms) @ np.array(stakes.scales, dtype=np.float32)
+    expected = core.rewards.numpy() + (shares_of_reward(wants) * terms) @ np.array(
+        reward_weights.scales, dtype=np.float32
+    )
     np.testing.assert_allclose(judged.rewards.numpy(), expected, atol=1e-4)
     assert (wants > 0).any()
 
@@ -232,13 +236,13 @@ def test_training_tells_what_moved_and_comes_out_the_same_again(base: Policy, tr
     other = train_conditioned(base, replace(TINY, seed=1, strong_share=10.0, strong_success=0.0))
     assert other.policy.digest() != trained.policy.digest()
     assert (trained.strength, other.strength) == (1.0, 1.5)
-    assert other.policy.scales[0] == 1.5 * STAKES["study_room"].scales[0]
+    assert other.policy.scales[0] == 1.5 * REWARD_WEIGHTS["study_room"].scales[0]
 
 
 def test_settings_that_cannot_work_are_refused(base: Policy, tiny_base: BaseResult) -> None:
     for scales in ((1.0,), (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)):
         with pytest.raises(LearningError, match="scales"):
-            train_conditioned(base, replace(TINY, stakes=replace(STAKES["study_room"], scales=scales)))
+            train_conditioned(base, replace(TINY, reward_weights=replace(REWARD_WEIGHTS["study_room"], scales=scales)))
     for change in ({"buffer_size": 100}, {"checkpoints": 0}):
         with pytest.raises(LearningError, match=next(iter(change))):
             train_conditioned(base, replace(TINY, **change))  # type: ignore[arg-type]

@@ -38,8 +38,8 @@ def answers(oracle: str, n: int) -> list[Preference]:
 def space_on_the_left() -> list[Preference]:
     """Answers by how much free space a drive has to its left on average: nothing of the vocabulary."""
 
-    def worth(drive: Trajectory) -> float:
-        return float(drive.observations[:, LEFT_SECTORS].mean())
+    def worth(trajectory: Trajectory) -> float:
+        return float(trajectory.observations[:, LEFT_SECTORS].mean())
 
     queries = load_queries("study_room/queries_varied_200").queries
     return [Preference.of(q, int(worth(q.trajectory_b) > worth(q.trajectory_a))) for q in queries]
@@ -69,14 +69,14 @@ def test_few_answers_are_not_given_to_networks() -> None:
 def test_mirrored_answers_teach_the_mirrored_world() -> None:
     given = answers("person-on-left", 40)
     order, signs = mirror_of(get_setup("study_room"))
-    drives = [drive for answer in given for drive in (answer.chosen, answer.rejected)]
+    trajectories = [trajectory for answer in given for trajectory in (answer.chosen, answer.rejected)]
     gaps = {}
     for symmetric in (False, True):
         model = fit_mlp_ensemble(given, QUICK, left_right_symmetry=symmetric)
         worth = [
             model.rewards(d.observations, d.actions, d.next_observations)
             - model.rewards(d.observations[:, order] * signs, d.actions * ACTION_SIGNS, d.next_observations)
-            for d in drives
+            for d in trajectories
         ]
         gaps[symmetric] = float(np.abs(np.concatenate(worth)).mean())
     assert gaps[True] < 0.7 * gaps[False]

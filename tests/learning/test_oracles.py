@@ -1,4 +1,4 @@
-"""Oracles: each answers by its taste, and strays from it only as its habits say."""
+"""Oracles: each answers by its preference, and strays from it only as its response model says."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.preferences.oracles import HELD_OUT, TASTES, TUNING, make_oracle
+from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES, measures
+from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, make_oracle
 from backend.learning.preferences.spans import beginning
-from backend.learning.preferences.vocabulary import MEASURES, NAMES, OBJECTIVES, measures
 from backend.learning.queries.queries import Query, QuerySet
 
 
@@ -21,12 +21,12 @@ def test_tuning_and_held_out_tastes_are_kept_apart() -> None:
     assert len(TUNING) >= 8
     assert not set(TUNING) & set(HELD_OUT)
     assert {"min-human-distance", "shortest"} <= set(TUNING)
-    assert {want for taste in TASTES.values() for want in taste.wants} == set(NAMES)
+    assert {name for preference in ORACLE_PREFERENCES.values() for name in preference.objectives} == set(NAMES)
 
 
-@pytest.mark.parametrize("name", [name for name, taste in TASTES.items() if len(taste.wants) == 1])
+@pytest.mark.parametrize("name", [name for name, one in ORACLE_PREFERENCES.items() if len(one.objectives) == 1])
 def test_a_single_taste_chooses_more_of_its_measure(some: tuple[Query, ...], name: str) -> None:
-    objective = next(o for o in OBJECTIVES if o.name == TASTES[name].wants[0])
+    objective = next(o for o in OBJECTIVES if o.name == ORACLE_PREFERENCES[name].objectives[0])
     for answer in make_oracle(name).answer(some):
         chosen, rejected = measures([answer.chosen, answer.rejected])[:, objective.measure] * objective.sign
         assert chosen >= rejected
@@ -62,7 +62,7 @@ def test_a_myopic_oracle_judges_the_beginning_only(some: tuple[Query, ...]) -> N
     assert make_oracle("smoothest", myopia_s=1.0).choices(some) != make_oracle("smoothest").choices(some)
 
 
-def test_impossible_habits_are_refused() -> None:
+def test_impossible_response_models_are_refused() -> None:
     with pytest.raises(LearningError, match="indifference"):
         make_oracle("shortest", indifference=-1)
     with pytest.raises(LearningError, match="myopia"):

@@ -72,7 +72,7 @@ def test_escapes_are_stored_and_drive_only_while_the_robot_is_stuck(tmp_path: Pa
     base = load_policy("study_room/base")
     still = (*base.actor[:-1], np.array([-9, 0], dtype=np.float32))
     stuck = Policy(base.setup, base.shape, (*(np.zeros_like(array) for array in still[:-1]), still[-1]))
-    freed = replace(stuck, escapes=(base.actor,))
+    freed = replace(stuck, recovery_policies=(base.actor,))
     freed.save(tmp_path / "freed.npz")
     again = Policy.load(tmp_path / "freed.npz")
     assert again.digest() == freed.digest() != stuck.digest()
@@ -83,7 +83,7 @@ def test_escapes_are_stored_and_drive_only_while_the_robot_is_stuck(tmp_path: Pa
     assert freed.manifest()["recovery"]
     assert stuck.manifest()["recovery"] is None
     with pytest.raises(PolicyError, match="'actor'"):
-        replace(stuck, escapes=(base.actor[:-1],))
+        replace(stuck, recovery_policies=(base.actor[:-1],))
 
 
 def test_whose_a_policy_is_tells_files_apart_that_drive_alike(policy: Policy) -> None:

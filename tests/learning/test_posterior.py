@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
+from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES, OPPOSITES, typical_differences
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.spans import SPANS_S
-from backend.learning.preferences.vocabulary import MEASURES, NAMES, OBJECTIVES, OPPOSITES, typical_differences
 from backend.learning.rewards.reward_model import (
     accuracy,
     log_odds,
@@ -58,7 +58,7 @@ def test_wrong_answers_are_survived_and_told() -> None:
     clean = Posterior.from_answers("study_room", differences, (differences[:, 0] > 0).tolist(), QUICK)
     wrong = Posterior.from_answers("study_room", differences, choices.tolist(), QUICK)
     assert wrong.dominant() == "farther"
-    assert wrong.masses() @ wrong.mistakes > clean.masses() @ clean.mistakes
+    assert wrong.masses() @ wrong.lapse_rate > clean.masses() @ clean.lapse_rate
     far = np.zeros((1, len(MEASURES)))
     far[0, 0] = 3 * typical_differences("study_room")[0]
     assert 0.5 < wrong.predict(far)[0] < clean.predict(far)[0]
@@ -136,8 +136,8 @@ def test_particles_stay_possible_through_all_moves() -> None:
     low, high = QUICK.rationality
     assert low * 0.999 <= posterior.rationality.min()
     assert posterior.rationality.max() <= high * 1.001
-    assert posterior.mistakes.min() >= 0
-    assert posterior.mistakes.max() <= QUICK.most_mistakes
+    assert posterior.lapse_rate.min() >= 0
+    assert posterior.lapse_rate.max() <= QUICK.highest_lapse_rate
 
 
 def test_with_left_right_symmetry_nobody_wants_a_side() -> None:
@@ -174,7 +174,7 @@ def test_the_reward_model_predicts_stores_and_says_what_matters(distance_answers
     pair = distance_answers[20]
     assert log_odds(again, pair.chosen, pair.rejected) == log_odds(model, pair.chosen, pair.rejected)
     assert trajectory_reward(again, pair.chosen) > trajectory_reward(again, pair.rejected)
-    drive = pair.chosen
-    steps = again.rewards(drive.observations, drive.actions, drive.next_observations)
-    assert steps.shape == (len(drive.actions),)
+    trajectory = pair.chosen
+    steps = again.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
+    assert steps.shape == (len(trajectory.actions),)
     assert (steps <= 0).all()

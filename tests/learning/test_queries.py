@@ -1,4 +1,4 @@
-"""Queries show two drives worth comparing, and a stored set is the same set."""
+"""Queries show two trajectories worth comparing, and a stored set is the same set."""
 
 from __future__ import annotations
 
@@ -51,19 +51,19 @@ def test_every_dropped_drive_is_counted(few: QuerySet) -> None:
 
 def test_filters_name_the_flaw(few: QuerySet) -> None:
     config = QueryConfig()
-    drive = few.queries[0].trajectory_a
-    assert flaw(replace(drive, outcome=Outcome.COLLISION), config) == "collision"
-    assert flaw(replace(drive, outcome=Outcome.TIMEOUT), config) == "timeout"
-    assert flaw(replace(drive, self_intersections=1), config) == "self_intersection"
-    assert flaw(drive, replace(config, max_duration_s=1.0)) == "too_long"
-    assert flaw(drive, replace(config, min_duration_s=60.0)) == "too_short"
-    assert look_alike(drive, drive, config)
+    trajectory = few.queries[0].trajectory_a
+    assert flaw(replace(trajectory, outcome=Outcome.COLLISION), config) == "collision"
+    assert flaw(replace(trajectory, outcome=Outcome.TIMEOUT), config) == "timeout"
+    assert flaw(replace(trajectory, self_intersections=1), config) == "self_intersection"
+    assert flaw(trajectory, replace(config, max_duration_s=1.0)) == "too_long"
+    assert flaw(trajectory, replace(config, min_duration_s=60.0)) == "too_short"
+    assert look_alike(trajectory, trajectory, config)
 
 
 def test_path_gap_of_a_parallel_path_is_its_offset(few: QuerySet) -> None:
-    drive = few.queries[0].trajectory_a
-    beside = replace(drive, poses=drive.poses + np.array([0.3, 0.4, 0.0], dtype=np.float32))
-    assert path_gap_m(drive, beside) == pytest.approx(0.5, abs=1e-5)
+    trajectory = few.queries[0].trajectory_a
+    beside = replace(trajectory, poses=trajectory.poses + np.array([0.3, 0.4, 0.0], dtype=np.float32))
+    assert path_gap_m(trajectory, beside) == pytest.approx(0.5, abs=1e-5)
 
 
 def test_a_stored_set_is_the_same_set(few: QuerySet, tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_members_of_two_setups_are_refused() -> None:
 
 
 def test_one_member_cannot_make_a_query() -> None:
-    with pytest.raises(LearningError, match="2 drives need as many"):
+    with pytest.raises(LearningError, match="2 trajectories need as many"):
         generate_queries([load_policy("study_room/base")])
 
 

@@ -32,17 +32,17 @@ def test_it_learns_what_the_answers_say(model: InterfaceRewardModel, answers: li
 
 
 def test_its_rewards_lie_between_minus_one_and_one(model: InterfaceRewardModel, answers: list[Preference]) -> None:
-    drive = answers[0].chosen
-    rewards = model.rewards(drive.observations, drive.actions, drive.next_observations)
-    assert rewards.shape == (len(drive.actions),)
+    trajectory = answers[0].chosen
+    rewards = model.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
+    assert rewards.shape == (len(trajectory.actions),)
     assert np.abs(rewards).max() < 1
     assert [layer.shape for layer in model.layers[:2]] == [(256, 68), (256,)]  # spec 07: 68 inputs, 256 wide
 
 
 def test_it_is_stored_and_read_back(model: InterfaceRewardModel, answers: list[Preference]) -> None:
     again = reward_model_from_bytes(reward_model_to_bytes(model))
-    drive = answers[1].rejected
-    steps = drive.observations, drive.actions, drive.next_observations
+    trajectory = answers[1].rejected
+    steps = trajectory.observations, trajectory.actions, trajectory.next_observations
     np.testing.assert_array_equal(again.rewards(*steps), model.rewards(*steps))
     assert again.reduction == "mean"
 

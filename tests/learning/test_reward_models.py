@@ -1,4 +1,4 @@
-"""Bradley-Terry models: the loss is the equation, the fit recovers tastes, bad input is refused with a reason."""
+"""Bradley-Terry models: the loss is the equation, the fit recovers preferences, bad input is refused with a reason."""
 
 from __future__ import annotations
 
@@ -128,8 +128,8 @@ def test_the_neural_model_learns_its_answers_and_is_normalised(distance_answers:
     answers = distance_answers[:6]
     model = fit_mlp(answers, MlpConfig(epochs=20, learning_rate=1e-3, held_out_share=0.0))
     assert accuracy(model, answers) > accuracy(fit_mlp(answers, MlpConfig(epochs=1, learning_rate=1e-9)), answers)
-    drives = [drive for p in answers for drive in (p.chosen, p.rejected)]
-    values = np.concatenate([model.rewards(d.observations, d.actions, d.next_observations) for d in drives])
+    trajectories = [trajectory for p in answers for trajectory in (p.chosen, p.rejected)]
+    values = np.concatenate([model.rewards(d.observations, d.actions, d.next_observations) for d in trajectories])
     assert values.mean() == pytest.approx(0, abs=1e-3)
     assert values.std() == pytest.approx(1, abs=1e-3)
 
@@ -181,16 +181,16 @@ def test_oracles_answer_by_their_taste_and_their_noise(study_queries: QuerySet) 
         assert min_human_distance_m(answer.chosen) >= min_human_distance_m(answer.rejected)
         assert answer.source == "oracle:min-human-distance"
     clean = [make_oracle("shortest").choose(q) for q in queries]
-    oracle = make_oracle("shortest", noise=0.3, seed=2)
+    oracle = make_oracle("shortest", lapse_rate=0.3, seed=2)
     noisy = [oracle.choose(q) for q in queries]
     flipped = np.mean([a != b for a, b in zip(clean, noisy, strict=True)])
     assert 0.15 < flipped < 0.45
-    opposite = make_oracle("shortest", noise=1.0)
+    opposite = make_oracle("shortest", lapse_rate=1.0)
     assert [opposite.choose(q) for q in queries] == [1 - choice for choice in clean]
 
 
 def test_unknown_oracles_and_impossible_noise_are_refused() -> None:
     with pytest.raises(LearningError, match=", ".join(ORACLES)):
         make_oracle("tallest")
-    with pytest.raises(LearningError, match="noise"):
-        make_oracle("random", noise=1.5)
+    with pytest.raises(LearningError, match="lapse_rate"):
+        make_oracle("random", lapse_rate=1.5)

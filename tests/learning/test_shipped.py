@@ -13,7 +13,6 @@ from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
-from backend.learning.policies.movement import movement_of
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import (
     DATASETS,
@@ -25,7 +24,8 @@ from backend.learning.policies.shipped import (
     resolve,
     shipped_names,
 )
-from backend.learning.preferences.vocabulary import NAMES
+from backend.learning.policies.steerability import steerability_of
+from backend.learning.preferences.objectives import NAMES
 from backend.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
 from backend.learning.scene_sets import Purpose, first_seed, scene_set
 from backend.learning.td3.conditioned_training import CONFIGS
@@ -120,11 +120,11 @@ def test_conditioned_policies_drive_as_they_are_told(setup: str) -> None:
     scenes = scene_set(setup, 150, purpose=Purpose.REPORT, seed=4_244)
     base = load_policy(f"{setup}/base")
     wanted = ("farther", "person_on_left", "person_on_right")
-    movement = movement_of({name: load_policy(f"{setup}/conditioned@{name}=1") for name in wanted}, base, scenes)
+    movement = steerability_of({name: load_policy(f"{setup}/conditioned@{name}=1") for name in wanted}, base, scenes)
     for name in wanted:
         moved = movement.moved(name)
         assert moved["better_than_base"]["low"] > 0, moved
-        assert movement.told[name].success.mean() > 0.9
+        assert movement.conditioned[name].success.mean() > 0.9
     card = load_card(f"{setup}/conditioned")
     assert card.config == json.loads(json.dumps(replace(CONFIGS[setup], seed=card.seed).as_dict()))
     for name in NAMES:
@@ -220,9 +220,9 @@ def test_shipped_triples_are_all_three_pairs_of_three_drives_that_look_different
     queries, config = load_queries("study_room/queries_triples_50").queries, QueryConfig()
     assert len(queries) == 150
     for three in zip(queries[0::3], queries[1::3], queries[2::3], strict=True):
-        drives = [drive for query in three for drive in (query.trajectory_a, query.trajectory_b)]
+        trajectories = [trajectory for query in three for trajectory in (query.trajectory_a, query.trajectory_b)]
         assert len({query.scene.seed for query in three}) == 1
-        assert len({drive.digest() for drive in drives}) == 3
+        assert len({trajectory.digest() for trajectory in trajectories}) == 3
         assert len({frozenset((q.trajectory_a.digest(), q.trajectory_b.digest())) for q in three}) == 3
         assert not any(look_alike(query.trajectory_a, query.trajectory_b, config) for query in three)
-        assert {flaw(drive, config) for drive in drives} == {None}
+        assert {flaw(trajectory, config) for trajectory in trajectories} == {None}

@@ -27,7 +27,7 @@ from backend.explain.flow_words import Words
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.vocabulary import NAMES, preference_weights
+from backend.learning.preferences.objectives import NAMES, preference_weights
 from backend.learning.scene_sets import Purpose, first_seed
 from backend.simulation.fast import rollout
 from backend.simulation.scenes import LARGEST_SEED, draw_scene

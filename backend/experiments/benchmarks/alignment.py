@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.alignment.align import AlignConfig, align, thesis_config
-from backend.learning.alignment.refine import RefineConfig, refine
+from backend.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import settings
 from backend.learning.policies.evaluate import compare_policies, evaluate_policy
-from backend.learning.policies.movement import movement_of
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
-from backend.learning.preferences.oracles import TASTES, make_oracle
+from backend.learning.policies.steerability import steerability_of
+from backend.learning.preferences.objectives import NAMES
+from backend.learning.preferences.oracles import ORACLE_PREFERENCES, make_oracle
 from backend.learning.preferences.preferences import Preference
-from backend.learning.preferences.vocabulary import NAMES
 from backend.learning.queries.queries import QueryConfig, generate_queries
 from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
 from backend.learning.rewards.reward_model import fit_linear
@@ -34,7 +34,7 @@ from backend.learning.rewards.reward_weights import fit_weights
 from backend.learning.scene_sets import Purpose, scene_set
 
 Floats = NDArray[np.float32]
-Config = AlignConfig | RefineConfig
+Config = AlignConfig | ConditioningSearchConfig
 FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
 FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
 LONGEST_DRIVE_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
@@ -60,14 +60,14 @@ def instant(setup: str, preferences: list[Preference], config: Config) -> Made:
 
 def refined(setup: str, preferences: list[Preference], config: Config) -> Made:
     """The refinement of the instant policy, which stays where that is not better on the gate's scenes."""
-    if not isinstance(config, RefineConfig):
-        raise LearningError(f"config = {config}: mode refine needs a RefineConfig")
+    if not isinstance(config, ConditioningSearchConfig):
+        raise LearningError(f"config = {config}: mode refine needs a ConditioningSearchConfig")
     weights = fit_weights(preferences).preference_weights()
     conditioned = load_conditioned(f"{setup}/conditioned")
-    result = refine(conditioned, weights, load_policy(f"{setup}/base"), config)
+    result = search_conditioning(conditioned, weights, load_policy(f"{setup}/base"), config)
     told = {
         "wants": _named(weights),
-        "told": result.told.tolist(),
+        "told": result.offsets.tolist(),
         "takes_over": result.takes_over,
         "wanted": result.wanted.as_dict(),
         "score": result.score.as_dict(),
@@ -105,7 +105,7 @@ class Mode:
 
 MODES = {
     "instant": Mode(instant, lambda seed: AlignConfig(seed=seed), own_process=False),
-    "refine": Mode(refined, lambda seed: RefineConfig(seed=seed)),
+    "refine": Mode(refined, lambda seed: ConditioningSearchConfig(seed=seed)),
     "from_base": Mode(from_base, lambda seed: AlignConfig(seed=seed)),
     "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
 }
@@ -141,13 +141,13 @@ def benchmark_align(
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
     query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
     asked = generate_queries(load_ensemble(setup), query_config)
-    preferences = make_oracle(oracle, noise=noise, seed=seed, indifference=indifference, myopia_s=myopia_s).answer(
+    preferences = make_oracle(oracle, lapse_rate=noise, seed=seed, indifference=indifference, myopia_s=myopia_s).answer(
         asked.queries
     )
     seconds, made = _timed(chosen, setup, preferences, config)
     report_seed = FIRST_REPORT_SEED + seed
     compared = compare_policies(base, made.policy, n=n, seed=report_seed)
-    objective = (*(TASTES[oracle].wants if oracle in TASTES else ()), None)[0]
+    objective = (*(ORACLE_PREFERENCES[oracle].objectives if oracle in ORACLE_PREFERENCES else ()), None)[0]
     aligned = evaluate_policy(made.policy, n=n, seed=report_seed)
     return {
         "setup": setup,
@@ -191,7 +191,7 @@ def _moved(objective: str | None, base: Policy, neutral: Policy, aligned: Policy
     if objective is None:
         return {"share_of_the_way": None, "moved": None}
     scenes = scene_set(base.setup, n, purpose=Purpose.REPORT, seed=seed)
-    moved = movement_of({objective: aligned, "neutral": neutral}, base, scenes).moved(objective)
+    moved = steerability_of({objective: aligned, "neutral": neutral}, base, scenes).moved(objective)
     return {"share_of_the_way": moved["share_of_the_way"], "moved": moved}
 
 

@@ -18,14 +18,14 @@ from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED, LONGEST_D
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.evaluate import mean_estimate, wilson
-from backend.learning.policies.movement import Drives, Movement, best_possible
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
-from backend.learning.preferences.oracles import HELD_OUT, TASTES, Oracle, make_oracle
+from backend.learning.policies.steerability import MeasuredRollouts, Steerability, best_possible
+from backend.learning.preferences.objectives import NAMES
+from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, Oracle, make_oracle
 from backend.learning.preferences.posterior import Posterior
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.spans import seen_in
-from backend.learning.preferences.vocabulary import NAMES
 from backend.learning.queries.choosing import STRATEGIES, asked_in_turn
 from backend.learning.queries.queries import Query, QueryConfig, generate_queries
 from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
@@ -47,7 +47,7 @@ class WantsConfig:
     `answers` queries that were made are asked. report_seed: reporting scenes that no card and no other benchmark uses.
     """
 
-    oracles: tuple[str, ...] = tuple(TASTES)
+    oracles: tuple[str, ...] = tuple(ORACLE_PREFERENCES)
     noises: tuple[float, ...] = (0.0,)
     query_seeds: tuple[int, ...] = tuple(range(70, 80))
     queries: Source = "varied"
@@ -62,13 +62,15 @@ class WantsConfig:
 class _Driven:
     """One policy in the reporting scenes. worth: (n,) by taste that was asked for, what it thinks of each drive."""
 
-    drives: Drives
+    trajectories: MeasuredRollouts
     worth: dict[str, Doubles]
 
     @classmethod
     def of(cls, policy: Policy, scenes: Sequence[Scene], tastes: Sequence[str]) -> _Driven:
         trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.driver, scenes)
-        return cls(Drives.of(trajectories), {name: TASTES[name].value(trajectories) for name in tastes})
+        return cls(
+            MeasuredRollouts.of(trajectories), {name: ORACLE_PREFERENCES[name].value(trajectories) for name in tastes}
+        )
 
 
 def benchmark_wants(
@@ -88,9 +90,10 @@ def benchmark_wants(
     whole scenes). Raises LearningError for unknown oracles or no query seeds.
     """
     config = config or WantsConfig()
-    unknown = [name for name in config.oracles if name not in TASTES]
+    unknown = [name for name in config.oracles if name not in ORACLE_PREFERENCES]
     if unknown or not config.query_seeds or not config.oracles:
-        raise LearningError(f"oracles = {list(config.oracles)}: known are {', '.join(TASTES)}; at least 1 query seed")
+        known = ", ".join(ORACLE_PREFERENCES)
+        raise LearningError(f"oracles = {list(config.oracles)}: known are {known}; at least 1 query seed")
     if config.choose not in STRATEGIES:
         raise LearningError(f"choose = {config.choose!r}: known are {', '.join(STRATEGIES)}")
     told = dict(pretrainings) if pretrainings else {f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned")}
@@ -105,7 +108,9 @@ def benchmark_wants(
         if on_progress:
             cells = len(told) * len(config.oracles) * len(config.noises) * len(asked)
             on_progress(len(rows) / cells)
-    described = Movement(base.drives, {name: driven.drives for name, driven in neutral.items()}, possible).report()
+    described = Steerability(
+        base.trajectories, {name: rolled_out.trajectories for name, rolled_out in neutral.items()}, possible
+    ).report()
     return {
         "simulated": True,
         "setup": setup,
@@ -151,17 +156,17 @@ def _rows(
 ) -> Iterator[dict[str, Any]]:
     driven_by: dict[tuple[str, str, bytes], _Driven] = {}
     for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
-        answers = _answers(make_oracle(oracle, noise=noise, seed=seed), asked[seed], config)
+        answers = _answers(make_oracle(oracle, lapse_rate=noise, seed=seed), asked[seed], config)
         weights = fit_weights(answers).preference_weights()
-        wanted = TASTES[oracle].wants
+        wanted = ORACLE_PREFERENCES[oracle].objectives
         for name, conditioned in told.items():
             key = (oracle, name, weights.tobytes())  # many query sets end in the very same weights
             if key not in driven_by:
                 driven_by[key] = _Driven.of(conditioned.at(weights), scenes, (oracle,))
-            driven = driven_by[key]
-            both = driven.drives.success & base.drives.success
-            better = np.sign(driven.worth[oracle][both] - base.worth[oracle][both])
-            crossings, lengths = (driven.drives.self_intersections, driven.drives.measured[both, 3])
+            rolled_out = driven_by[key]
+            both = rolled_out.trajectories.success & base.trajectories.success
+            better = np.sign(rolled_out.worth[oracle][both] - base.worth[oracle][both])
+            crossings, lengths = (rolled_out.trajectories.self_intersections, rolled_out.trajectories.measured[both, 3])
             yield {
                 "oracle": oracle,
                 "held_out": oracle in HELD_OUT,
@@ -170,15 +175,17 @@ def _rows(
                 "pretraining": name,
                 "told": {want: float(weight) for want, weight in zip(NAMES, weights, strict=True) if weight > 0},
                 "dominant_found": NAMES[int(weights.argmax())] == wanted[0] if wanted else None,
-                "success_rate": wilson(int(driven.drives.success.sum()), len(scenes)).as_dict(),
+                "success_rate": wilson(int(rolled_out.trajectories.success.sum()), len(scenes)).as_dict(),
                 "self_intersections": mean_estimate(crossings).as_dict(),
-                "longer_m": float((lengths - base.drives.measured[both, 3]).mean()),
+                "longer_m": float((lengths - base.trajectories.measured[both, 3]).mean()),
                 "both_succeed": int(both.sum()),
                 "preferred": wilson(int(((better + 1) / 2).sum()), int(both.sum())).as_dict(),
                 "moved": {
-                    want: Movement(base.drives, {want: driven.drives, "neutral": neutral[name].drives}, possible).moved(
-                        want
-                    )
+                    want: Steerability(
+                        base.trajectories,
+                        {want: rolled_out.trajectories, "neutral": neutral[name].trajectories},
+                        possible,
+                    ).moved(want)
                     for want in wanted
                 },
             }

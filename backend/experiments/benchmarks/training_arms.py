@@ -147,8 +147,8 @@ def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> list
     """Base training, judged by its last and by its averaged weights: `train_base` considers both."""
     training = BaseTraining(base)
     whole = Stopwatch(training.vector_step)
-    stepping = Stopwatch(training.explorer.step)
-    training.explorer.step = stepping  # type: ignore[method-assign]
+    stepping = Stopwatch(training.collector.step)
+    training.collector.step = stepping  # type: ignore[method-assign]
 
     def chunk() -> Progress:
         goal = training.agent.updates + config.updates_per_check

@@ -17,7 +17,7 @@ from backend.analysis.metrics import action_diversity
 from backend.experiments.reproduction import thesis
 from backend.experiments.reproduction.tasks import Function, Made, Piece
 from backend.learning.alignment.align import AlignConfig, align, thesis_config
-from backend.learning.alignment.refine import RefineConfig, refine
+from backend.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
 from backend.learning.policies.evaluate import episodes
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import FAST_HEADS, THESIS_HEADS
@@ -81,7 +81,7 @@ class Budget:
     thesis_epochs: int
     refine_updates: int
     refine_checkpoints: int
-    refined_tried: int = RefineConfig.tried  # what else to tell the conditioned policy, in its refinement
+    refined_tried: int = ConditioningSearchConfig.tried  # what else to tell the conditioned policy, in its refinement
     states: int = 1_000  # 6.5.1.1: in which action diversity is measured
     base_updates: int = BaseConfig(SETUP).updates
     ensemble_steps: int = thesis.ENSEMBLE_STEPS
@@ -201,9 +201,9 @@ def align_config(recipe: str, budget: Budget, run: int) -> AlignConfig:
     )
 
 
-def refined_config(budget: Budget, run: int) -> RefineConfig:
+def refined_config(budget: Budget, run: int) -> ConditioningSearchConfig:
     """The configuration of one refinement of the conditioned policy, as long as the budget says."""
-    usual = RefineConfig(seed=run, tried=budget.refined_tried)
+    usual = ConditioningSearchConfig(seed=run, tried=budget.refined_tried)
     return replace(usual, selection_scenes=min(budget.selection_scenes, usual.selection_scenes))
 
 
@@ -441,11 +441,11 @@ def refined_piece(params: dict[str, Any], needs: Sequence[Made]) -> Made:
     weights = weights_said(params, needs)
     conditioned = load_conditioned(params["conditioned"])
     base = stored_policies(needs[0])[0]
-    result = refine(conditioned, weights, base, RefineConfig(**params["config"]))
+    result = search_conditioning(conditioned, weights, base, ConditioningSearchConfig(**params["config"]))
     shown = result.policy if result.takes_over else conditioned.at(weights).without_critic()
     meta = {
         "weights": weights.tolist(),
-        "told": result.told.tolist(),
+        "told": result.offsets.tolist(),
         "takes_over": result.takes_over,
         "wanted": result.wanted.as_dict(),
         "score": result.score.as_dict(),

@@ -150,7 +150,7 @@ def explanations(plan: Plan, results: Results) -> list[str]:
         "The simulator. Fast kinematic engine instead of iGibson; observations, limits and rewards are the chapter's.",
         "The replay buffer is regenerated from the base policy and the seed, not the one that filled up during its "
         "training.",
-        *(f"Base and ensemble. {DEPARTURES[key]}" for key in ("progress", "calm", "average", "ensemble_choice")),
+        *(f"Base and ensemble. {DEPARTURES[key]}" for key in ("progress", "smoothness", "average", "ensemble_choice")),
     ]
     heads = "-".join(str(width) for width in plan.budget.heads)
     told.append(

@@ -87,8 +87,8 @@ def _card(plan: Plan, results: Results, run: Run, file: Path) -> Card:
     if conditioned:
         parents[conditioned[0]["conditioned"]] = conditioned[0]["sha256"]
     heads = ["heads"] if plan.budget.heads == FAST_HEADS else []
-    trained = ["progress", "calm", *heads, "environments", "average", "ensemble_start", "ensemble_choice"]
-    keys = [*trained, "refine", *(["instant", "refine_instant"] if conditioned else [])]
+    trained = ["progress", "smoothness", *heads, "environments", "average", "ensemble_start", "ensemble_choice"]
+    keys = [*trained, "fine_tuning", *(["instant", "conditioning_search"] if conditioned else [])]
     return Card(
         kind="reproduction",
         name=f"{SETUP}/reproduce_{plan.budget.name}",

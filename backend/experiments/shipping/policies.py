@@ -9,9 +9,9 @@ from typing import Any
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.policies.conditioned import settings
 from backend.learning.policies.evaluate import evaluate_policy
-from backend.learning.policies.movement import movement_of
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import DATASETS
+from backend.learning.policies.steerability import steerability_of
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
@@ -70,7 +70,7 @@ def ship_base(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: O
         config,
         folder,
         results={"selection_success_rate": result.selection_success},
-        departures=[DEPARTURES[key] for key in ("progress", "calm", "heads", "environments", "average")],
+        departures=[DEPARTURES[key] for key in ("progress", "smoothness", "heads", "environments", "average")],
         notes=["The file also holds the critic, from which ensembles and alignment go on."],
     )
 
@@ -128,7 +128,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
             "select": describe(Purpose.SELECT, max(config.selection_scenes, config.strong_scenes), config.seed),
             "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
         },
-        results=movement_of(told, Policy.load(base_path), scenes).report()
+        results=steerability_of(told, Policy.load(base_path), scenes).report()
         | {"selection": result.selection.summary(), "strength": result.strength},
         parents={f"{config.setup}/base": file_sha256(base_path)},
         departures=[

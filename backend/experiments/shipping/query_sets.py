@@ -32,7 +32,7 @@ def ship_queries(
     drives: int = 2,
 ) -> Card:
     """Make, describe and store queries by the ensemble in the same folder; of three drives each scene: triples."""
-    config = QueryConfig(count=count, seed=seed, drives=drives)
+    config = QueryConfig(count=count, seed=seed, trajectories=drives)
     what, stem = ("triples", "queries_triples") if drives == 3 else ("queries", "queries")
     files = sorted((folder / setup / "ensemble").glob("*.npz"))
     queries = generate_queries([Policy.load(path) for path in files], config, on_progress)

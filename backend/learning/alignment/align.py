@@ -23,7 +23,7 @@ from backend.learning.rewards.reward_model import RewardModel
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress, policy_of
 from backend.learning.td3.ensemble import agent_of
-from backend.learning.td3.replay import Explorer, ReplayBuffer, collect, concatenate
+from backend.learning.td3.replay import ReplayBuffer, ReplayCollector, collect, concatenate
 from backend.learning.td3.td3 import Batch, Td3Config
 from backend.simulation.fast import EpisodeTable, FastEngine, evaluate, rollout
 from backend.simulation.setups import get_setup, require_same
@@ -57,7 +57,7 @@ class AlignConfig:
     online_envs: int = 64
     updates_per_online_step: int = 16
     replay_transitions: int = 150_000  # of the base policy's regenerated buffer
-    weighing_scenes: int = 200  # base drives in which the share is measured
+    weighing_scenes: int = 200  # base trajectories in which the share is measured
     replay_exploration: tuple[float, float] = (0.05, 0.6)
     online_exploration: tuple[float, float] = (0.05, 0.4)
     selection_scenes: int = 400
@@ -121,10 +121,10 @@ class AlignReward(Protocol):
 
 
 class PreferenceReward:
-    """Turns a reward model's output into the reward of alignment, calibrated once on base drives.
+    """Turns a reward model's output into the reward of alignment, calibrated once on base trajectories.
 
     weight: what the preference part is multiplied with. Where the configuration leaves it open, it begins by making an
-    expensive drive of the base policy (90th percentile) pay `preference_share` of what is at stake (goal - timeout
+    expensive trajectory of the base policy (90th percentile) pay `preference_share` of what is at stake (goal - timeout
     reward), beyond what waiting at the start for as long would cost; `adapt` moves it then. A fixed weight of 1, good
     in the open field, made robots in the study room wait for the timeout: passing the person cost more than the goal
     is worth there.
@@ -140,10 +140,10 @@ class PreferenceReward:
     def _fair_weight(self, base: Policy) -> float:
         setup, config = get_setup(base.setup), self._config
         scenes = scene_set(setup.name, config.weighing_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
-        drives = rollout(setup, base.driver, scenes)
+        trajectories = rollout(setup, base.driver, scenes)
         standing = np.array([[-1.0, 0.0]], dtype=np.float32)
         paid = []
-        for d in drives:
+        for d in trajectories:
             driving = self._penalty(self._model.rewards(d.observations, d.actions, d.next_observations))
             first = d.observations[:1]
             waiting = self._penalty(self._model.rewards(first, standing, first))
@@ -289,7 +289,7 @@ def learn(
     if n_online:
         steps = -(-config.updates // config.updates_per_online_step)
         online = ReplayBuffer(steps * config.online_envs, engine.setup.observation_size)
-        explorer = Explorer(engine, noise=config.online_exploration, seed=config.seed + 1)
+        collector = ReplayCollector(engine, noise=config.online_exploration, seed=config.seed + 1)
         buffers.append(RelabelledBuffer(online, reward))
     buffers[0].take_up()
 
@@ -302,7 +302,7 @@ def learn(
         batch = replay.sample(config.batch_size - n_online, sampler)
         if n_online:
             if update % config.updates_per_online_step == 1:
-                explorer.step(agent.act, online)
+                collector.step(agent.act, online)
                 buffers[1].take_up()
             batch = concatenate(online.sample(n_online, sampler), batch)
         agent.set_learning_rate(_learning_rate(config, update))

@@ -1,8 +1,8 @@
-"""The conditioned policy: one policy that is told preference weights, so that aligning it takes no training.
+"""The preference-conditioned policy: one policy for all preference weights, so that aligning it takes no training.
 
-Recipe A of spec 06. Nine weights (`vocabulary.py`) enter beside the task inputs; `at(weights)` folds them into a bias,
+Recipe A of spec 06. Nine weights (`objectives.py`) enter beside the task inputs; `at(weights)` folds them into a bias,
 which leaves an ordinary policy of the setup. How the weights are learned from answers lives in `posterior.py`, how the
-policy is trained in `conditioned_training.py`, how far weights move it in `movement.py`.
+policy is trained in `conditioned_training.py`, how far weights move it in `steerability.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from backend.learning.policies.policy import (
     networks_to_bytes,
 )
 from backend.learning.policies.shape import NetworkShape
-from backend.learning.preferences.vocabulary import NAMES, SIZE, check_weights, preference_weights
+from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, preference_weights
 from backend.simulation.setups import SetupError, get_setup
 
 Floats = NDArray[np.float32]
@@ -32,7 +32,7 @@ FORMAT = "desirepath-conditioned-1"
 
 @dataclass(frozen=True)
 class ConditionedPolicy(StoredPolicy):
-    """A deterministic actor of one setup that is told what somebody wants.
+    """A deterministic actor of one setup, conditioned on preference weights.
 
     shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
     the weights enter come after those of the task part. scales: (9,) reward per step of each objective's step term at
@@ -58,21 +58,21 @@ class ConditionedPolicy(StoredPolicy):
             raise PolicyError(f"conditioned policy has {len(self.scales)} scales; there are {SIZE} objectives")
         check_networks(self.shape, self.actor, self.critic)
         if self.base:
-            check_networks(self._told_shape, self.base, ())
+            check_networks(self._policy_shape, self.base, ())
 
     @property
-    def _told_shape(self) -> NetworkShape:
+    def _policy_shape(self) -> NetworkShape:
         return replace(self.shape, task_inputs=self.shape.task_inputs - SIZE)
 
     def at(self, weights: Floats) -> Policy:
         """The ordinary policy that drives by these preference weights (9,), critic included.
 
-        While it is stuck the base policy drives, then this one with nothing wanted, where the base policy is known.
+        While it is stuck the base policy drives, then this one with all weights zero, where the base policy is known.
         Exact: a constant input only moves the first task layer's bias. Raises LearningError for weights outside [0, 1]
         or of two opposites at once.
         """
         weights = check_weights(weights)
-        shape = self._told_shape
+        shape = self._policy_shape
         actor, critic = (_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic))
         unmoved = _folded(self.actor, shape.task_inputs, np.zeros(SIZE, dtype=np.float32))
         return Policy(self.setup, shape, actor, critic, (self.base, unmoved) if self.base else ())
@@ -80,7 +80,8 @@ class ConditionedPolicy(StoredPolicy):
     def stronger(self, objective: str, factor: float) -> Self:
         """The policy that does at full weight of this objective what this one does at `factor` times full weight.
 
-        Beyond 1 that goes on where training ended: nobody was told so much. Exact, since weights enter linearly.
+        Beyond 1 that goes on where training ended: it was never conditioned on so much. Exact, since weights enter
+        linearly.
         """
         k = NAMES.index(objective)
         row = self.shape.task_inputs - SIZE + k
@@ -102,12 +103,14 @@ class ConditionedPolicy(StoredPolicy):
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
-        meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
+        meta, actor, critic, recovery_policies = networks_from_bytes(data, FORMAT)
         if tuple(meta["objectives"]) != NAMES:
             raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
-        if len(escapes) > 1:
-            raise PolicyError(f"conditioned policy has {len(escapes)} escapes; it can have one, the base policy")
-        shape, base = NetworkShape.from_dict(meta["shape"]), escapes[0] if escapes else ()
+        if len(recovery_policies) > 1:
+            raise PolicyError(
+                f"conditioned policy has {len(recovery_policies)} recovery policies; it can have one, the base policy"
+            )
+        shape, base = NetworkShape.from_dict(meta["shape"]), recovery_policies[0] if recovery_policies else ()
         return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base)
 
 
@@ -127,6 +130,8 @@ def _scaled_row(arrays: tuple[Floats, ...], row: int, factor: float) -> tuple[Fl
 
 
 def settings(extra: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, Floats]:
-    """The wants a conditioned policy is judged by: nothing (`neutral`), then each objective alone at full strength."""
-    wanted: dict[str, Mapping[str, float]] = {"neutral": {}, **{name: {name: 1.0} for name in NAMES}, **(extra or {})}
-    return {name: preference_weights(weights) for name, weights in wanted.items()}
+    """The preference weights a conditioned policy is judged by: none (`neutral`), then each objective alone at full
+    strength.
+    """
+    named: dict[str, Mapping[str, float]] = {"neutral": {}, **{name: {name: 1.0} for name in NAMES}, **(extra or {})}
+    return {name: preference_weights(weights) for name, weights in named.items()}

@@ -50,10 +50,11 @@ def networks_to_bytes(
     meta: Mapping[str, object],
     actor: Sequence[Floats],
     critic: Sequence[Floats],
-    escapes: Sequence[Sequence[Floats]] = (),
+    recovery_policies: Sequence[Sequence[Floats]] = (),
 ) -> bytes:
     """NPZ without pickled objects; the same meta and weights always give the same bytes."""
-    named = {"actor": actor, "critic": critic} | {f"escape{n}": escape for n, escape in enumerate(escapes)}
+    others = {f"escape{n}": layers for n, layers in enumerate(recovery_policies)}  # the key in all stored files
+    named = {"actor": actor, "critic": critic} | others
     return to_npz(meta, {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)})
 
 
@@ -71,7 +72,7 @@ class StoredNetworks(NamedTuple):
     meta: dict[str, Any]
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...]
-    escapes: tuple[tuple[Floats, ...], ...]
+    recovery_policies: tuple[tuple[Floats, ...], ...]
 
 
 def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
@@ -86,8 +87,8 @@ def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
     layers: dict[str, list[Floats]] = {}
     for name in sorted(arrays):
         layers.setdefault(name.rpartition("_")[0], []).append(arrays[name])
-    escapes = tuple(tuple(layers[name]) for name in layers if name.startswith("escape"))
-    return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), escapes)
+    recovery_policies = tuple(tuple(layers[name]) for name in layers if name.startswith("escape"))
+    return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), recovery_policies)
 
 
 class StoredPolicy(ABC):
@@ -123,16 +124,17 @@ class Policy(StoredPolicy):
     """A deterministic actor of one setup.
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
-    critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06). escapes:
-    other actors of the same shape that drive, in this order, while the robot is stuck (`driver`). made_for: whose it
-    is, such as the id of the answers behind it; stored, so that two people's policies are two where they act alike.
+    critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06).
+    recovery_policies: other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
+    made_for: whose it is, such as the id of the answers behind it; stored, so that two people's policies are two where
+    they act alike.
     """
 
     setup: str
     shape: NetworkShape
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...] = ()
-    escapes: tuple[tuple[Floats, ...], ...] = ()
+    recovery_policies: tuple[tuple[Floats, ...], ...] = ()
     made_for: str = ""
 
     def __post_init__(self) -> None:
@@ -142,15 +144,15 @@ class Policy(StoredPolicy):
                 f"gives {get_setup(self.setup).observation_size}"
             )
         check_networks(self.shape, self.actor, self.critic)
-        for escape in self.escapes:
-            check_networks(self.shape, escape, ())
+        for recovery_policy in self.recovery_policies:
+            check_networks(self.shape, recovery_policy, ())
 
     @cached_property
     def driver(self) -> ActFunction | Driver:
-        """What drives whole episodes: `act`, with a recovery where the policy has escapes."""
-        if not self.escapes:
+        """What drives whole episodes: `act`, with a recovery where the policy has recovery policies."""
+        if not self.recovery_policies:
             return self.act
-        others = [Policy(self.setup, self.shape, escape).act for escape in self.escapes]
+        others = [Policy(self.setup, self.shape, recovery_policy).act for recovery_policy in self.recovery_policies]
         return RecoveringDriver(get_setup(self.setup), self.act, others)
 
     def act(self, observations: Floats) -> Floats:
@@ -222,8 +224,11 @@ class Policy(StoredPolicy):
             "bearing_range_rad": [-math.pi, math.pi],
             "network": self.shape.as_dict(),
             "recovery": asdict(Recovery())
-            | {"escapes": len(self.escapes), "exported": "the usual actor alone; the .npz holds the escapes, too"}
-            if self.escapes
+            | {
+                "recovery_policies": len(self.recovery_policies),
+                "exported": "the usual actor alone; the .npz holds the recovery policies, too",
+            }
+            if self.recovery_policies
             else None,
             "policy_sha256": self.digest(),
         }
@@ -233,12 +238,17 @@ class Policy(StoredPolicy):
         meta: dict[str, object] = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
         if self.made_for:
             meta["made_for"] = self.made_for
-        return networks_to_bytes(meta, self.actor, self.critic, self.escapes)
+        return networks_to_bytes(meta, self.actor, self.critic, self.recovery_policies)
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
-        meta, actor, critic, escapes = networks_from_bytes(data, FORMAT)
+        meta, actor, critic, recovery_policies = networks_from_bytes(data, FORMAT)
         return cls(
-            meta["setup"], NetworkShape.from_dict(meta["shape"]), actor, critic, escapes, meta.get("made_for", "")
+            meta["setup"],
+            NetworkShape.from_dict(meta["shape"]),
+            actor,
+            critic,
+            recovery_policies,
+            meta.get("made_for", ""),
         )

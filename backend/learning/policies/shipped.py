@@ -12,7 +12,7 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import FORMAT as CONDITIONED
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy, stored_format
-from backend.learning.preferences.vocabulary import parsed_weights
+from backend.learning.preferences.objectives import parsed_weights
 from backend.learning.queries.queries import QuerySet
 
 DATASETS = ROOT / "datasets"
@@ -42,19 +42,23 @@ def names_policy(reference: str) -> bool:
 def load_policy(reference: str) -> Policy:
     """A policy by shipped name or path.
 
-    A conditioned policy may be told what is wanted, `study_room/conditioned@farther=1,smoother=0.5`; without, nothing
-    is. Raises LearningError or PolicyError.
+    A conditioned policy may be given preference weights, `study_room/conditioned@farther=1,smoother=0.5`; without, all
+    are zero. Raises LearningError or PolicyError.
     """
-    return told_policy(resolve(reference.partition("@")[0]).read_bytes(), reference)
+    return policy_conditioned_on(resolve(reference.partition("@")[0]).read_bytes(), reference)
 
 
-def told_policy(content: bytes, reference: str) -> Policy:
-    """The policy in `content`, told what stands behind `@` in its reference. Raises LearningError or PolicyError."""
-    name, told, wants = reference.partition("@")
+def policy_conditioned_on(content: bytes, reference: str) -> Policy:
+    """The policy in `content`, conditioned on what stands behind `@` in its reference. Raises LearningError or
+    PolicyError.
+    """
+    name, given, weights = reference.partition("@")
     if stored_format(content) == CONDITIONED:
-        return ConditionedPolicy.from_bytes(content).at(parsed_weights(wants))
-    if told:
-        raise LearningError(f"{name} takes no wants: write it without @{wants}, or name a conditioned policy")
+        return ConditionedPolicy.from_bytes(content).at(parsed_weights(weights))
+    if given:
+        raise LearningError(
+            f"{name} takes no preference weights: write it without @{weights}, or name a conditioned policy"
+        )
     return Policy.from_bytes(content)
 
 

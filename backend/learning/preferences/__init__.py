@@ -1,1 +1,1 @@
-"""What people want: objectives, what a trajectory measures of them, answers, the posterior, oracles."""
+"""What people prefer: the objectives, what a trajectory measures of them, answers, the posterior, oracles."""

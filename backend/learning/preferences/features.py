@@ -1,4 +1,4 @@
-"""Nine per-step features of a drive that people may care about, read from observations alone.
+"""Nine per-step features of a trajectory that people may care about, read from observations alone.
 
 What they weigh is learned in `reward_model.py`. All features are <= 0: less is worse, zero is "nothing to complain".
 """

@@ -1,4 +1,5 @@
-"""What answers say about somebody's wants: a particle posterior over preference weights, after every answer.
+"""What answers say about somebody's preference weights: a particle posterior over preference weights, after every
+answer.
 
 Pure and deterministic: the same answers give the same posterior. What is asked next lives in `choosing.py`, what the
 weights drive in `conditioned.py`. All ours (spec 06, "Beyond the thesis").
@@ -16,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
-from backend.learning.preferences.spans import SPANS_S
-from backend.learning.preferences.vocabulary import (
+from backend.learning.preferences.objectives import (
     MEASURES,
     NAMES,
     OBJECTIVES,
@@ -26,11 +26,12 @@ from backend.learning.preferences.vocabulary import (
     gains,
     typical_differences,
 )
+from backend.learning.preferences.spans import SPANS_S
 from backend.simulation.setups import get_setup
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-MOST_WANTS = 3
+MOST_OBJECTIVES = 3
 SIDES = tuple(k for k, objective in enumerate(OBJECTIVES) if MEASURES[objective.measure] == "passing_side")
 
 
@@ -38,35 +39,36 @@ SIDES = tuple(k for k, objective in enumerate(OBJECTIVES) if MEASURES[objective.
 class PosteriorConfig:
     """The prior, and how many particles carry it. All ours.
 
-    wants: prior probability that somebody has one, two or three objectives; their shares are uniform on the simplex.
-    rationality: a pair that differs by one typical difference is told apart with probability sigmoid(rationality);
-    log-uniform in this range, from hardly at all to without fail. mistakes: mean of the exponential prior of the share
-    of answers that are given without looking, cut off at `most_mistakes`; half of these are wrong. spans: prior
-    probability that somebody judges each of SPANS_S, the whole drive or only its beginning.
+    objectives: prior probability that somebody has one, two or three objectives; their shares are uniform on the
+    simplex. rationality: a pair that differs by one typical difference is told apart with probability
+    sigmoid(rationality); log-uniform in this range, from hardly at all to without fail. lapse_rate: mean of the
+    exponential prior of the share of answers that are given without looking, cut off at `highest_lapse_rate`; half of
+    these are wrong. spans: prior probability that somebody judges each of SPANS_S, the whole trajectory or only its
+    beginning.
     """
 
     particles: int = 20_000
     seed: int = 0
-    wants: tuple[float, float, float] = (0.5, 0.3, 0.2)
-    carried_by: tuple[float, float, float] = (0.3, 0.35, 0.35)  # share of the particles for each number of wants
+    objectives: tuple[float, float, float] = (0.5, 0.3, 0.2)
+    carried_by: tuple[float, float, float] = (0.3, 0.35, 0.35)  # share of the particles for each number of objectives
     rationality: tuple[float, float] = (0.5, 100.0)
-    mistakes: float = 0.08
-    most_mistakes: float = 0.5
+    lapse_rate: float = 0.08
+    highest_lapse_rate: float = 0.5
     spans: tuple[float, ...] = (0.8, 0.1, 0.1)
     spans_carried_by: tuple[float, ...] = (0.5, 0.25, 0.25)  # share of the particles for each span
     least_effective: float = 0.1  # of the particles: below, they are drawn anew and moved
     moves: int = 4
     smallest_weight: float = 0.2  # a smaller preference weight (the largest is 1) is left out
-    left_right_symmetry: bool = False  # somebody would answer a mirrored query alike, so nobody wants a side
+    left_right_symmetry: bool = False  # somebody would answer a mirrored query alike, so nobody prefers a side
 
 
 def supports(*, left_right_symmetry: bool = False) -> list[tuple[int, ...]]:
-    """All sets of one to three objectives that somebody can want at once, as indices; with symmetry none has a side."""
-    wanted = [k for k in range(SIZE) if not (left_right_symmetry and k in SIDES)]
+    """All sets of one to three objectives that somebody can prefer at once, by index; with symmetry none has a side."""
+    possible = [k for k in range(SIZE) if not (left_right_symmetry and k in SIDES)]
     return [
         chosen
-        for size in range(1, MOST_WANTS + 1)
-        for chosen in combinations(wanted, size)
+        for size in range(1, MOST_OBJECTIVES + 1)
+        for chosen in combinations(possible, size)
         if not any(a in chosen and b in chosen for a, b in OPPOSITES)
     ]
 
@@ -75,19 +77,19 @@ def supports(*, left_right_symmetry: bool = False) -> list[tuple[int, ...]]:
 class Posterior:
     """What is believed after some answers; `updated` gives the next one.
 
-    weights: (n, 9) float32 >= 0, each particle's shares, summing to 1. rationality, mistakes: (n,) float32.
+    weights: (n, 9) float32 >= 0, each particle's shares, summing to 1. rationality, lapse_rate: (n,) float32.
     span: (n,) which of SPANS_S it judges. log_mass: (n,) float64, unnormalised. differences (answers, spans, 7) and
     chosen (answers,) are what was learned from: measures of A minus B in the setup's unit, of as much as each span
     sees, and whether A was chosen.
 
-    Wherever differences are asked for, those of whole drives (n, 7) do: then all spans see the same.
+    Wherever differences are asked for, those of whole trajectories (n, 7) do: then all spans see the same.
     """
 
     setup: str
     config: PosteriorConfig
     weights: Floats
     rationality: Floats
-    mistakes: Floats
+    lapse_rate: Floats
     span: NDArray[np.int64]
     log_mass: Doubles
     differences: Doubles = field(default_factory=lambda: np.zeros((0, len(SPANS_S), len(MEASURES))))
@@ -96,13 +98,15 @@ class Posterior:
 
     @classmethod
     def prior(cls, setup: str, config: PosteriorConfig | None = None) -> Posterior:
-        """What is believed before any answer. Every set of wants has equally many particles among those of its size."""
+        """What is believed before any answer. Every set of objectives has equally many particles among those of its
+        size.
+        """
         config = config or PosteriorConfig()
         typical_differences(get_setup(setup).name)
         random = np.random.default_rng([config.seed, 21])
         possible = supports(left_right_symmetry=config.left_right_symmetry)
         weights, log_mass = [], []
-        for size, (mass, carried) in enumerate(zip(config.wants, config.carried_by, strict=True), start=1):
+        for size, (mass, carried) in enumerate(zip(config.objectives, config.carried_by, strict=True), start=1):
             sets = [chosen for chosen in possible if len(chosen) == size]
             each = max(1, round(config.particles * carried / len(sets)))
             for chosen in sets:
@@ -114,8 +118,8 @@ class Posterior:
         low, high = np.log(config.rationality)
         # Evenly spread, in random order: fewer accidents than independent draws.
         rationality = np.exp(low + (high - low) * (random.permutation(n) + 0.5) / n)
-        cut = -math.expm1(-config.most_mistakes / config.mistakes)
-        mistakes = -config.mistakes * np.log1p(-cut * (random.permutation(n) + 0.5) / n)
+        cut = -math.expm1(-config.highest_lapse_rate / config.lapse_rate)
+        lapse_rate = -config.lapse_rate * np.log1p(-cut * (random.permutation(n) + 0.5) / n)
         places = (random.permutation(n) + 0.5) / n
         span = np.searchsorted(np.cumsum(config.spans_carried_by)[:-1], places)
         rarer = np.log(np.divide(config.spans, config.spans_carried_by))
@@ -124,7 +128,7 @@ class Posterior:
             config,
             np.concatenate(weights),
             rationality.astype(np.float32),
-            mistakes.astype(np.float32),
+            lapse_rate.astype(np.float32),
             span,
             np.concatenate(log_mass) + rarer[span],
         )
@@ -148,7 +152,7 @@ class Posterior:
         """The posterior after one more answer. difference: (spans, 7) measures of A minus those of B."""
         differences = np.concatenate([self.differences, _by_span(np.asarray(difference, dtype=np.float64)[None])])
         chosen = np.append(self.chosen, a_chosen)
-        likelihood = self.chances(differences[-1:])[:, 0]
+        likelihood = self.choice_probabilities(differences[-1:])[:, 0]
         seen = np.log(likelihood if a_chosen else 1 - likelihood, dtype=np.float64)
         after = replace(self, log_mass=self.log_mass + seen, differences=differences, chosen=chosen)
         if after.effective_particles() >= self.config.least_effective * len(self.weights):
@@ -166,7 +170,7 @@ class Posterior:
         return float(1.0 / np.square(self.masses()).sum())
 
     def shares(self) -> Doubles:
-        """(9,) expected share of each objective in what is wanted; sums to 1."""
+        """(9,) expected share of each objective in the preference; sums to 1."""
         expected: Doubles = self.masses() @ self.weights.astype(np.float64)
         return expected
 
@@ -187,16 +191,16 @@ class Posterior:
     def dominant(self) -> str:
         """The objective that most probably has the largest share.
 
-        Not the one with the largest expected share: a want that may be all or nothing has a large one, too.
+        Not the one with the largest expected share: an objective that may be all or nothing has a large one, too.
         """
         return NAMES[int(self.foremost().argmax())]
 
     def predict(self, differences: Doubles) -> Doubles:
         """(n,) probability that A is chosen from pairs whose measures differ by (n, spans, 7).
 
-        Of differences of whole drives (n, 7): by somebody who looks at all of them.
+        Of differences of whole trajectories (n, 7): by somebody who looks at all of them.
         """
-        predicted: Doubles = self.masses() @ self.chances(differences)
+        predicted: Doubles = self.masses() @ self.choice_probabilities(differences)
         return predicted
 
     def entropy_bits(self) -> float:
@@ -212,14 +216,16 @@ class Posterior:
             self,
             weights=self.weights[rows],
             rationality=self.rationality[rows],
-            mistakes=self.mistakes[rows],
+            lapse_rate=self.lapse_rate[rows],
             span=self.span[rows],
             log_mass=np.zeros(n),
         )
 
-    def chances(self, differences: Doubles) -> Floats:
+    def choice_probabilities(self, differences: Doubles) -> Floats:
         """(particles, n) float32: each particle's probability that A is chosen."""
-        return _chances(self.weights, self.rationality, self.mistakes, self.span, self._gains(_by_span(differences)))
+        return _choice_probabilities(
+            self.weights, self.rationality, self.lapse_rate, self.span, self._gains(_by_span(differences))
+        )
 
     def _gains(self, differences: Doubles) -> Floats:
         """(spans, n, 9) of differences (n, spans, 7)."""
@@ -234,26 +240,26 @@ class Posterior:
         state: dict[str, NDArray[Any]] = {
             "weights": self.weights[rows],
             "rationality": self.rationality[rows],
-            "mistakes": self.mistakes[rows],
+            "lapse_rate": self.lapse_rate[rows],
             "span": self.span[rows],
         }
         seen = self._gains(self.differences) * np.where(self.chosen, 1, -1).astype(np.float32)[:, None]
         prior_of_span = np.log(self.config.spans)
 
         def log_likelihood(state: dict[str, NDArray[Any]]) -> Doubles:
-            logs: Doubles = np.log(_chances(**state, better=seen)).sum(axis=1, dtype=np.float64)
+            logs: Doubles = np.log(_choice_probabilities(**state, better=seen)).sum(axis=1, dtype=np.float64)
             return logs
 
         now = log_likelihood(state)
         for move in range(self.config.moves):
             weights = _moved_weights(state["weights"], random, self.config, swap=move % 2 == 1)
-            (rationality, mistakes), favour = _moved_habits(
-                state["rationality"], state["mistakes"], self.config, random
+            (rationality, lapse_rate), favour = _moved_response_model(
+                state["rationality"], state["lapse_rate"], self.config, random
             )
             span = random.integers(len(SPANS_S), size=n)
             proposals: tuple[tuple[dict[str, NDArray[Any]], Doubles], ...] = (
                 ({"weights": weights}, np.zeros(n)),
-                ({"rationality": rationality, "mistakes": mistakes}, favour),
+                ({"rationality": rationality, "lapse_rate": lapse_rate}, favour),
                 ({"span": span}, prior_of_span[span] - prior_of_span[state["span"]]),
             )
             for changes, prior_ratio in proposals:
@@ -267,7 +273,7 @@ class Posterior:
             self,
             weights=state["weights"],
             rationality=state["rationality"],
-            mistakes=state["mistakes"],
+            lapse_rate=state["lapse_rate"],
             span=state["span"],
             log_mass=np.zeros(n),
             draws=self.draws + 1,
@@ -281,21 +287,23 @@ def _by_span(differences: Doubles) -> Doubles:
     return np.repeat(differences[:, None], len(SPANS_S), axis=1)
 
 
-def _chances(weights: Floats, rationality: Floats, mistakes: Floats, span: NDArray[np.int64], better: Floats) -> Floats:
-    """(particles, n) of gains (spans, n, 9): `choice_chances` of as much as each particle judges."""
-    chances = np.empty((len(weights), better.shape[1]), dtype=np.float32)
+def _choice_probabilities(
+    weights: Floats, rationality: Floats, lapse_rate: Floats, span: NDArray[np.int64], better: Floats
+) -> Floats:
+    """(particles, n) of gains (spans, n, 9): `choice_probabilities` of as much as each particle judges."""
+    probabilities = np.empty((len(weights), better.shape[1]), dtype=np.float32)
     for k, gained in enumerate(better):
         of = span == k
-        chances[of] = choice_chances(weights[of], rationality[of], mistakes[of], gained)
-    return chances
+        probabilities[of] = choice_probabilities(weights[of], rationality[of], lapse_rate[of], gained)
+    return probabilities
 
 
-def choice_chances(weights: Floats, rationality: Floats, mistakes: Floats, better: Floats) -> Floats:
+def choice_probabilities(weights: Floats, rationality: Floats, lapse_rate: Floats, better: Floats) -> Floats:
     """(particles, n): (1 - eps) sigmoid(beta w . g) + eps / 2, of gains g (n, 9) of A over B."""
     advantage = np.clip((weights * rationality[:, None]) @ better.T, -30, 30)
     careful = 1 / (1 + np.exp(-advantage))
     # Never quite certain, so that no particle dies of one answer.
-    probabilities: Floats = np.clip((1 - mistakes[:, None]) * careful + mistakes[:, None] / 2, 1e-6, 1 - 1e-6)
+    probabilities: Floats = np.clip((1 - lapse_rate[:, None]) * careful + lapse_rate[:, None] / 2, 1e-6, 1 - 1e-6)
     return probabilities
 
 
@@ -309,7 +317,7 @@ def _systematic(masses: Doubles, n: int, random: np.random.Generator) -> NDArray
 def _moved_weights(weights: Floats, random: np.random.Generator, config: PosteriorConfig, *, swap: bool) -> Floats:
     """Proposals that the prior likes as much: the sum of two objectives' shares split anew, or exchanged.
 
-    swap: one of the two places is any objective, so that a want can turn into another one; impossible sets stay.
+    swap: one of the two places is any objective, so that an objective can turn into another one; impossible sets stay.
     """
     n = len(weights)
     rows = np.arange(n)
@@ -328,7 +336,7 @@ def _moved_weights(weights: Floats, random: np.random.Generator, config: Posteri
             random.random(n),
             _reflected(weights[rows, first] / both + random.normal(0, 0.1, n), 0.0, 1.0),
         ).astype(np.float32)
-        split = np.clip(split, 1e-3, 1 - 1e-3)  # a want never vanishes in a move
+        split = np.clip(split, 1e-3, 1 - 1e-3)  # an objective never vanishes in a move
         alone = first == second
         proposed[rows, first], proposed[rows, second] = both * split, both * (1 - split)
         proposed[alone] = weights[alone]
@@ -339,15 +347,17 @@ def _moved_weights(weights: Floats, random: np.random.Generator, config: Posteri
     return proposed
 
 
-def _moved_habits(
-    rationality: Floats, mistakes: Floats, config: PosteriorConfig, random: np.random.Generator
+def _moved_response_model(
+    rationality: Floats, lapse_rate: Floats, config: PosteriorConfig, random: np.random.Generator
 ) -> tuple[tuple[Floats, Floats], Doubles]:
-    """Proposed rationality and mistakes, and the logarithm of how much more the prior likes them."""
+    """Proposed rationality and lapse rates, and the logarithm of how much more the prior likes them."""
     n = len(rationality)
     low, high = np.log(config.rationality)
     r = np.exp(_reflected(np.log(rationality) + random.normal(0, 0.5, n), low, high)).astype(np.float32)
-    m = _reflected(mistakes + random.normal(0, config.mistakes / 2, n), 0.0, config.most_mistakes).astype(np.float32)
-    favour: Doubles = ((mistakes - m) / config.mistakes).astype(np.float64)
+    m = _reflected(lapse_rate + random.normal(0, config.lapse_rate / 2, n), 0.0, config.highest_lapse_rate).astype(
+        np.float32
+    )
+    favour: Doubles = ((lapse_rate - m) / config.lapse_rate).astype(np.float64)
     return (r, m), favour
 
 

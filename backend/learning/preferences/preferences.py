@@ -1,4 +1,6 @@
-"""A preference as learning sees it: the drive that was chosen, the one that was not, and where the answer came from."""
+"""A preference as learning sees it: the trajectory that was chosen, the one that was not, and where the answer came
+from.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from backend.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Preference:
-    """chosen > rejected, both drives of one query; source: `participant`, `oracle:<name>`, ..."""
+    """chosen > rejected, both trajectories of one query; source: `participant`, `oracle:<name>`, ..."""
 
     chosen: Trajectory
     rejected: Trajectory
@@ -35,7 +37,7 @@ class Preference:
 
 
 def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup, list[Preference]]:
-    """The preferences that say something (two drives that differ), and their one setup.
+    """The preferences that say something (two trajectories that differ), and their one setup.
 
     Raises TooFewAnswers if fewer than `fewest` are left, SetupError if setups are mixed.
     """
@@ -47,6 +49,6 @@ def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup
     if len(kept) < fewest:
         raise TooFewAnswers(
             f"preferences: {len(kept)} usable of {len(preferences)} given; learning needs at least {fewest} answers "
-            "about two different drives"
+            "about two different trajectories"
         )
     return get_setup(require_same(**{f"answer {k}": p.setup for k, p in enumerate(kept)})), kept

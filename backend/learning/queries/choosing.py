@@ -2,7 +2,7 @@
 
 What an answer then says lives in `posterior.py`. All ours (spec 06, "Beyond the thesis"); mutual information as in
 active preference learning, joint over a batch so that it holds no two queries that tell the same. What an answer tells
-of the foremost want counts twice: else queries about shares, care and mistakes come early, and it stays in doubt.
+of the foremost objective counts twice: else queries about shares, care and lapses come early, and it stays in doubt.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def information_bits(posterior: Posterior, differences: Doubles) -> Doubles:
     differences: (n, spans, 7) measures of A minus those of B.
     """
     few = posterior.sample(PARTICLES)
-    chances = few.chances(differences)
+    choice_probabilities = few.choice_probabilities(differences)
     masses = np.full((1, PARTICLES), 1 / PARTICLES, dtype=np.float32)
-    return _information(masses, chances, _entropy_bits(chances))
+    return _information(masses, choice_probabilities, _entropy_bits(choice_probabilities))
 
 
 def best_information(posterior: Posterior, differences: Doubles) -> float:
@@ -112,8 +112,8 @@ def choose_queries(
     if strategy == "random":
         return [int(k) for k in random.choice(len(differences), count, replace=False)]
     few = posterior.sample(PARTICLES)
-    chances = few.chances(differences)
-    entropies = _entropy_bits(chances)
+    choice_probabilities = few.choice_probabilities(differences)
+    entropies = _entropy_bits(choice_probabilities)
     foremost = few.weights.argmax(axis=1)
     futures = FUTURES if count > 1 else 1
     masses = np.full((futures, PARTICLES), 1 / PARTICLES, dtype=np.float32)
@@ -121,47 +121,51 @@ def choose_queries(
     chosen: list[int] = []
     while True:
         if strategy == "information":
-            worth = _about_foremost(masses, chances, foremost) + _information(masses, chances, entropies)
+            value = _about_foremost(masses, choice_probabilities, foremost) + _information(
+                masses, choice_probabilities, entropies
+            )
         else:
-            worth = _disagreement(masses, chances)
-        worth[chosen] = -np.inf
-        chosen.append(int(worth.argmax()))
+            value = _disagreement(masses, choice_probabilities)
+        value[chosen] = -np.inf
+        chosen.append(int(value.argmax()))
         if len(chosen) == count:
             return chosen
-        seen = chances[:, chosen[-1]]
+        seen = choice_probabilities[:, chosen[-1]]
         says_a = random.random(futures) < seen[truths]
         masses *= np.where(says_a[:, None], seen[None], 1 - seen[None])
         masses /= masses.sum(axis=1, keepdims=True)
 
 
-def _information(masses: Floats, chances: Floats, entropies: Floats) -> Doubles:
+def _information(masses: Floats, choice_probabilities: Floats, entropies: Floats) -> Doubles:
     """(n,) H[E p] - E H[p], averaged over the rows of masses (futures, particles)."""
-    bits: Doubles = (_entropy_bits(masses @ chances) - masses @ entropies).mean(axis=0, dtype=np.float64)
+    bits: Doubles = (_entropy_bits(masses @ choice_probabilities) - masses @ entropies).mean(axis=0, dtype=np.float64)
     return np.maximum(bits, 0.0)
 
 
-def _about_foremost(masses: Floats, chances: Floats, foremost: NDArray[np.int64]) -> Doubles:
+def _about_foremost(masses: Floats, choice_probabilities: Floats, foremost: NDArray[np.int64]) -> Doubles:
     """(n,) mutual information with which objective is the foremost, averaged over the rows of masses.
 
     foremost: (particles,) that objective of each.
     """
-    bits = _entropy_bits(masses @ chances)
+    bits = _entropy_bits(masses @ choice_probabilities)
     for objective in np.unique(foremost):
         of = foremost == objective
         share = np.maximum(masses[:, of].sum(axis=1, keepdims=True), 1e-12)
-        bits -= share * _entropy_bits(masses[:, of] @ chances[of] / share)
+        bits -= share * _entropy_bits(masses[:, of] @ choice_probabilities[of] / share)
     mean: Doubles = bits.mean(axis=0, dtype=np.float64)
     return mean
 
 
-def _disagreement(masses: Floats, chances: Floats) -> Doubles:
+def _disagreement(masses: Floats, choice_probabilities: Floats) -> Doubles:
     """(n,) variance of the particles' predictions, averaged over the rows of masses."""
-    variance: Doubles = (masses @ np.square(chances) - np.square(masses @ chances)).mean(axis=0, dtype=np.float64)
+    variance: Doubles = (masses @ np.square(choice_probabilities) - np.square(masses @ choice_probabilities)).mean(
+        axis=0, dtype=np.float64
+    )
     return variance
 
 
-def _entropy_bits(chances: Floats) -> Floats:
+def _entropy_bits(choice_probabilities: Floats) -> Floats:
     """Entropy (bits) of answers with these probabilities, strictly between 0 and 1."""
-    certain = np.clip(chances, 1e-6, 1 - 1e-6)
+    certain = np.clip(choice_probabilities, 1e-6, 1 - 1e-6)
     entropy: Floats = -(certain * np.log2(certain) + (1 - certain) * np.log2(1 - certain))
     return entropy

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, scene_set
@@ -49,21 +50,21 @@ class Query:
 class QueryConfig:
     """What queries are made and which are dropped. The first three filters are the thesis's (6.4.2), the rest ours.
 
-    count: scenes. drives: of each scene so many, every two of them a query; 3 for probes of transitivity.
+    count: scenes. trajectories: of each scene so many, every two of them a query; 3 for probes of transitivity.
     """
 
     count: int = 200
-    drives: int = 2
+    trajectories: int = 2
     seed: int = 0
-    max_duration_s: float = 12.0  # ours: people watch both drives of every query
-    min_duration_s: float = 3.0  # ours: a drive that is over at once shows nothing
-    min_gap_m: float = 0.5  # ours: two drives closer than this everywhere, and about equally long, look the same
+    max_duration_s: float = 12.0  # ours: people watch both trajectories of every query
+    min_duration_s: float = 3.0  # ours: a trajectory that is over at once shows nothing
+    min_gap_m: float = 0.5  # ours: two trajectories closer than this everywhere, and about equally long, look the same
     min_duration_ratio: float = 1.3  # ours: ... unless one takes this much longer
     scenes_per_round: int = 256
     max_scenes: int = 10_000
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return stored_config(self)
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,7 @@ def path_gap_m(a: Trajectory, b: Trajectory) -> float:
 
 
 def flaw(trajectory: Trajectory, config: QueryConfig) -> str | None:
-    """Why this drive may not be shown, or None."""
+    """Why this trajectory may not be shown, or None."""
     if trajectory.outcome == Outcome.COLLISION:
         return "collision"
     if trajectory.outcome != Outcome.SUCCESS:
@@ -189,7 +190,7 @@ def flaw(trajectory: Trajectory, config: QueryConfig) -> str | None:
 
 
 def look_alike(a: Trajectory, b: Trajectory, config: QueryConfig) -> bool:
-    """True if a person could hardly tell the two drives apart."""
+    """True if a person could hardly tell the two trajectories apart."""
     ratio = max(a.duration_s, b.duration_s) / min(a.duration_s, b.duration_s)
     return path_gap_m(a, b) < config.min_gap_m and ratio < config.min_duration_ratio
 
@@ -208,13 +209,16 @@ def generate_queries(
     config: QueryConfig | None = None,
     on_progress: Callable[[float, dict[str, float]], None] | None = None,
 ) -> QuerySet:
-    """Queries of `config.count` scenes: in each every pair of `config.drives` random members' drives without a flaw.
+    """Queries of `config.count` scenes: in each every pair of `config.trajectories` random members' trajectories
+    without a flaw.
 
     Raises LearningError if `config.max_scenes` scenes do not give that many, with what the filters dropped.
     """
     config = config or QueryConfig()
-    if len(members) < config.drives:
-        raise LearningError(f"members = {len(members)}: {config.drives} drives need as many ensemble members")
+    if len(members) < config.trajectories:
+        raise LearningError(
+            f"members = {len(members)}: {config.trajectories} trajectories need as many ensemble members"
+        )
     setup = get_setup(require_same(**{f"member {k}": member.setup for k, member in enumerate(members)}))
     random = np.random.default_rng([config.seed, 6])
     scenes = scene_set(setup.name, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
@@ -223,10 +227,10 @@ def generate_queries(
     of_scenes: list[list[Query]] = []
     for first in range(0, config.max_scenes, config.scenes_per_round):
         round_scenes = scenes[first : first + config.scenes_per_round]
-        drives = [rollout(setup, member.driver, round_scenes) for member in members]
+        trajectories = [rollout(setup, member.driver, round_scenes) for member in members]
         for row in range(len(round_scenes)):
             filtered["scenes"] += 1
-            found = _queries_in_scene([drive[row] for drive in drives], config, random, filtered)
+            found = _queries_in_scene([trajectory[row] for trajectory in trajectories], config, random, filtered)
             if not found:
                 continue
             of_scenes.append(found)
@@ -236,30 +240,33 @@ def generate_queries(
             on_progress(len(of_scenes) / config.count, {"queries": len(of_scenes), "scenes": filtered["scenes"]})
     raise LearningError(
         f"count = {config.count}: {config.max_scenes} scenes gave queries in only {len(of_scenes)}; dropped: "
-        f"{filtered}. Ask for fewer, allow longer drives (max_duration_s) or train a better ensemble."
+        f"{filtered}. Ask for fewer, allow longer trajectories (max_duration_s) or train a better ensemble."
     )
 
 
 def _queries_in_scene(
-    drives: Sequence[Trajectory], config: QueryConfig, random: np.random.Generator, filtered: dict[str, int]
+    trajectories: Sequence[Trajectory], config: QueryConfig, random: np.random.Generator, filtered: dict[str, int]
 ) -> list[Query]:
-    """Every pair of the first drawn drives that all look different; none where there are not so many."""
+    """Every pair of the first drawn trajectories that all look different; none where there are not so many."""
     good: list[int] = []
-    for k, drive in enumerate(drives):
+    for k, trajectory in enumerate(trajectories):
         filtered["drives"] += 1
-        reason = flaw(drive, config)
+        reason = flaw(trajectory, config)
         if reason is None:
             good.append(k)
         else:
             filtered[reason] += 1
-    if len(good) < config.drives:
+    if len(good) < config.trajectories:
         filtered["one_drive_left"] += 1
         return []
-    choices = list(permutations(good, config.drives))
+    choices = list(permutations(good, config.trajectories))
     for k in random.permutation(len(choices)):
         pairs = list(combinations(choices[k], 2))
-        if not any(look_alike(drives[i], drives[j], config) for i, j in pairs):
-            return [Query(drives[i].scene, rounded(drives[i]), rounded(drives[j]), (i, j)) for i, j in pairs]
+        if not any(look_alike(trajectories[i], trajectories[j], config) for i, j in pairs):
+            return [
+                Query(trajectories[i].scene, rounded(trajectories[i]), rounded(trajectories[j]), (i, j))
+                for i, j in pairs
+            ]
     filtered["look_alike"] += 1
     return []
 
@@ -267,12 +274,14 @@ def _queries_in_scene(
 def segment_queries(
     base: Policy, count: int, *, seed: int, segment_steps: int = 20, pool_scenes: int = 400
 ) -> list[tuple[Trajectory, Trajectory]]:
-    """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy drives in different scenes."""
+    """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy trajectories in different scenes."""
     setup = get_setup(base.setup)
     pool = rollout(setup, base.driver, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
-    long_enough = [drive for drive in pool if len(drive.actions) >= segment_steps]
+    long_enough = [trajectory for trajectory in pool if len(trajectory.actions) >= segment_steps]
     if len(long_enough) < 2:
-        raise LearningError(f"segment_steps = {segment_steps}: fewer than two of {pool_scenes} drives are that long")
+        raise LearningError(
+            f"segment_steps = {segment_steps}: fewer than two of {pool_scenes} trajectories are that long"
+        )
     random = np.random.default_rng([seed, 20])
     pairs = []
     for _ in range(count):
@@ -282,17 +291,17 @@ def segment_queries(
     return pairs
 
 
-def _segment(drive: Trajectory, steps: int, random: np.random.Generator) -> Trajectory:
-    first = int(random.integers(0, len(drive.actions) - steps + 1))
+def _segment(trajectory: Trajectory, steps: int, random: np.random.Generator) -> Trajectory:
+    first = int(random.integers(0, len(trajectory.actions) - steps + 1))
     rows = slice(first, first + steps)
     return replace(
-        drive,
-        outcome=drive.outcome if drive.dones[rows].any() else Outcome.RUNNING,
-        poses=drive.poses[first : first + steps + 1],
-        observations=drive.observations[rows],
-        actions=drive.actions[rows],
-        rewards=drive.rewards[rows],
-        next_observations=drive.next_observations[rows],
-        dones=drive.dones[rows],
+        trajectory,
+        outcome=trajectory.outcome if trajectory.dones[rows].any() else Outcome.RUNNING,
+        poses=trajectory.poses[first : first + steps + 1],
+        observations=trajectory.observations[rows],
+        actions=trajectory.actions[rows],
+        rewards=trajectory.rewards[rows],
+        next_observations=trajectory.next_observations[rows],
+        dones=trajectory.dones[rows],
         self_intersections=0,
     )

@@ -1,22 +1,24 @@
-"""Queries that differ in everything people may want: drives of a conditioned policy at drawn preference weights.
+"""Queries that differ in everything people may prefer: trajectories of a conditioned policy at drawn preference
+weights.
 
-An ensemble's pairs hardly differ in speed near the person, and what they differ in goes together (the longer drive is
-the later and the curvier one). Here pairs come from different wants, and are chosen so that no measure can stand for
-another. Filters and storage are those of `queries.py`. Ours (issue 3).
+An ensemble's pairs hardly differ in speed near the person, and what they differ in goes together (the longer trajectory
+is the later and the curvier one). Here pairs come from different preference weights, and are chosen so that no measure
+can stand for another. Filters and storage are those of `queries.py`. Ours (issue 3).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.preferences.vocabulary import MEASURES, NAMES, OPPOSITES, SIZE, measures, preference_weights
+from backend.learning.preferences.objectives import MEASURES, NAMES, OPPOSITES, SIZE, measures, preference_weights
 from backend.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, rounded
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
@@ -35,29 +37,29 @@ EXCHANGE_ROUNDS = 2
 
 @dataclass(frozen=True)
 class VariedConfig:
-    """Ours. wants: how many settings of the preference weights drive in every scene: each objective alone at full
+    """Ours. settings: how many settings of the preference weights drive in every scene: each objective alone at full
     strength, the rest drawn. scenes_per_query: of so many scenes one gives a query.
     """
 
     queries: QueryConfig = field(default_factory=QueryConfig)
-    wants: int = 14
+    settings: int = 14
     pairs_per_scene: int = 20
     scenes_per_query: int = 2
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return stored_config(self)
 
 
-def drawn_wants(count: int, seed: int) -> list[Floats]:
+def drawn_weights(count: int, seed: int) -> list[Floats]:
     """`count` settings (9,): each objective alone, then two or three together, each at 0.4 to 1."""
     random = np.random.default_rng([seed, 31])
-    wants = [preference_weights({name: 1.0}) for name in NAMES[:count]]
-    while len(wants) < count:
+    settings = [preference_weights({name: 1.0}) for name in NAMES[:count]]
+    while len(settings) < count:
         chosen = random.choice(SIZE, int(random.integers(2, 4)), replace=False)
         if not any(a in chosen and b in chosen for a, b in OPPOSITES):
             strengths = random.uniform(0.4, 1.0, len(chosen))
-            wants.append(preference_weights({NAMES[k]: float(s) for k, s in zip(chosen, strengths, strict=True)}))
-    return wants
+            settings.append(preference_weights({NAMES[k]: float(s) for k, s in zip(chosen, strengths, strict=True)}))
+    return settings
 
 
 def generate_varied_queries(
@@ -70,22 +72,22 @@ def generate_varied_queries(
     config = config or VariedConfig()
     asked, setup = config.queries, get_setup(conditioned.setup)
     random = np.random.default_rng([asked.seed, 32])
-    policies = [conditioned.at(wants) for wants in drawn_wants(config.wants, asked.seed)]
+    policies = [conditioned.at(weights) for weights in drawn_weights(config.settings, asked.seed)]
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     candidates: list[Query] = []
     places: list[int] = []
     scenes = scene_set(setup.name, asked.max_scenes, purpose=Purpose.QUERIES, seed=asked.seed)
-    wanted = asked.count * config.scenes_per_query
+    needed = asked.count * config.scenes_per_query
     for first in range(0, asked.max_scenes, asked.scenes_per_round):
         round_scenes = scenes[first : first + asked.scenes_per_round]
-        drives = [rollout(setup, policy.driver, round_scenes) for policy in policies]
+        trajectories = [rollout(setup, policy.driver, round_scenes) for policy in policies]
         for row in range(len(round_scenes)):
-            if len(set(places)) == wanted:
+            if len(set(places)) == needed:
                 break
             filtered["scenes"] += 1
             good = []
-            for k, of_policy in enumerate(drives):
+            for k, of_policy in enumerate(trajectories):
                 filtered["drives"] += 1
                 reason = flaw(of_policy[row], asked)
                 if reason is None:
@@ -98,7 +100,7 @@ def generate_varied_queries(
             pairs = [(i, j) for i in good for j in good if i != j]
             found = 0
             for k in random.permutation(len(pairs)):
-                a, b = (drives[member][row] for member in pairs[k])
+                a, b = (trajectories[member][row] for member in pairs[k])
                 if look_alike(a, b, asked):
                     filtered["look_alike"] += 1
                     continue
@@ -109,13 +111,13 @@ def generate_varied_queries(
                     break
         scenes_found = len(set(places))
         if on_progress:
-            on_progress(0.9 * min(1.0, scenes_found / wanted), {"scenes": scenes_found})
-        if scenes_found == wanted:
+            on_progress(0.9 * min(1.0, scenes_found / needed), {"scenes": scenes_found})
+        if scenes_found == needed:
             break
     if len(set(places)) < asked.count:
         raise LearningError(
-            f"count = {asked.count}: {asked.max_scenes} scenes gave only {len(set(places))} with two drives to show; "
-            f"dropped: {filtered}. Ask for fewer or allow longer drives (max_duration_s)."
+            f"count = {asked.count}: {asked.max_scenes} scenes gave only {len(set(places))} with two trajectories to "
+            f"show; dropped: {filtered}. Ask for fewer or allow longer trajectories (max_duration_s)."
         )
     chosen = balanced(differences_of(candidates), places, asked.count)
     order = random.permutation(len(chosen))
@@ -126,7 +128,7 @@ def generate_varied_queries(
 
 def differences_of(queries: Sequence[Query]) -> Doubles:
     """(n, 7) measures of A minus those of B, in their units."""
-    judged = measures([drive for query in queries for drive in (query.trajectory_a, query.trajectory_b)])
+    judged = measures([trajectory for query in queries for trajectory in (query.trajectory_a, query.trajectory_b)])
     differences: Doubles = judged[0::2] - judged[1::2]
     return differences
 

@@ -58,8 +58,8 @@ class MlpEnsembleRewardModel:
 
     def log_odds(self, a: Trajectory, b: Trajectory) -> float:
         """Of the members' mean probability that A is chosen (equation 6.4, outputs as they were trained)."""
-        chances = [1 / (1 + math.exp(-_within(m.raw_reward(a) - m.raw_reward(b)))) for m in self.members]
-        chance = float(np.clip(np.mean(chances), 1e-6, 1 - 1e-6))
+        choice_probabilities = [1 / (1 + math.exp(-_within(m.raw_reward(a) - m.raw_reward(b)))) for m in self.members]
+        chance = float(np.clip(np.mean(choice_probabilities), 1e-6, 1 - 1e-6))
         return math.log(chance / (1 - chance))
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
@@ -103,9 +103,9 @@ def _mirrored(preference: Preference) -> Preference:
     """The answer as the networks see it with left and right exchanged; they read neither poses nor scene."""
     order, signs = mirror_of(get_setup(preference.setup))
 
-    def turned(drive: Trajectory) -> Trajectory:
-        seen, then = (part[:, order] * signs for part in (drive.observations, drive.next_observations))
-        return replace(drive, observations=seen, next_observations=then, actions=drive.actions * ACTION_SIGNS)
+    def turned(trajectory: Trajectory) -> Trajectory:
+        seen, then = (part[:, order] * signs for part in (trajectory.observations, trajectory.next_observations))
+        return replace(trajectory, observations=seen, next_observations=then, actions=trajectory.actions * ACTION_SIGNS)
 
     return replace(preference, chosen=turned(preference.chosen), rejected=turned(preference.rejected))
 
@@ -138,10 +138,11 @@ def choose_reward_model(
 ) -> Chosen:
     """The kind of model that predicts held-out answers better, fitted to all of them.
 
-    Cross-validated log-likelihood of the vocabulary's model and of networks whose outputs are summed or averaged over a
-    drive; networks must win by MARGIN. Tastes that the vocabulary holds stay with it. Of one that it has no word for,
-    looking towards the person, 400 answers to varied queries let the averaging networks predict 86 % of 200 others, the
-    summing ones 76 % and the vocabulary 66 %; of another, passing at a certain distance, none learns much (60 to 65 %).
+    Cross-validated log-likelihood of the objectives' model and of networks whose outputs are summed or averaged over a
+    trajectory; networks must win by MARGIN. Preferences over the objectives stay with it. Of one that is not made of
+    them, looking towards the person, 400 answers to varied queries let the averaging networks predict 86 % of 200
+    others, the summing ones 76 % and the posterior over the objectives 66 %; of another, passing at a certain distance,
+    none learns much (60 to 65 %).
 
     Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """

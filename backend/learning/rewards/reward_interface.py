@@ -33,7 +33,9 @@ class InterfaceConfig:
     hidden: tuple[int, ...] = (256, 256, 256)
     dropout: tuple[float, ...] = (0.2, 0.5, 0.5)
     pairs_per_step: int = 64  # ours
-    steps_per_drive: int = 3  # ours: the mean over a drive is estimated from so many of its steps, drawn anew each time
+    steps_per_trajectory: int = (
+        3  # ours: the mean over a trajectory is estimated from so many of its steps, drawn anew each time
+    )
     held_out_share: float = 0.1  # ours: the epoch is chosen on this share of the answers
     patience: int = 20  # ours
     fewest_answers: int = 2  # ours
@@ -67,11 +69,12 @@ class InterfaceRewardModel:
 
 
 def fit_interface(preferences: Sequence[Preference], config: InterfaceConfig | None = None) -> InterfaceRewardModel:
-    """Bradley-Terry on the mean reward of each drive; the epoch with the least held-out loss is kept.
+    """Bradley-Terry on the mean reward of each trajectory; the epoch with the least held-out loss is kept.
 
-    Of 775 simulated answers to shipped queries (three tastes, 5 % mistakes) it repeats 86 to 92 % and predicts 82 to
+    Of 775 simulated answers to shipped queries (three preferences, 5 % lapses) it repeats 86 to 92 % and predicts 82 to
     87 % of 200 right answers about other scenes; the linear model predicts 85 to 96 %. Without dropout it predicts 0.5
-    to 2.5 points more and repeats up to 95 %; eight steps of each drive for 60 epochs predict no more (81 to 84 %).
+    to 2.5 points more and repeats up to 95 %; eight steps of each trajectory for 60 epochs predict no more (81 to 84
+    %).
 
     Raises LearningError for fewer than `fewest_answers` usable answers, SetupError for mixed setups.
     """
@@ -91,7 +94,7 @@ def fit_interface(preferences: Sequence[Preference], config: InterfaceConfig | N
     for _ in range(config.epochs):
         network.train()
         for pairs in np.array_split(random.permutation(train), max(1, len(train) // config.pairs_per_step)):
-            rows = _drawn(spans[pairs], config.steps_per_drive, random)
+            rows = _drawn(spans[pairs], config.steps_per_trajectory, random)
             optimiser.zero_grad()
             _loss(network(steps[rows].flatten(0, 2)).view(rows.shape).mean(2)).backward()  # type: ignore[no-untyped-call]
             optimiser.step()
@@ -106,37 +109,37 @@ def fit_interface(preferences: Sequence[Preference], config: InterfaceConfig | N
 
 
 def _steps(pairs: Sequence[Preference]) -> tuple[Tensor, NDArray[np.int64]]:
-    """All drives' steps, (steps, inputs), each drive once; and per pair the first row and the number of
-    rows of the chosen and the rejected drive, (pairs, 2, 2)."""
+    """All trajectories' steps, (steps, inputs), each trajectory once; and per pair the first row and the number of
+    rows of the chosen and the rejected trajectory, (pairs, 2, 2)."""
     first: dict[int, tuple[int, int]] = {}
     rows: list[Floats] = []
     count = 0
 
-    def span(drive: Trajectory) -> tuple[int, int]:
+    def span(trajectory: Trajectory) -> tuple[int, int]:
         nonlocal count
-        if id(drive) not in first:
-            first[id(drive)] = (count, len(drive.actions))
-            rows.append(np.concatenate([drive.observations, drive.actions], axis=1).astype(np.float32))
-            count += len(drive.actions)
-        return first[id(drive)]
+        if id(trajectory) not in first:
+            first[id(trajectory)] = (count, len(trajectory.actions))
+            rows.append(np.concatenate([trajectory.observations, trajectory.actions], axis=1).astype(np.float32))
+            count += len(trajectory.actions)
+        return first[id(trajectory)]
 
     spans = np.array([[span(pair.chosen), span(pair.rejected)] for pair in pairs], dtype=np.int64)
     return torch.as_tensor(np.concatenate(rows)), spans
 
 
 def _drawn(spans: NDArray[np.int64], count: int, random: np.random.Generator) -> NDArray[np.int64]:
-    """Rows of `count` steps of each drive, drawn with replacement: (pairs, 2, count)."""
+    """Rows of `count` steps of each trajectory, drawn with replacement: (pairs, 2, count)."""
     shares = random.random((*spans.shape[:2], count))
     drawn: NDArray[np.int64] = spans[..., :1] + (shares * spans[..., 1:]).astype(np.int64)
     return drawn
 
 
 def _whole(network: nn.Module, steps: Tensor, spans: NDArray[np.int64]) -> Tensor:
-    """Mean reward over all steps of each drive: (pairs, 2)."""
+    """Mean reward over all steps of each trajectory: (pairs, 2)."""
     flat = spans.reshape(-1, 2)
     rows = np.concatenate([np.arange(start, start + length) for start, length in flat])
-    of_drive = torch.repeat_interleave(torch.arange(len(flat)), torch.as_tensor(flat[:, 1]))
-    summed = torch.zeros(len(flat)).index_add(0, of_drive, network(steps[rows])[:, 0])
+    of_trajectory = torch.repeat_interleave(torch.arange(len(flat)), torch.as_tensor(flat[:, 1]))
+    summed = torch.zeros(len(flat)).index_add(0, of_trajectory, network(steps[rows])[:, 0])
     return (summed / torch.as_tensor(flat[:, 1])).view(-1, 2)
 
 

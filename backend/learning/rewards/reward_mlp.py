@@ -59,9 +59,12 @@ class MlpRewardModel:
         normalised: Floats = ((values - self.shift) / self.scale).astype(np.float32)
         return normalised
 
-    def raw_reward(self, drive: Trajectory) -> float:
-        """Sum or mean of the network's own outputs over a drive: what was trained, before normalisation."""
-        steps = self.rewards(drive.observations, drive.actions, drive.next_observations) * self.scale + self.shift
+    def raw_reward(self, trajectory: Trajectory) -> float:
+        """Sum or mean of the network's own outputs over a trajectory: what was trained, before normalisation."""
+        steps = (
+            self.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations) * self.scale
+            + self.shift
+        )
         return float(steps.sum() if self.reduction == "sum" else steps.mean())
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
@@ -85,13 +88,13 @@ class MlpRewardModel:
 
 def pair_losses(pairs: Sequence[Preference], parameters: Parameters, reduction: Reduction) -> Tensor:
     """Equation 6.4: -log P[chosen > rejected] of each pair, (pairs,)."""
-    drives = [drive for pair in pairs for drive in (pair.chosen, pair.rejected)]
-    observations = torch.as_tensor(np.concatenate([drive.observations for drive in drives]))
-    actions = torch.as_tensor(np.concatenate([drive.actions for drive in drives]))
-    lengths = torch.tensor([len(drive.actions) for drive in drives])
+    trajectories = [trajectory for pair in pairs for trajectory in (pair.chosen, pair.rejected)]
+    observations = torch.as_tensor(np.concatenate([trajectory.observations for trajectory in trajectories]))
+    actions = torch.as_tensor(np.concatenate([trajectory.actions for trajectory in trajectories]))
+    lengths = torch.tensor([len(trajectory.actions) for trajectory in trajectories])
     steps = critic_forward(observations, actions, parameters.layers, n_heads=1)[0]
-    of_drive = torch.repeat_interleave(torch.arange(len(drives)), lengths)
-    reduced = torch.zeros(len(drives)).index_add(0, of_drive, steps)
+    of_trajectory = torch.repeat_interleave(torch.arange(len(trajectories)), lengths)
+    reduced = torch.zeros(len(trajectories)).index_add(0, of_trajectory, steps)
     if reduction == "mean":
         reduced = reduced / lengths
     return torch.nn.functional.softplus(reduced[1::2] - reduced[0::2])
@@ -127,8 +130,8 @@ def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) 
         if loss < best_loss:
             best_loss, best = loss, parameters.to_arrays()
     raw = MlpRewardModel(setup.name, shape, tuple(best), shift=0.0, scale=1.0, reduction=config.reduction)
-    drives = [drive for pair in kept for drive in (pair.chosen, pair.rejected)]
-    values = np.concatenate([raw.rewards(d.observations, d.actions, d.next_observations) for d in drives])
+    trajectories = [trajectory for pair in kept for trajectory in (pair.chosen, pair.rejected)]
+    values = np.concatenate([raw.rewards(d.observations, d.actions, d.next_observations) for d in trajectories])
     return MlpRewardModel(
         setup.name, shape, tuple(best), float(values.mean()), float(values.std()) + 1e-6, config.reduction
     )

@@ -49,10 +49,10 @@ class RewardModel(Protocol):
 
 
 @runtime_checkable
-class JudgesDrives(Protocol):
-    """A reward model with a view of whole drives that is not the sum of their steps."""
+class JudgesTrajectories(Protocol):
+    """A reward model with a view of whole trajectories that is not the sum of their steps."""
 
-    def drive_reward(self, trajectory: Trajectory) -> float: ...
+    def trajectory_reward(self, trajectory: Trajectory) -> float: ...
 
 
 @runtime_checkable
@@ -65,12 +65,12 @@ class PredictsAnswers(Protocol):
 
 
 def trajectory_reward(model: RewardModel, trajectory: Trajectory) -> float:
-    """What the model thinks of a whole drive; of two, the one with more is predicted to be chosen.
+    """What the model thinks of a whole trajectory; of two, the one with more is predicted to be chosen.
 
-    Sum or mean (the model's reduction) of the predicted rewards, unless the model judges whole drives.
+    Sum or mean (the model's reduction) of the predicted rewards, unless the model judges whole trajectories.
     """
-    if isinstance(model, JudgesDrives):
-        return model.drive_reward(trajectory)
+    if isinstance(model, JudgesTrajectories):
+        return model.trajectory_reward(trajectory)
     steps = model.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
     return float(steps.sum() if model.reduction == "sum" else steps.mean())
 
@@ -93,30 +93,31 @@ def bradley_terry_gradient(advantages: Doubles) -> Doubles:
     return gradient
 
 
-class DriveFeatures(NamedTuple):
+class TrajectoryFeatures(NamedTuple):
     """(9,) each. by_steps: sum or mean over the steps, as a policy collects them. as_judged: as a person compares two
-    drives: nearness to person and obstacles by its worst moment, everything else over the steps."""
+    trajectories: nearness to person and obstacles by its worst moment, everything else over the steps."""
 
     by_steps: Doubles
     as_judged: Doubles
 
 
-def drive_features(trajectory: Trajectory, setup: Setup, reduction: Reduction) -> DriveFeatures:
-    """The features of a whole drive. The worst moment is ours: with the sum alone, 15 answers of the minimum-distance
-    oracle predicted 79 % of other answers in the study room, with it 91 % (40 draws from the shipped queries)."""
+def trajectory_features(trajectory: Trajectory, setup: Setup, reduction: Reduction) -> TrajectoryFeatures:
+    """The features of a whole trajectory. The worst moment is ours: with the sum alone, 15 answers of the
+    minimum-distance oracle predicted 79 % of other answers in the study room, with it 91 % (40 draws from the shipped
+    queries)."""
     steps = step_features(trajectory.actions, trajectory.next_observations, setup).astype(np.float64)
     by_steps: Doubles = steps.sum(0) if reduction == "sum" else steps.mean(0)
-    return DriveFeatures(by_steps, np.where(CLOSENESS, steps.min(0), by_steps))
+    return TrajectoryFeatures(by_steps, np.where(CLOSENESS, steps.min(0), by_steps))
 
 
 @dataclass(frozen=True)
 class LinearConfig:
-    """Ours (spec 06): prior standard deviation of the standardised weights, and how a drive's steps are reduced."""
+    """Ours (spec 06): prior standard deviation of the standardised weights, and how a trajectory's steps add up."""
 
     reduction: Reduction = "sum"
     prior_std: float = 1.0
-    scale_floor: float = 0.25  # of a summed feature: a smaller difference between two drives is an accident
-    closeness_floor: float = 0.05  # the same for how close the closest moment of a drive was
+    scale_floor: float = 0.25  # of a summed feature: a smaller difference between two trajectories is an accident
+    closeness_floor: float = 0.05  # the same for how close the closest moment of a trajectory was
     iterations: int = 3_000
 
 
@@ -124,14 +125,14 @@ class LinearConfig:
 class LinearRewardModel:
     """All (9,) float32, >= 0, in the order of FEATURE_NAMES.
 
-    weights: of the features of one step, what a policy is rewarded by. drive_weights: of the features of a whole drive
-    (`drive_features`), what predicts an answer. standardised: both in units of the features' typical differences
-    between two drives, comparable with each other.
+    weights: of the features of one step, what a policy is rewarded by. trajectory_weights: of the features of a whole
+    trajectory (`trajectory_features`), what predicts an answer. standardised: both in units of the features' typical
+    differences between two trajectories, comparable with each other.
     """
 
     setup: str
     weights: Floats
-    drive_weights: Floats
+    trajectory_weights: Floats
     standardised: Floats
     reduction: Reduction = "sum"
 
@@ -140,10 +141,10 @@ class LinearRewardModel:
         values: Floats = step_features(actions, next_observations, get_setup(self.setup)) @ self.weights
         return values
 
-    def drive_reward(self, trajectory: Trajectory) -> float:
-        """Of a whole drive, nearness judged by its worst moment."""
-        judged = drive_features(trajectory, get_setup(self.setup), self.reduction).as_judged
-        return float(judged @ self.drive_weights)
+    def trajectory_reward(self, trajectory: Trajectory) -> float:
+        """Of a whole trajectory, nearness judged by its worst moment."""
+        judged = trajectory_features(trajectory, get_setup(self.setup), self.reduction).as_judged
+        return float(judged @ self.trajectory_weights)
 
     def importance(self) -> dict[str, float]:
         """Share of each feature in the standardised weights, by name: what the answers were about."""
@@ -154,7 +155,7 @@ class LinearRewardModel:
         meta: dict[str, object] = {"kind": "linear", "setup": self.setup, "reduction": self.reduction}
         return meta, {
             "weights": self.weights,
-            "drive_weights": self.drive_weights,
+            "drive_weights": self.trajectory_weights,
             "standardised": self.standardised,
         }
 
@@ -174,10 +175,13 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
     config = config or LinearConfig()
     setup, kept = usable(preferences)
 
-    pairs = [[drive_features(drive, setup, config.reduction) for drive in (p.chosen, p.rejected)] for p in kept]
+    pairs = [
+        [trajectory_features(trajectory, setup, config.reduction) for trajectory in (p.chosen, p.rejected)]
+        for p in kept
+    ]
     differences = np.stack([chosen.as_judged - rejected.as_judged for chosen, rejected in pairs])
     by_steps = np.stack([chosen.by_steps - rejected.by_steps for chosen, rejected in pairs])
-    mean_steps = np.mean([len(drive.actions) for p in kept for drive in (p.chosen, p.rejected)])
+    mean_steps = np.mean([len(trajectory.actions) for p in kept for trajectory in (p.chosen, p.rejected)])
     floor = config.scale_floor if config.reduction == "sum" else config.scale_floor / mean_steps
     floors = np.where(CLOSENESS, config.closeness_floor, floor)
     scale = np.sqrt(np.square(differences).mean(0) + floors**2)
@@ -198,7 +202,7 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
 
 
 def accuracy(model: RewardModel, preferences: Sequence[Preference]) -> float:
-    """Share of pairs whose chosen drive is predicted to be chosen; ties count half."""
+    """Share of pairs whose chosen trajectory is predicted to be chosen; ties count half."""
     if not preferences:
         raise LearningError("preferences: none given to measure accuracy on")
     gaps = [log_odds(model, p.chosen, p.rejected) for p in preferences]
@@ -228,7 +232,7 @@ def held_out_accuracy(
     """Cross-validated accuracy: each answer is predicted by a model that never saw it.
 
     `folds` folds in a seeded order, leave-one-out where there are fewer than two answers per fold. Raises TooFewAnswers
-    for fewer than FEWEST_TO_HOLD_OUT answers about two different drives.
+    for fewer than FEWEST_TO_HOLD_OUT answers about two different trajectories.
     """
     _, kept = usable(preferences, fewest=FEWEST_TO_HOLD_OUT)
     n = len(kept)

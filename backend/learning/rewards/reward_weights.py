@@ -1,4 +1,4 @@
-"""The reward model of the vocabulary: what a posterior over preference weights says of steps and of whole drives.
+"""The reward model of the objectives: what a posterior over preference weights says of steps and of whole trajectories.
 
 The posterior itself lives in `posterior.py`, the linear and the neural models in `reward_model.py` and `reward_mlp.py`.
 """
@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.preferences.posterior import Posterior, PosteriorConfig, choice_chances, weights_of_shares
+from backend.learning.preferences.objectives import NAMES, gains, measures, step_terms, typical_differences
+from backend.learning.preferences.posterior import Posterior, PosteriorConfig, choice_probabilities, weights_of_shares
 from backend.learning.preferences.preferences import Preference, usable
 from backend.learning.preferences.spans import seen_differences
-from backend.learning.preferences.vocabulary import NAMES, gains, measures, step_terms, typical_differences
 from backend.learning.rewards.reward_model import Reduction
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
@@ -28,23 +28,23 @@ KEPT_PARTICLES = 500
 
 @dataclass(frozen=True)
 class WeightsRewardModel:
-    """All float32. shares: (9,) expected share of each objective in what is wanted, in the order of NAMES.
+    """All float32. shares: (9,) expected share of each objective in the preference, in the order of NAMES.
 
-    weights: (particles, 9), rationality, mistakes: (particles,): a sample of the posterior, what predicts an answer.
+    weights: (particles, 9), rationality, lapse_rate: (particles,): a sample of the posterior, what predicts an answer.
     """
 
     setup: str
     shares: Floats
     weights: Floats
     rationality: Floats
-    mistakes: Floats
+    lapse_rate: Floats
     reduction: Reduction = "sum"
 
     @classmethod
     def of(cls, posterior: Posterior) -> WeightsRewardModel:
         few = posterior.sample(KEPT_PARTICLES)
         shares = posterior.shares().astype(np.float32)
-        return cls(posterior.setup, shares, few.weights, few.rationality, few.mistakes)
+        return cls(posterior.setup, shares, few.weights, few.rationality, few.lapse_rate)
 
     def preference_weights(self) -> Floats:
         """(9,) in [0, 1], for a conditioned policy."""
@@ -56,17 +56,17 @@ class WeightsRewardModel:
         values: Floats = terms @ self.preference_weights()
         return values
 
-    def drive_reward(self, trajectory: Trajectory) -> float:
-        """What is thought of a whole drive, by its measures, in typical differences."""
-        worth = gains(measures([trajectory]) / typical_differences(self.setup))[0] @ self.shares
-        return float(worth)
+    def trajectory_reward(self, trajectory: Trajectory) -> float:
+        """What is thought of a whole trajectory, by its measures, in typical differences."""
+        value = gains(measures([trajectory]) / typical_differences(self.setup))[0] @ self.shares
+        return float(value)
 
     def log_odds(self, a: Trajectory, b: Trajectory) -> float:
         """log of how much likelier A is chosen than B: the particles' mean prediction."""
         judged = measures([a, b]) / typical_differences(self.setup)
         better = gains(judged[:1] - judged[1:]).astype(np.float32)
-        chance = float(choice_chances(self.weights, self.rationality, self.mistakes, better).mean())
-        return math.log(chance / (1 - chance))
+        probability = float(choice_probabilities(self.weights, self.rationality, self.lapse_rate, better).mean())
+        return math.log(probability / (1 - probability))
 
     def importance(self) -> dict[str, float]:
         """Share of each objective, by name: what the answers were about."""
@@ -78,7 +78,7 @@ class WeightsRewardModel:
             "shares": self.shares,
             "weights": self.weights,
             "rationality": self.rationality,
-            "mistakes": self.mistakes,
+            "mistakes": self.lapse_rate,  # the name in stored files since the first release
         }
 
     @classmethod
@@ -87,7 +87,7 @@ class WeightsRewardModel:
 
 
 def answers_of(preferences: Sequence[Preference]) -> tuple[str, Doubles]:
-    """The setup, and (n, spans, 7) measures of each chosen drive minus those of the rejected one.
+    """The setup, and (n, spans, 7) measures of each chosen trajectory minus those of the rejected one.
 
     Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """

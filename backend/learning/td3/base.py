@@ -1,26 +1,27 @@
 """The base policy (RAW in the thesis): TD3 on the core reward plus a progress term, many environments, few updates.
 
-The progress term (+1 per metre towards the goal) and the calm term (turning costs, towards the end) are ours and
-live only here: without the first every sparse run froze (spec 06), without the second policies wobble. Neither enters
-an alignment reward.
+The progress term (+1 per metre towards the goal) and the action smoothness penalty (turning costs, towards the end) are
+ours and live only here: without the first every sparse run froze (spec 06), without the second policies wobble. Neither
+enters an alignment reward.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 
 from backend.analysis.metrics import collision_rate, success_rate
+from backend.learning.cards import stored_config
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import FAST_HEADS, NetworkShape
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.backprop import Floats
-from backend.learning.td3.replay import Explorer, ReplayBuffer
+from backend.learning.td3.replay import ReplayBuffer, ReplayCollector
 from backend.learning.td3.td3 import Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup
@@ -31,7 +32,7 @@ OnProgress = Callable[[float, dict[str, float]], None]
 """(fraction done in [0, 1], metrics by name); called from the training loop, must return quickly."""
 
 
-def calm_gradient(actions: Floats, weight: float) -> Floats:
+def smoothness_penalty_gradient(actions: Floats, weight: float) -> Floats:
     """Gradient (n, 2) of what turning costs the actor: weight * mean a_w^2 over actions (n, 2).
 
     Ours; without it policies wobble.
@@ -55,7 +56,7 @@ class BaseConfig:
     setup: str
     seed: int = 0
     heads: tuple[int, int] = FAST_HEADS
-    updates: int = 60_000  # ours: with the calm ones about two minutes on one core
+    updates: int = 60_000  # ours: with the smoothing ones about two minutes on one core
     n_envs: int = 256  # DESIGN: many environments, few updates
     updates_per_step: int = 12
     random_transitions: int = 50_000  # ours: with 10,000, before any episode has ended, some seeds stand still for ever
@@ -64,17 +65,17 @@ class BaseConfig:
     progress_weight: float = 1.0  # per metre; ours
     learning_rate: float = 5e-4
     final_learning_rate: float = 5e-5  # reached linearly over the second half: policies stop oscillating
-    calm_updates: int = 12_000  # ours: after the others, with the calm term
-    calm_weight: float = 0.2  # of the calm term, ours; reached linearly over the first half of the calm updates
-    calm_learning_rate: float = 3e-4  # at the beginning of the calm updates; falls to the final one
+    smoothing_updates: int = 12_000  # ours: after the others, with the action smoothness penalty
+    smoothness_penalty: float = 0.2  # its weight, ours; reached linearly over the first half of the smoothing updates
+    smoothing_learning_rate: float = 3e-4  # at the beginning of the smoothing updates; falls to the final one
     tau: float = 0.05  # ours: 94 % with half the updates that 0.01 takes
     batch_size: int = 128
     average_decay: float = 0.9995  # running average of the actor's weights, per update
-    checkpoints: int = 6  # spread over the second half of the calm updates; the best on the selection scenes is kept
+    checkpoints: int = 6  # spread over the second half of the smoothing updates; the best on the selection scenes stays
     selection_scenes: int = 2_000
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return stored_config(self)
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ class BaseTraining:
         engine = FastEngine(
             self.setup, config.n_envs, seed=config.seed, progress_weight=config.progress_weight, auto_reset=True
         )
-        self.explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
+        self.collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
         self.buffer = ReplayBuffer(config.buffer_size, self.setup.observation_size)
         self.transitions = 0
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
@@ -115,31 +116,31 @@ class BaseTraining:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random)."""
         config = self.config
         warm = self.transitions >= config.random_transitions
-        self.explorer.step(self.agent.act if warm else None, self.buffer)
+        self.collector.step(self.agent.act if warm else None, self.buffer)
         self.transitions += config.n_envs
         if not warm:
             return
         self.agent.set_learning_rate(self._learning_rate())
-        calm = self._calm_weight()
-        term = (lambda _, actions: calm_gradient(actions, calm)) if calm > 0 else None
+        penalty = self._smoothness_penalty()
+        term = (lambda _, actions: smoothness_penalty_gradient(actions, penalty)) if penalty > 0 else None
         for _ in range(config.updates_per_step):
             self.agent.update(self.buffer.sample(config.batch_size, self._sampler), term)
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
 
     def _learning_rate(self) -> float:
         config = self.config
-        calm = self.agent.updates - config.updates
-        if calm > 0:
-            begin, share = config.calm_learning_rate, calm / config.calm_updates
+        smoothing = self.agent.updates - config.updates
+        if smoothing > 0:
+            begin, share = config.smoothing_learning_rate, smoothing / config.smoothing_updates
         else:
             begin, share = config.learning_rate, max(0.0, 2 * self.agent.updates / config.updates - 1)
         return begin + min(1.0, share) * (config.final_learning_rate - begin)
 
-    def _calm_weight(self) -> float:
-        calm = self.agent.updates - self.config.updates
-        if calm <= 0:
+    def _smoothness_penalty(self) -> float:
+        smoothing = self.agent.updates - self.config.updates
+        if smoothing <= 0:
             return 0.0
-        return self.config.calm_weight * min(1.0, 2 * calm / self.config.calm_updates)
+        return self.config.smoothness_penalty * min(1.0, 2 * smoothing / self.config.smoothing_updates)
 
     def policy(self, *, averaged: bool = False) -> Policy:
         """The current policy with its critic; `averaged` takes the running average of the actor's weights."""
@@ -160,8 +161,8 @@ def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> Bas
     """Train, then keep the checkpoint (as it is, or averaged) with most success on the selection scenes."""
     training = BaseTraining(config)
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
-    total = config.updates + config.calm_updates
-    apart = config.calm_updates / 2 / config.checkpoints
+    total = config.updates + config.smoothing_updates
+    apart = config.smoothing_updates / 2 / config.checkpoints
     marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
     history: list[dict[str, float]] = []
     best = (-1.0, training.policy())

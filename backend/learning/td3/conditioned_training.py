@@ -1,4 +1,4 @@
-"""Pre-training of the conditioned policy: TD3 on the core reward plus what each episode's imagined person wants.
+"""Pre-training of the conditioned policy: TD3 on the core reward plus what each episode's imagined person prefers.
 
 The policy itself lives in `conditioned.py`. All ours (spec 06, recipe A).
 """
@@ -6,31 +6,32 @@ The policy itself lives in `conditioned.py`. All ours (spec 06, recipe A).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.policies.movement import Movement, best_possible, drives_of, movement_of
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.vocabulary import (
+from backend.learning.policies.steerability import Steerability, best_possible, measured_rollouts, steerability_of
+from backend.learning.preferences.objectives import (
     MIRRORED,
     NAMES,
     OPPOSITES,
     SIZE,
     preference_weights,
+    shares_of_reward,
     step_terms,
-    worth,
 )
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
-from backend.learning.td3.replay import Explorer, ReplayBuffer
+from backend.learning.td3.replay import ReplayBuffer, ReplayCollector
 from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Scene
@@ -40,13 +41,13 @@ Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class Stakes:
+class RewardWeights:
     """What an episode is about during this training, in reward. Evaluation and cards use the setup's core reward.
 
     scales: per step of each objective's step term at full weight, in the order of OBJECTIVES. goal, collision,
     self_intersection: instead of the setup's core reward: whoever pays per step must neither stay away from the goal
     nor crash to end it, nor drive in circles. progress: per metre, more than in base training: else a step towards a
-    far goal is too small beside the wants for the critic to see, and the robot stands. time: cost of a step, since
+    far goal is too small beside the preference for the critic to see, and the robot stands. time: cost of a step, since
     waiting must not be free. turning: cost of a step of turning at full rate.
     """
 
@@ -59,13 +60,13 @@ class Stakes:
     turning: float = 0.15
 
 
-STAKES = {
-    "open_field": Stakes(
+REWARD_WEIGHTS = {
+    "open_field": RewardWeights(
         scales=(3.0, 1.0, 1.2, 1.2, 2.5, 2.0, 1.5, 1.2, 0.8), goal=30.0, collision=-30.0, progress=5.0
     ),
-    # A drive has a third of the open field's steps, so that the same wants need more per step to matter. Time and
-    # turning are dear because robots that would rather not pass the person wait or circle.
-    "study_room": Stakes(
+    # A trajectory has a third of the open field's steps, so that the same preference needs more per step to matter.
+    # Time and turning are dear because robots that would rather not pass the person wait or circle.
+    "study_room": RewardWeights(
         scales=(24.0, 7.0, 15.0, 15.0, 16.0, 7.0, 6.0, 10.0, 5.0), goal=65.0, collision=-80.0, time=0.6, turning=1.0
     ),
 }
@@ -85,7 +86,7 @@ class ConditionedConfig:
 
     setup: str
     seed: int = 0
-    stakes: Stakes | None = None  # None: the setup's own, from STAKES
+    reward_weights: RewardWeights | None = None  # None: the setup's own, from REWARD_WEIGHTS
     updates: int = 50_000
     batch_size: int = 256
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
@@ -98,39 +99,45 @@ class ConditionedConfig:
     buffer_size: int = 1_100_000
     base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
     exploration: tuple[float, float] = (0.03, 0.4)
-    neutral_share: float = 0.12  # of the episodes: nothing is wanted
+    neutral_share: float = 0.12  # of the episodes: all weights are zero
     one_share: float = 0.4  # one objective; of the rest, half have two and half three
-    full_share: float = 0.7  # of the episodes with wants: the largest weight is 1, as the posterior gives it
+    full_share: float = 0.7  # of the episodes with a preference: the largest weight is 1, as the posterior gives it
     smallest_weight: float = 0.15
-    relabelled_share: float = 0.5  # of each batch: judged by the wants of another episode
+    relabelled_share: float = 0.5  # of each batch: judged by the weights of another episode
     mirrored_share: float = 0.5  # of each batch: left and right exchanged
     checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
     selection_scenes: int = 150
     # Full `farther` shall go this part of the way from base policy to ceiling. Reports are lower by two or three points
     # in the room, and issue 3 asks for 85 % there. Set after a look at three trainings of either setup.
     strong_share: float = 0.875
-    strengths: tuple[float, ...] = (1.0, 1.125, 1.25, 1.375, 1.5)  # it is told so many times: the first that does
+    strengths: tuple[float, ...] = (
+        1.0,
+        1.125,
+        1.25,
+        1.375,
+        1.5,
+    )  # conditioned on so many times full weight: the first that does
     strong_scenes: int = 2_000  # the selection scenes and more of their set, in which that is measured
     strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
     recovery: bool = False  # whether the base policy frees a robot that is stuck
 
     @property
-    def at_stake(self) -> Stakes:
-        """The stakes given, or the setup's own."""
-        return self.stakes or STAKES[self.setup]
+    def reward_in_use(self) -> RewardWeights:
+        """The reward weights given, or the setup's own."""
+        return self.reward_weights or REWARD_WEIGHTS[self.setup]
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(replace(self, stakes=self.at_stake))
+        return stored_config(replace(self, reward_weights=self.reward_in_use))
 
 
 CONFIGS = {
     "open_field": ConditionedConfig("open_field"),
     # A robot that looks further ahead waits less: half as many timeouts (tuning scenes). More scenes and checkpoints
-    # to choose from, since what goes wrong in the room is rare: one drive in six hundred shuttled before furniture
+    # to choose from, since what goes wrong in the room is rare: one trajectory in six hundred shuttled before furniture
     # until its time was up. Exploration's noise ends such a loop, so the critic thinks of it as of a start (-20; in
     # truth some hundreds below) and nothing is learned from it. No training mended that (crossing five times as dear,
     # noise correlated in time, environments without noise, with `farther` dearer beside them in scenes where it got
-    # stuck): fewer loops cost success or what was wanted. A recovery does, with more success, too. In the open field
+    # stuck): fewer loops cost success or what was preferred. A recovery does, with more success, too. In the open field
     # there is nothing to get stuck at.
     "study_room": ConditionedConfig(
         "study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600, recovery=True
@@ -143,18 +150,18 @@ CONFIGS = {
 class ConditionedResult:
     """The selected policy, how it moved on the selection scenes (optimistic: it was chosen there), the history.
 
-    strength: how many times what it learned as full `farther` it is told now (`strong_enough`).
+    strength: how many times what it learned as full `farther` it is conditioned on now (`strong_enough`).
     """
 
     policy: ConditionedPolicy
     strength: float
-    selection: Movement
+    selection: Steerability
     transitions: int
     history: list[dict[str, float]]
 
 
 def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generator) -> Floats:
-    """(n, 9) what n imagined people want: nothing, one objective, two or three; never opposites."""
+    """(n, 9) what n imagined people prefer: nothing, one objective, two or three; never opposites."""
     weights = np.zeros((n, SIZE), dtype=np.float32)
     kind = random.random(n)
     many = config.neutral_share + config.one_share
@@ -171,15 +178,18 @@ def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generato
     return weights
 
 
-def training_engine(setup: Setup, stakes: Stakes, n_envs: int, *, seed: int) -> FastEngine:
-    """Environments of the setup with the stakes' rewards for how an episode goes, without wants, time and turning."""
+def training_engine(setup: Setup, reward_weights: RewardWeights, n_envs: int, *, seed: int) -> FastEngine:
+    """Environments of the setup with the reward weights of how an episode goes, without objectives, time, turning."""
     core = replace(
-        setup.reward, goal=stakes.goal, collision=stakes.collision, self_intersection=stakes.self_intersection
+        setup.reward,
+        goal=reward_weights.goal,
+        collision=reward_weights.collision,
+        self_intersection=reward_weights.self_intersection,
     )
-    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=stakes.progress)
+    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=reward_weights.progress)
 
 
-class Drawn(NamedTuple):
+class ConditionedTransitions(NamedTuple):
     """Transitions with the step terms (n, 9) that they led to and the weights (n, 9) they were driven by."""
 
     batch: Batch
@@ -187,14 +197,14 @@ class Drawn(NamedTuple):
     weights: torch.Tensor
 
 
-class WantsBuffer(ReplayBuffer):
+class ConditionedReplayBuffer(ReplayBuffer):
     """A ring of transitions that also keeps their step terms, and the weights that they were driven by."""
 
     def __init__(self, capacity: int, setup: Setup) -> None:
         super().__init__(capacity, setup.observation_size)
         self._setup = setup
         self.terms, self.weights = torch.zeros(capacity, SIZE), torch.zeros(capacity, SIZE)
-        self.driven_by = np.zeros((0, SIZE), dtype=np.float32)
+        self.rolled_out_by = np.zeros((0, SIZE), dtype=np.float32)
         """(n, 9) the weights of the n transitions that are added next."""
 
     def add(
@@ -207,14 +217,14 @@ class WantsBuffer(ReplayBuffer):
     ) -> None:
         rows = (self._next + np.arange(len(rewards))) % self.capacity
         self.terms.numpy()[rows] = step_terms(actions, next_observations, self._setup)
-        self.weights.numpy()[rows] = self.driven_by
+        self.weights.numpy()[rows] = self.rolled_out_by
         super().add(observations, actions, rewards, next_observations, dones)
 
-    def draw(self, n: int, generator: torch.Generator) -> Drawn:
+    def draw(self, n: int, generator: torch.Generator) -> ConditionedTransitions:
         """n transitions drawn uniformly, with replacement."""
         rows = torch.randint(self.size, (n,), generator=generator)
         batch = Batch(*(part.index_select(0, rows) for part in self.data))
-        return Drawn(batch, self.terms.index_select(0, rows), self.weights.index_select(0, rows))
+        return ConditionedTransitions(batch, self.terms.index_select(0, rows), self.weights.index_select(0, rows))
 
 
 class ConditionedTraining:
@@ -237,31 +247,31 @@ class ConditionedTraining:
         self._random = np.random.default_rng([config.seed, 9])
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self._mirror = mirror_of(self.setup)
-        self.buffer = WantsBuffer(config.buffer_size, self.setup)
-        self._explore_with(base)
-        engine = training_engine(self.setup, config.at_stake, config.n_envs, seed=config.seed + 1)
-        self._explorer = Explorer(engine, noise=config.exploration, seed=config.seed + 1)
-        self._wants = sample_weights(config.n_envs, config, self._random)
+        self.buffer = ConditionedReplayBuffer(config.buffer_size, self.setup)
+        self._collect_with(base)
+        engine = training_engine(self.setup, config.reward_in_use, config.n_envs, seed=config.seed + 1)
+        self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed + 1)
+        self._weights = sample_weights(config.n_envs, config, self._random)
         self.transitions = 0
 
-    def _explore_with(self, base: Policy) -> None:
-        """Fill the buffer with drives of the base policy, judged by wants that had no part in them."""
+    def _collect_with(self, base: Policy) -> None:
+        """Fill the buffer with trajectories of the base policy, judged by weights that had no part in them."""
         config, n_envs = self.config, 256
-        engine = training_engine(self.setup, config.at_stake, n_envs, seed=config.seed)
-        explorer = Explorer(engine, noise=config.exploration, seed=config.seed)
+        engine = training_engine(self.setup, config.reward_in_use, n_envs, seed=config.seed)
+        collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
         for _ in range(-(-config.base_transitions // n_envs)):
-            self.buffer.driven_by = sample_weights(n_envs, config, self._random)
-            explorer.step(base.act, self.buffer)
+            self.buffer.rolled_out_by = sample_weights(n_envs, config, self._random)
+            collector.step(base.act, self.buffer)
 
     def vector_step(self) -> None:
-        """One step of all environments, each by its own wants, then `updates_per_step` updates."""
-        config, engine = self.config, self._explorer.engine
-        self.buffer.driven_by = self._wants
-        self._explorer.step(lambda o: self.agent.act(self._told(o, self._wants)), self.buffer)
+        """One step of all environments, each by its own weights, then `updates_per_step` updates."""
+        config, engine = self.config, self._collector.engine
+        self.buffer.rolled_out_by = self._weights
+        self._collector.step(lambda o: self.agent.act(self._inputs(o, self._weights)), self.buffer)
         self.transitions += config.n_envs
         ended = engine.dones
         if ended.any():
-            self._wants[ended] = sample_weights(int(ended.sum()), config, self._random)
+            self._weights[ended] = sample_weights(int(ended.sum()), config, self._random)
         late = max(0.0, 2 * self.agent.updates / config.updates - 1)
         self.agent.set_learning_rate(
             config.learning_rate + min(1.0, late) * (config.final_learning_rate - config.learning_rate)
@@ -271,34 +281,36 @@ class ConditionedTraining:
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
 
     def batch(self) -> Batch:
-        """What the agent learns from: reward = core + progress + sum_k scale_k worth_k term_k - turning - time.
+        """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time.
 
-        Part of it is judged by the wants of other rows, part of it is mirrored; both are as true as what was driven.
+        Part of it is judged by the weights of other rows, part of it is mirrored; both are as true as what was driven.
         """
-        config, stakes = self.config, self.config.at_stake
+        config, reward_weights = self.config, self.config.reward_in_use
         n = config.batch_size
-        (observations, actions, rewards, following, continues), terms, weights = self.buffer.draw(n, self._sampler)
-        wants = weights.numpy()
+        (observations, actions, rewards, following, continues), terms, rolled_out_by = self.buffer.draw(
+            n, self._sampler
+        )
+        weights = rolled_out_by.numpy()
         shuffled = int(n * config.relabelled_share)
-        wants[:shuffled] = wants[self._random.permutation(n)[:shuffled]]
-        judged = (worth(wants) * terms.numpy()) @ np.array(stakes.scales, dtype=np.float32)
-        judged -= np.float32(stakes.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(stakes.time)
-        turned = self._random.random(n) < config.mirrored_share
+        weights[:shuffled] = weights[self._random.permutation(n)[:shuffled]]
+        judged = (shares_of_reward(weights) * terms.numpy()) @ np.array(reward_weights.scales, dtype=np.float32)
+        judged -= np.float32(reward_weights.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(reward_weights.time)
+        mirrored = self._random.random(n) < config.mirrored_share
         seen, then, done = observations.numpy(), following.numpy(), actions.numpy()
         order, signs = self._mirror
         for part in (seen, then):
-            part[turned] = part[turned][:, order] * signs
-        done[turned] *= ACTION_SIGNS
-        wants[turned] = wants[turned][:, MIRRORED]
+            part[mirrored] = part[mirrored][:, order] * signs
+        done[mirrored] *= ACTION_SIGNS
+        weights[mirrored] = weights[mirrored][:, MIRRORED]
         return Batch(
-            torch.from_numpy(self._told(seen, wants)),
+            torch.from_numpy(self._inputs(seen, weights)),
             actions,
             rewards + torch.from_numpy(judged),
-            torch.from_numpy(self._told(then, wants)),
+            torch.from_numpy(self._inputs(then, weights)),
             continues,
         )
 
-    def _told(self, observations: Floats, weights: Floats) -> Floats:
+    def _inputs(self, observations: Floats, weights: Floats) -> Floats:
         """What the conditioned networks read: task part, weights, lidar."""
         polar = self.setup.polar_size
         return np.concatenate([observations[:, :polar], weights, observations[:, polar:]], axis=1)
@@ -310,7 +322,9 @@ class ConditionedTraining:
             self.agent.actor.flat.copy_(self._average)
         actor, critic = tuple(self.agent.actor.to_arrays()), tuple(self.agent.critic.to_arrays())
         self.agent.actor.flat.copy_(kept)
-        return ConditionedPolicy(self.setup.name, self.shape, actor, critic, self.config.at_stake.scales, self._base)
+        return ConditionedPolicy(
+            self.setup.name, self.shape, actor, critic, self.config.reward_in_use.scales, self._base
+        )
 
 
 def _with_weight_inputs(arrays: tuple[Floats, ...], task_inputs: int) -> list[Floats]:
@@ -325,11 +339,15 @@ def _check(base: Policy, config: ConditionedConfig) -> None:
         raise SetupError(f"base policy is of {base.setup}, setup = {config.setup}")
     if not base.critic:
         raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
-    scales = config.at_stake.scales
+    scales = config.reward_in_use.scales
     if len(scales) != SIZE or min(scales) < 0:
-        raise LearningError(f"stakes.scales = {scales}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}")
+        raise LearningError(
+            f"reward_weights.scales = {scales}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}"
+        )
     if config.mirrored_share and any(scales[k] != scales[m] for k, m in enumerate(MIRRORED)):
-        raise LearningError(f"stakes.scales = {scales}: mirroring needs the same scale for the person on either side")
+        raise LearningError(
+            f"reward_weights.scales = {scales}: mirroring needs the same scale for the person on either side"
+        )
     if config.buffer_size < config.base_transitions + config.n_envs:
         raise LearningError(
             f"buffer_size = {config.buffer_size}: must hold base_transitions ({config.base_transitions}) and more"
@@ -350,7 +368,7 @@ def train_conditioned(
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     marks = [round(config.updates * (2 / 3 + (k + 1) / config.checkpoints / 3)) for k in range(config.checkpoints)]
     history: list[dict[str, float]] = []
-    tried: list[tuple[ConditionedPolicy, Movement]] = []
+    tried: list[tuple[ConditionedPolicy, Steerability]] = []
     while marks:
         training.vector_step()
         updates = training.agent.updates
@@ -373,27 +391,28 @@ def train_conditioned(
     return ConditionedResult(policy, strength, movement, training.transitions, history)
 
 
-def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Movement:
-    return movement_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
+def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Steerability:
+    return steerability_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
 
 
 def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedConfig) -> float:
-    """How many times full `farther` must be told for `strong_share` of the way, at most; 1 for what goes it by itself.
+    """How many times full `farther` must be conditioned on for `strong_share` of the way, at most; 1 for what goes it
+    by itself.
 
-    What a training makes of the same wants differs by chance (seed 2 stopped a tenth of the way before seeds 0 and 1);
-    told more than it learned from, it goes on smoothly. Only here, since elsewhere the possible is out of reach.
-    Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
+    What a training makes of the same weights differs by chance (seed 2 stopped a tenth of the way before seeds 0 and
+    1); conditioned on more than it learned from, it goes on smoothly. Only here, since elsewhere the possible is out of
+    reach. Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
     """
     scenes = scene_set(config.setup, config.strong_scenes, purpose=Purpose.SELECT, seed=config.seed)
-    driven = drives_of(base, scenes)
+    rolled_out = measured_rollouts(base, scenes)
     possible = best_possible(scenes)
     farther = preference_weights({"farther": 1.0})
     kept = 1.0
     for strength in config.strengths:
-        drives = drives_of(policy.stronger("farther", strength).at(farther), scenes)
-        if drives.success.mean() < config.strong_success:
+        trajectories = measured_rollouts(policy.stronger("farther", strength).at(farther), scenes)
+        if trajectories.success.mean() < config.strong_success:
             break
         kept = strength
-        if Movement(driven, {"farther": drives}, possible).shares["farther"] >= config.strong_share:
+        if Steerability(rolled_out, {"farther": trajectories}, possible).shares["farther"] >= config.strong_share:
             break
     return kept

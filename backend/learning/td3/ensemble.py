@@ -22,7 +22,7 @@ from backend.learning.policies.shape import ACTION_SIZE
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.backprop import Floats, Weights, move_towards
 from backend.learning.td3.base import OnProgress, no_progress, policy_of
-from backend.learning.td3.replay import Explorer, ReplayBuffer, collect
+from backend.learning.td3.replay import ReplayBuffer, ReplayCollector, collect
 from backend.learning.td3.td3 import Td3Agent, Td3Config, act
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.setups import get_setup, require_same
@@ -123,13 +123,13 @@ class _Member:
         self._buffer = ReplayBuffer(start.size + config.steps, setup.observation_size)
         self._buffer.add_batch(start.filled())
         engine = FastEngine(setup, config.n_envs, seed=seed + 100)
-        self._explorer = Explorer(engine, noise=config.exploration, seed=seed + 100)
+        self._collector = ReplayCollector(engine, noise=config.exploration, seed=seed + 100)
         self._sampler = torch.Generator().manual_seed(seed + 200)
         self._distance_scale_m = np.float32(setup.distance_scale_m)
 
     def interact(self) -> None:
         """One step of its environments; from now on the others see its actor as it is now."""
-        self._explorer.step(self.agent.act, self._buffer)
+        self._collector.step(self.agent.act, self._buffer)
         self.shown.flat.copy_(self.agent.actor.flat)
 
     def learn(self, others: Sequence[Weights]) -> None:

@@ -77,7 +77,7 @@ def concatenate(first: Batch, second: Batch) -> Batch:
     return Batch(*(torch.cat([a, b]) for a, b in zip(first, second, strict=True)))
 
 
-class Explorer:
+class ReplayCollector:
     """Steps a fast engine with a policy plus Gaussian noise; each environment keeps its own noise level."""
 
     def __init__(self, engine: FastEngine, *, noise: tuple[float, float], seed: int) -> None:
@@ -107,7 +107,7 @@ def collect(
     setup = get_setup(policy.setup)
     steps = -(-transitions // n_envs)
     buffer = ReplayBuffer(steps * n_envs, setup.observation_size)
-    explorer = Explorer(FastEngine(setup, n_envs, seed=seed), noise=noise, seed=seed)
+    collector = ReplayCollector(FastEngine(setup, n_envs, seed=seed), noise=noise, seed=seed)
     for _ in range(steps):
-        explorer.step(policy.act, buffer)
+        collector.step(policy.act, buffer)
     return buffer

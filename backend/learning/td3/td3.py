@@ -72,8 +72,8 @@ def td_targets(batch: Batch, noise: Floats, actor_target: Weights, critic_target
     clipped = np.clip(noise * np.float32(config.target_noise), -config.target_noise_clip, config.target_noise_clip)
     actions = np.clip(act(following, actor_target) + clipped, -1, 1)
     joined = features(following, critic_target, actions).joined
-    worth = np.minimum(head(joined, critic_target[4:7]).output, head(joined, critic_target[7:10]).output)[:, 0]
-    targets: Floats = batch.rewards.numpy() + np.float32(config.gamma) * batch.continues.numpy() * worth
+    value = np.minimum(head(joined, critic_target[4:7]).output, head(joined, critic_target[7:10]).output)[:, 0]
+    targets: Floats = batch.rewards.numpy() + np.float32(config.gamma) * batch.continues.numpy() * value
     return targets
 
 

@@ -46,7 +46,7 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     if key in _known:
         _known.move_to_end(key)
         return _known[key]
-    from backend.learning.preferences.vocabulary import NAMES, SIZE
+    from backend.learning.preferences.objectives import NAMES, SIZE
 
     after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
     told = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)

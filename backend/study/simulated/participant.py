@@ -17,7 +17,7 @@ from uuid import uuid4
 import httpx
 import numpy as np
 
-from backend.learning.preferences.oracles import ALWAYS_RIGHT, Habits, Oracle, make_oracle
+from backend.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle
 from backend.learning.queries.queries import Query
 from backend.report.made_up_cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
@@ -77,22 +77,22 @@ class Walk:
 
 @dataclass(frozen=True)
 class Character:
-    """What all bots of a study are like. oracle, habits: their taste (of several with commas each bot takes the next
-    one) and how answers stray from it; seed: of their random streams, every bot its own. cohort: what they rate, rank,
-    and how conditions change their answers; None: they have no opinion on anything but drives. style: of drawing
-    (backend/demonstrations); default each bot the next one.
+    """What all bots of a study are like. oracle, response_model: their preference (of several with commas each takes
+    the next one) and how answers stray from it; seed: of their random streams, every bot its own. cohort: what they
+    rate, rank, and how conditions change their answers; None: they have no opinion on anything but drives. style: of
+    drawing (backend/demonstrations); default each bot the next one.
     """
 
     oracle: str = "min-human-distance"
-    habits: Habits = ALWAYS_RIGHT
+    response_model: ResponseModel = ALWAYS_RIGHT
     seed: int = 0
     cohort: Cohort | None = None
     style: str | None = None
 
     def check(self) -> None:
-        """Raises LearningError for an unknown oracle or habits that cannot be."""
+        """Raises LearningError for an unknown oracle or response_model that cannot be."""
         for name in {*self.oracle.split(","), *(self.cohort.preferences.values() if self.cohort else ())}:
-            make_oracle(name, **asdict(self.habits), seed=self.seed)
+            make_oracle(name, **asdict(self.response_model), seed=self.seed)
 
     def taste(self, number: int) -> str:
         """The oracle of the bot of that number."""
@@ -103,7 +103,7 @@ class Character:
         """What is stored of a bot's making."""
         cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
         style = {"style": self.style} if self.style else {}
-        own = {"name": self.taste(number), **asdict(self.habits), "seed": self.seed, "number": number}
+        own = {"name": self.taste(number), **asdict(self.response_model), "seed": self.seed, "number": number}
         return {**own, **cohort, **style}
 
 
@@ -204,8 +204,8 @@ class Bot:
         stream = int(self._random.integers(2**31))
         self._usual = character.taste(number)
         names = {self._usual, *(character.cohort.preferences.values() if character.cohort else ())}
-        habits = asdict(character.habits)
-        self._oracles: dict[str, Oracle] = {name: make_oracle(name, **habits, seed=stream) for name in names}
+        response_model = asdict(character.response_model)
+        self._oracles: dict[str, Oracle] = {name: make_oracle(name, **response_model, seed=stream) for name in names}
         self._style, self._number = character.style, number
         self._participant = way.join(character.told(number))
         self._responses = self._comparisons = 0

@@ -6,12 +6,12 @@ import pytest
 
 from backend.experiments.benchmarks.alignment import benchmark_align
 from backend.learning.alignment.align import AlignConfig
-from backend.learning.alignment.refine import RefineConfig
+from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
 from backend.learning.errors import LearningError
 
 TINY = {
     "instant": None,
-    "refine": RefineConfig(tried=8, copies=4, survivors=2, selection_scenes=20, gate_scenes=20),
+    "refine": ConditioningSearchConfig(tried=8, copies=4, survivors=2, selection_scenes=20, gate_scenes=20),
     "from_base": AlignConfig(
         updates=64, checkpoints=1, replay_transitions=2_000, selection_scenes=20, gate_scenes=20, weighing_scenes=20
     ),

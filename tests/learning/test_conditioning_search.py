@@ -5,28 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.alignment.refine import (
+from backend.learning.alignment.conditioning_search import (
     AIM,
     CROSSING_COST,
     FAILURE_COST,
     LENGTH_WEIGHT,
     MIDDLE_M,
     TOLERANCE,
-    RefineConfig,
+    ConditioningSearchConfig,
     compared,
+    conditioned_by_place,
     length_weight_of,
-    refine,
-    told_by_place,
+    search_conditioning,
 )
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.policies.movement import Drives
 from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.preferences.vocabulary import MEASURES, SIZE, preference_weights, typical_differences
+from backend.learning.policies.steerability import MeasuredRollouts
+from backend.learning.preferences.objectives import MEASURES, SIZE, preference_weights, typical_differences
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 
-TINY = RefineConfig(tried=16, copies=8, survivors=3, selection_scenes=40, gate_scenes=60)
+TINY = ConditioningSearchConfig(tried=16, copies=8, survivors=3, selection_scenes=40, gate_scenes=60)
 FARTHER = preference_weights({"farther": 1.0})
 
 
@@ -35,17 +35,19 @@ def conditioned() -> ConditionedPolicy:
     return load_conditioned("open_field/conditioned")
 
 
-def drives(human_m: list[float], length_m: list[float], succeeded: list[bool], crossings: list[int]) -> Drives:
+def trajectories(
+    human_m: list[float], length_m: list[float], succeeded: list[bool], crossings: list[int]
+) -> MeasuredRollouts:
     measured = np.zeros((len(human_m), len(MEASURES)))
     measured[:, MEASURES.index("min_human_distance_m")] = human_m
     measured[:, MEASURES.index("path_length_m")] = length_m
     outcome = np.where(succeeded, Outcome.SUCCESS, Outcome.TIMEOUT).astype(np.int8)
-    return Drives(outcome, measured, np.array(crossings, dtype=np.int32))
+    return MeasuredRollouts(outcome, measured, np.array(crossings, dtype=np.int32))
 
 
 def test_the_score_counts_wants_length_crossings_and_failures() -> None:
-    first = drives([2.0, 2.0, 2.0, 2.0, 2.0], [5.0] * 5, [True, True, True, False, True], [0, 0, 0, 0, 3])
-    other = drives([1.0, 2.0, 1.0, 1.0, 2.0], [5.0, 6.0, 5.0, 5.0, 5.0], [True, True, False, True, True], [0] * 5)
+    first = trajectories([2.0, 2.0, 2.0, 2.0, 2.0], [5.0] * 5, [True, True, True, False, True], [0, 0, 0, 0, 3])
+    other = trajectories([1.0, 2.0, 1.0, 1.0, 2.0], [5.0, 6.0, 5.0, 5.0, 5.0], [True, True, False, True, True], [0] * 5)
     unit = typical_differences("study_room")
     better = compared(first, other, FARTHER, "study_room")
     length = 1 / unit[MEASURES.index("path_length_m")]
@@ -75,13 +77,13 @@ def test_what_is_told_depends_on_where_the_robot_is(setup: str) -> None:
     for k in (8, 10):
         x = np.maximum(x @ policy.actor[k] + policy.actor[k + 1], 0)
     expected = np.tanh(x @ policy.actor[12] + policy.actor[13])
-    np.testing.assert_allclose(told_by_place(policy, FARTHER, told).act(states), expected, atol=1e-4)
+    np.testing.assert_allclose(conditioned_by_place(policy, FARTHER, told).act(states), expected, atol=1e-4)
 
 
 def test_a_refinement_says_whether_it_takes_over(conditioned: ConditionedPolicy) -> None:
     base = load_policy("open_field/base")
     seen: list[float] = []
-    result = refine(conditioned, FARTHER, base, TINY, lambda fraction, _: seen.append(fraction))
+    result = search_conditioning(conditioned, FARTHER, base, TINY, lambda fraction, _: seen.append(fraction))
     assert seen == pytest.approx([0.475, 0.95])
     assert len(result.history) == 3
     assert not result.policy.critic
@@ -91,9 +93,9 @@ def test_a_refinement_says_whether_it_takes_over(conditioned: ConditionedPolicy)
     chosen = result.history[result.chosen]
     assert chosen["wanted"] >= AIM
     assert chosen["score"] >= 0  # that of the instant policy
-    again = refine(conditioned, FARTHER, base, TINY)
+    again = search_conditioning(conditioned, FARTHER, base, TINY)
     assert again.policy.digest() == result.policy.digest()
-    assert told_by_place(conditioned, FARTHER, result.told).digest() == result.policy.digest()
+    assert conditioned_by_place(conditioned, FARTHER, result.offsets).digest() == result.policy.digest()
 
 
 def test_who_wants_short_ways_has_no_other_weight_of_length() -> None:
@@ -103,6 +105,6 @@ def test_who_wants_short_ways_has_no_other_weight_of_length() -> None:
 
 def test_what_cannot_be_is_refused(conditioned: ConditionedPolicy) -> None:
     with pytest.raises(SetupError, match="study_room"):
-        refine(conditioned, FARTHER, load_policy("study_room/base"), TINY)
+        search_conditioning(conditioned, FARTHER, load_policy("study_room/base"), TINY)
     with pytest.raises(LearningError, match="opposites"):
-        refine(conditioned, np.ones(9, dtype=np.float32), load_policy("open_field/base"), TINY)
+        search_conditioning(conditioned, np.ones(9, dtype=np.float32), load_policy("open_field/base"), TINY)

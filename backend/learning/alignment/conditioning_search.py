@@ -1,9 +1,11 @@
-"""Refinement behind the policy that is shown already: what to tell the conditioned policy, and where.
+"""The conditioning search, behind the instant policy that is shown already: what else to condition the policy on, and
+where.
 
-Telling a conditioned policy just what somebody wants need not serve these wants best: a little of something else can,
-more so where the goal is far than beside it. So what it is told is searched for, as a function of how far goal and
-person are; the result is an ordinary policy, and takes over where it is better on scenes that served nothing else.
-In the place of recipe B of spec 06, which goes on training: what fits into 30 s of that made no way shorter. All ours.
+Conditioning a policy on just somebody's preference weights need not serve them best: a little of something else can,
+more so where the goal is far than beside it. So what it is conditioned on is searched for, as a function of how far
+goal and person are; the result is an ordinary policy, and takes over where it is better on scenes that served nothing
+else. In the place of recipe B of spec 06, which goes on training: what fits into 30 s of that made no way shorter. All
+ours.
 """
 
 from __future__ import annotations
@@ -18,10 +20,10 @@ from backend.analysis.metrics import success_rate
 from backend.learning.alignment.align import AlignConfig, Gate
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import Estimate, mean_estimate
-from backend.learning.policies.movement import Course, Drives
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.vocabulary import NAMES, SIZE, check_weights, gains, typical_differences
+from backend.learning.policies.steerability import Course, MeasuredRollouts
+from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, gains, typical_differences
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.fast import evaluate
@@ -29,21 +31,21 @@ from backend.simulation.setups import get_setup, require_same
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-LENGTH_WEIGHT = 0.4  # in the score, of the way's length, where nobody wants it short: ways cost time in any case
-CROSSING_COST = 1.0  # in the score, typical differences, of a drive that crosses its own way
+LENGTH_WEIGHT = 0.4  # in the score, of the way's length, where nobody prefers it short: ways cost time in any case
+CROSSING_COST = 1.0  # in the score, typical differences, of a trajectory that crosses its own way
 FAILURE_COST = 10.0  # in the score, typical differences: 1 % of failures weighs as much as a tenth of one
 FIRST_SHARE = 0.75  # of LENGTH_WEIGHT, with which the search begins
-AIM = -0.025  # typical differences: the search keeps what is wanted about there; 1 or 2 cm of distance
-TOLERANCE = 0.075  # typical differences: what is wanted may not be less by more; 4 cm of distance (field), 3 (room)
+AIM = -0.025  # typical differences: the search keeps what is preferred about there; 1 or 2 cm of distance
+TOLERANCE = 0.075  # typical differences: what is preferred may not be less by more; 4 cm of distance (field), 3 (room)
 OBSERVED = (0, 2)  # where the observation says how far the goal and the person are
 PLACES = ("anywhere", "goal_far", "person_far")
 MIDDLE_M = {"open_field": (3.0, 2.0), "study_room": (2.0, 1.5)}
-"""By setup, of goal and person alike: the distance at which what is told along with it is 0, and 1 so much farther."""
+"""By setup, of goal and person alike: the distance at which the offset along with it is 0, and 1 so much farther."""
 
 
 @dataclass(frozen=True)
-class RefineConfig:
-    """How what to tell is searched for: rounds of changed copies of the best guess so far, in the same scenes.
+class ConditioningSearchConfig:
+    """How what to condition on is searched for: rounds of changed copies of the best guess so far, in the same scenes.
 
     The mean of the `survivors`, better ones counting more, is the next guess. tried: copies in all, in whole rounds;
     copies: of them per round, half of them changed the other way round. spread: standard deviation of a change, times
@@ -57,7 +59,7 @@ class RefineConfig:
     spread: float = 0.12
     narrower: float = 0.92
     selection_scenes: int = 500
-    gate_scenes: int = 1_500  # 500 leave open what is better: drives differ more from scene to scene
+    gate_scenes: int = 1_500  # 500 leave open what is better: trajectories differ more from scene to scene
     gate_max_loss: float = AlignConfig.gate_max_loss
     gate_min_success: float = AlignConfig.gate_min_success
 
@@ -66,18 +68,18 @@ class RefineConfig:
 
 
 @dataclass(frozen=True)
-class RefineResult:
-    """policy: the instant policy told otherwise, without critic. told: (3, 9) what it is told beyond the wants, in the
-    order of PLACES (`told_by_place`).
+class ConditioningSearchResult:
+    """policy: the instant policy conditioned otherwise, without critic. offsets: (3, 9) what is added to the preference
+    weights that it is conditioned on, in the order of PLACES (`conditioned_by_place`).
 
-    wanted, score: its advantage over the instant policy on the gate's scenes, in what is wanted alone and with what
-    every drive costs (`Compared`). takes_over: whether it is to be shown instead: gate passed, what is wanted no worse
-    by the whole interval (TOLERANCE) and the whole interval of the score above 0. history: the guess after each round;
-    chosen: which of them, 0 for the instant policy itself.
+    wanted, score: its advantage over the instant policy on the gate's scenes, in what is preferred alone and with what
+    every trajectory costs (`Compared`). takes_over: whether it is to be shown instead: gate passed, what is preferred
+    no worse by the whole interval (TOLERANCE) and the whole interval of the score above 0. history: the guess after
+    each round; chosen: which of them, 0 for the instant policy itself.
     """
 
     policy: Policy
-    told: Floats
+    offsets: Floats
     takes_over: bool
     wanted: Estimate
     score: Estimate
@@ -87,7 +89,7 @@ class RefineResult:
 
 
 class Compared(NamedTuple):
-    """How much better one policy drove than another by somebody's wants, in typical differences of a pair.
+    """How much better one policy drove than another by somebody's preference weights, in typical differences of a pair.
 
     wanted: (both succeed,) sum_k w_k gain_k / typical difference. shorter: (both succeed,) the same of the way's length
     alone. other: (n,) what success and crossings add, FAILURE_COST and CROSSING_COST each.
@@ -99,13 +101,13 @@ class Compared(NamedTuple):
     other: Doubles
 
     def scores(self, length_weight: float) -> Doubles:
-        """(n,) per scene: what is wanted, the way's length and the rest together."""
+        """(n,) per scene: what is preferred, the way's length and the rest together."""
         together = self.other.copy()
         together[self.both] += self.wanted + length_weight * self.shorter
         return together
 
 
-def compared(own: Drives, other: Drives, weights: Floats, setup: str) -> Compared:
+def compared(own: MeasuredRollouts, other: MeasuredRollouts, weights: Floats, setup: str) -> Compared:
     """`own` against `other`, in the same scenes."""
     both = own.success & other.success
     better = gains((own.measured - other.measured)[both] / typical_differences(setup))
@@ -119,65 +121,65 @@ def compared(own: Drives, other: Drives, weights: Floats, setup: str) -> Compare
     )
 
 
-def told_by_place(conditioned: ConditionedPolicy, weights: Floats, told: NDArray[np.floating[Any]]) -> Policy:
-    """The policy that is told weights + told[0] + told[1] * g + told[2] * p, without critic.
+def conditioned_by_place(conditioned: ConditionedPolicy, weights: Floats, offsets: NDArray[np.floating[Any]]) -> Policy:
+    """The policy conditioned on weights + offsets[0] + offsets[1] * g + offsets[2] * p, without critic.
 
     g and p: how far the goal and the person are, from MIDDLE_M on, in its unit. Exact, since weights enter the first
-    layer linearly, beside these distances. What it is told may leave [0, 1]; it goes on where training ended.
+    layer linearly, beside these distances. What it is conditioned on may leave [0, 1]; it goes on where training ended.
     """
     start = conditioned.at(weights).without_critic()
     middle, unit = MIDDLE_M[conditioned.setup]
     scale = get_setup(conditioned.setup).distance_scale_m
     rows = conditioned.actor[0][start.shape.task_inputs : conditioned.shape.task_inputs]
     first = start.actor[0].copy()
-    first[list(OBSERVED)] += (told[1:] * (scale / unit)) @ rows
-    bias = start.actor[1] + (told[0] - told[1:].sum(0) * (middle / unit)) @ rows
+    first[list(OBSERVED)] += (offsets[1:] * (scale / unit)) @ rows
+    bias = start.actor[1] + (offsets[0] - offsets[1:].sum(0) * (middle / unit)) @ rows
     return replace(start, actor=(first, bias.astype(np.float32), *start.actor[2:]))
 
 
-def refine(
+def search_conditioning(
     conditioned: ConditionedPolicy,
     weights: Floats,
     base: Policy,
-    config: RefineConfig | None = None,
+    config: ConditioningSearchConfig | None = None,
     on_progress: OnProgress = no_progress,
-) -> RefineResult:
-    """Refine `conditioned.at(weights)`; `base` is what the success gate compares with.
+) -> ConditioningSearchResult:
+    """Search from `conditioned.at(weights)` on; `base` is what the success gate compares with.
 
     Raises SetupError, LearningError (weights that cannot be).
     """
     use_one_thread()
-    config = config or RefineConfig()
+    config = config or ConditioningSearchConfig()
     setup = require_same(conditioned=conditioned.setup, base=base.setup)
     weights = check_weights(weights)
     guesses, history = _search(conditioned, weights, config, on_progress)
-    # Not worse in what is wanted, as far as the selection scenes tell; the first is the instant policy itself.
+    # Not worse in what is preferred, as far as the selection scenes tell; the first is the instant policy itself.
     chosen = max(range(len(history)), key=lambda k: (history[k]["wanted"] >= AIM, history[k]["score"]))
-    policy = told_by_place(conditioned, weights, guesses[chosen])
+    policy = conditioned_by_place(conditioned, weights, guesses[chosen])
     scenes = scene_set(setup, config.gate_scenes, purpose=Purpose.GATE, seed=config.seed)
     course = Course(scenes)
-    own = course.drive(policy)
-    better = compared(own, course.drive(conditioned.at(weights)), weights, setup)
+    own = course.rollout(policy)
+    better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
     raw, rate = success_rate(evaluate(base.driver, get_setup(setup), scenes).outcome), float(own.success.mean())
     passed = rate >= raw - config.gate_max_loss and rate >= config.gate_min_success
     wanted, score = mean_estimate(better.wanted), mean_estimate(better.scores(length_weight_of(weights)))
     takes_over = passed and wanted.low > -TOLERANCE and score.low > 0
     gate = Gate(passed, rate, raw, config.gate_scenes)
-    return RefineResult(policy, guesses[chosen], takes_over, wanted, score, gate, chosen, history)
+    return ConditioningSearchResult(policy, guesses[chosen], takes_over, wanted, score, gate, chosen, history)
 
 
 def _search(
-    conditioned: ConditionedPolicy, weights: Floats, config: RefineConfig, on_progress: OnProgress
+    conditioned: ConditionedPolicy, weights: Floats, config: ConditioningSearchConfig, on_progress: OnProgress
 ) -> tuple[list[Floats], list[dict[str, float]]]:
-    """The guess after each round, (3, 9), and how it drove; first telling the wants themselves."""
+    """The guess after each round, (3, 9), and how it drove; the first is the preference weights themselves."""
     setup = conditioned.setup
     course = Course(scene_set(setup, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed))
-    instant = course.drive(conditioned.at(weights))
+    instant = course.rollout(conditioned.at(weights))
     usual = length_weight_of(weights)
     length_weight = usual * FIRST_SHARE
 
-    def drive(told: Doubles) -> Compared:
-        return compared(course.drive(told_by_place(conditioned, weights, told)), instant, weights, setup)
+    def tried_out(offsets: Doubles) -> Compared:
+        return compared(course.rollout(conditioned_by_place(conditioned, weights, offsets)), instant, weights, setup)
 
     random = np.random.default_rng([config.seed, 71])
     guess, spread = np.zeros((1 + len(OBSERVED), SIZE)), config.spread
@@ -187,13 +189,14 @@ def _search(
     for tried in np.arange(1, rounds + 1) * config.copies:
         changes = random.normal(0.0, spread, (config.copies // 2, *guess.shape))
         copies = guess + np.concatenate([changes, -changes])
-        best = np.argsort([-drive(told).scores(length_weight).mean() for told in copies])[: config.survivors]
+        best = np.argsort([-tried_out(offsets).scores(length_weight).mean() for offsets in copies])[: config.survivors]
         shares = np.log(len(best) + 0.5) - np.log(np.arange(1, len(best) + 1))
         guess = np.tensordot(shares / shares.sum(), copies[best], axes=1)
         spread *= config.narrower
-        better = drive(guess)
+        better = tried_out(guess)
         wanted = float(better.wanted.mean()) if len(better.wanted) else -FAILURE_COST
-        # Ways grow shorter at the cost of what is wanted: it weighs less once that falls behind, more while it leads.
+        # Ways grow shorter at the cost of what is preferred: it weighs less once that falls behind, more while it
+        # leads.
         length_weight *= 0.85 if wanted < AIM else 1.1
         guesses.append(guess.astype(np.float32))
         shorter = float(better.shorter.mean()) if len(better.shorter) else -FAILURE_COST
@@ -205,5 +208,5 @@ def _search(
 
 
 def length_weight_of(weights: Floats) -> float:
-    """What a shorter way counts beside the wants: LENGTH_WEIGHT, less what is wanted of it anyway."""
+    """What a shorter way counts beside the preference: LENGTH_WEIGHT, less what is preferred of it anyway."""
     return max(0.0, LENGTH_WEIGHT - float(weights[NAMES.index("shorter")]))

@@ -1,6 +1,6 @@
 """How far preference weights move a policy, objective by objective: against the base policy, and of what is possible.
 
-What an objective is lives in `vocabulary.py`, what takes weights in `conditioned.py`.
+What an objective is lives in `objectives.py`, what takes weights in `conditioned.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from backend.learning.policies.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.vocabulary import (
+from backend.learning.preferences.objectives import (
     CLEARANCE_CAP_M,
     MEASURES,
     NAMES,
@@ -37,7 +37,7 @@ Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Drives:
+class MeasuredRollouts:
     """One policy in n scenes. outcome (n,): Outcome; measured (n, 7): vocabulary's; self_intersections (n,)."""
 
     outcome: NDArray[np.int8]
@@ -45,7 +45,7 @@ class Drives:
     self_intersections: NDArray[np.int32]
 
     @classmethod
-    def of(cls, trajectories: Sequence[Trajectory]) -> Drives:
+    def of(cls, trajectories: Sequence[Trajectory]) -> MeasuredRollouts:
         return cls(
             np.array([t.outcome for t in trajectories], dtype=np.int8),
             measures(trajectories),
@@ -69,8 +69,8 @@ class Course:
         self._starts = self._engine.poses.copy()
         self._people = np.array([(scene.person.pose.x, scene.person.pose.y) for scene in scenes])
 
-    def drive(self, policy: Policy) -> Drives:
-        """What `Drives.of` would say of the trajectories, which nobody keeps here. Raises SetupError."""
+    def rollout(self, policy: Policy) -> MeasuredRollouts:
+        """What `MeasuredRollouts.of` would say of the trajectories, which nobody keeps here. Raises SetupError."""
         require_same(policy=policy.setup, scenes=self.setup)
         engine, n = self._engine, len(self._starts)
         engine.start_at(self._starts)
@@ -101,7 +101,7 @@ class Course:
             (speeds[:step] * near).sum(0) / near.sum(0),
             engine.steps * CONTROL_DT_S,
         ]
-        return Drives(engine.outcomes.copy(), np.stack(measured, axis=1), engine.self_intersections.copy())
+        return MeasuredRollouts(engine.outcomes.copy(), np.stack(measured, axis=1), engine.self_intersections.copy())
 
     def _bearing(self, which: NDArray[np.int64]) -> Doubles:
         """Where the person is from these robots (rad, of any turn)."""
@@ -110,9 +110,9 @@ class Course:
         return np.arctan2(offsets[:, 1], offsets[:, 0]) - poses[:, 2]
 
 
-def drives_of(policy: Policy, scenes: Sequence[Scene]) -> Drives:
+def measured_rollouts(policy: Policy, scenes: Sequence[Scene]) -> MeasuredRollouts:
     """Drive every scene once to its end. Raises SetupError."""
-    return Course(scenes).drive(policy)
+    return Course(scenes).rollout(policy)
 
 
 def best_possible(scenes: Sequence[Scene]) -> Doubles:
@@ -148,29 +148,35 @@ def best_possible(scenes: Sequence[Scene]) -> Doubles:
 
 
 @dataclass(frozen=True)
-class Movement:
-    """Policies by what they were told (objectives, `neutral`, mixtures) and the base policy, in the same scenes."""
+class Steerability:
+    """Policies by what they were conditioned on (objectives, `neutral`, mixtures) and the base policy, in the same
+    scenes.
 
-    base: Drives
-    told: dict[str, Drives]
+    Written results keep the keys of the first release (`told`: what was driven by conditioned policies).
+    """
+
+    base: MeasuredRollouts
+    conditioned: dict[str, MeasuredRollouts]
     possible: Doubles
 
     @cached_property
     def shares(self) -> dict[str, float]:
-        """For each objective that was told alone: share of the way from the base policy to what is possible.
+        """For each objective that a policy was conditioned on alone: share of the way from the base policy to what is
+        possible.
 
         Ratio of means over the scenes in which both policies succeed; NaN where there are none.
         """
-        columns = {name: self._columns(name) for name in NAMES if name in self.told}
+        columns = {name: self._columns(name) for name in NAMES if name in self.conditioned}
         return {name: float(_share(c.mean(0))) if len(c) else math.nan for name, c in columns.items()}
 
     def _columns(self, name: str) -> Doubles:
-        """(both succeed, 3): base's, the told policy's and the best possible value of the objective's measure."""
+        """(both succeed, 3): base's, the conditioned policy's and the best value that the measure can have."""
         k = NAMES.index(name)
         measure = OBJECTIVES[k].measure
-        both = self.base.success & self.told[name].success
+        both = self.base.success & self.conditioned[name].success
         return np.stack(
-            [self.base.measured[both, measure], self.told[name].measured[both, measure], self.possible[both, k]], axis=1
+            [self.base.measured[both, measure], self.conditioned[name].measured[both, measure], self.possible[both, k]],
+            axis=1,
         )
 
     @cached_property
@@ -180,8 +186,8 @@ class Movement:
         A failure rate of 1 % weighs as much as 4 % of the way, another 2 % where it falls below the worst allowed (97 %
         success); a self-intersection in every tenth episode as much as 10 %.
         """
-        success = np.array([drives.success.mean() for drives in self.told.values()])
-        crossings = np.array([drives.self_intersections.mean() for drives in self.told.values()])
+        success = np.array([trajectories.success.mean() for trajectories in self.conditioned.values()])
+        crossings = np.array([trajectories.self_intersections.mean() for trajectories in self.conditioned.values()])
         shares = np.array(list(self.shares.values()))
         return float(
             np.clip(np.nan_to_num(shares, nan=-1.0), -1, 1).mean()
@@ -192,12 +198,12 @@ class Movement:
 
     def summary(self) -> dict[str, float]:
         """A few numbers for a progress line: score, success, self-intersections, shares of the way."""
-        success = [float(drives.success.mean()) for drives in self.told.values()]
+        success = [float(trajectories.success.mean()) for trajectories in self.conditioned.values()]
         return {
             "score": self.score,
             "mean_success_rate": float(np.mean(success)),
             "worst_success_rate": min(success),
-            "self_intersections": float(np.mean([d.self_intersections.mean() for d in self.told.values()])),
+            "self_intersections": float(np.mean([d.self_intersections.mean() for d in self.conditioned.values()])),
             **{f"share_{name}": share for name, share in self.shares.items()},
         }
 
@@ -206,7 +212,7 @@ class Movement:
         return {
             "scenes": len(self.possible),
             "base": _described(self.base),
-            "told": {name: _described(drives) for name, drives in self.told.items()},
+            "told": {name: _described(trajectories) for name, trajectories in self.conditioned.items()},
             "moved": {name: self.moved(name) for name in self.shares},
         }
 
@@ -215,11 +221,13 @@ class Movement:
         k = NAMES.index(name)
         columns = self._columns(name)
         estimated = interval(self.shares[name], _share(resampled_means(columns))) if len(columns) else NOTHING
-        against = {"base": self.base} | ({"neutral": self.told["neutral"]} if "neutral" in self.told else {})
+        against = {"base": self.base} | (
+            {"neutral": self.conditioned["neutral"]} if "neutral" in self.conditioned else {}
+        )
         better = {}
-        for who, drives in against.items():
-            both = drives.success & self.told[name].success
-            gained = gains(self.told[name].measured[both] - drives.measured[both])[:, k]
+        for who, trajectories in against.items():
+            both = trajectories.success & self.conditioned[name].success
+            gained = gains(self.conditioned[name].measured[both] - trajectories.measured[both])[:, k]
             better[f"better_than_{who}"] = mean_estimate(gained).as_dict() | {"both_succeed": int(both.sum())}
         return {
             "measure": MEASURES[OBJECTIVES[k].measure],
@@ -232,18 +240,18 @@ class Movement:
 
 
 def _share(means: Doubles) -> Doubles:
-    """Share of the way, of means (..., 3) of the base's, the told policy's and the best possible value."""
+    """Share of the way, of means (..., 3) of the base's, the conditioned policy's and the best possible value."""
     share: Doubles = (means[..., 1] - means[..., 0]) / (means[..., 2] - means[..., 0])
     return share
 
 
-def _described(drives: Drives) -> dict[str, Any]:
-    n = len(drives.outcome)
-    counts = {name: int((drives.outcome == which).sum()) for name, which in _OUTCOMES.items()}
-    reached = drives.measured[drives.success]
+def _described(trajectories: MeasuredRollouts) -> dict[str, Any]:
+    n = len(trajectories.outcome)
+    counts = {name: int((trajectories.outcome == which).sum()) for name, which in _OUTCOMES.items()}
+    reached = trajectories.measured[trajectories.success]
     return {
         **{f"{name}_rate": wilson(count, n).as_dict() for name, count in counts.items()},
-        "self_intersections": mean_estimate(drives.self_intersections).as_dict(),
+        "self_intersections": mean_estimate(trajectories.self_intersections).as_dict(),
         "measures_where_successful": dict(zip(MEASURES, reached.mean(0).tolist(), strict=True)),
     }
 
@@ -251,11 +259,11 @@ def _described(drives: Drives) -> dict[str, Any]:
 _OUTCOMES = {"success": Outcome.SUCCESS, "collision": Outcome.COLLISION, "timeout": Outcome.TIMEOUT}
 
 
-def movement_of(told: Mapping[str, Policy], base: Policy, scenes: Sequence[Scene]) -> Movement:
+def steerability_of(conditioned: Mapping[str, Policy], base: Policy, scenes: Sequence[Scene]) -> Steerability:
     """Drive all policies through the same scenes."""
     course = Course(scenes)
-    return Movement(
-        course.drive(base),
-        {name: course.drive(policy) for name, policy in told.items()},
+    return Steerability(
+        course.rollout(base),
+        {name: course.rollout(policy) for name, policy in conditioned.items()},
         best_possible(scenes),
     )

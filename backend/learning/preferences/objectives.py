@@ -1,4 +1,4 @@
-"""The vocabulary of what people may want of a robot's driving: nine objectives, each measured twice.
+"""The objectives: what people may prefer in a robot's driving, nine of them, each measured twice.
 
 Of a whole trajectory, as a person compares two (`measures`), and of one step, as a policy is rewarded (`step_terms`).
 How much each objective matters to somebody are preference weights: learned in `posterior.py`, driven by in
@@ -59,9 +59,9 @@ OBJECTIVES = (
 NAMES = tuple(objective.name for objective in OBJECTIVES)
 SIZE = len(OBJECTIVES)
 OPPOSITES = ((0, 1), (2, 3))
-"""Pairs of objectives that nobody wants at once."""
+"""Pairs of objectives that nobody prefers at once."""
 MIRRORED = np.array([0, 1, 3, 2, 4, 5, 6, 7, 8])
-"""weights[MIRRORED]: the same wants in a world with left and right exchanged."""
+"""weights[MIRRORED]: the same preference in a world with left and right exchanged."""
 
 TYPICAL_DIFFERENCES = {
     "study_room": (0.431, 1.049, 0.167, 0.710, 3.855, 0.093, 1.018),
@@ -70,8 +70,9 @@ TYPICAL_DIFFERENCES = {
     "corridor": (0.522, 1.0, 0.338, 1.173, 2.242, 0.054, 6.066),
 }
 """By setup and measure, in its unit: standard deviation of the difference within a pair, over 1,500 pairs of the
-shipped ensemble; in the room and the corridor of chapter 2, which have none, over pairs of 24 drives of the programmed
-demonstrators, DWA and social cost in each of the four situations (all pass on one side of the corridor's person: 1)."""
+shipped ensemble; in the room and the corridor of chapter 2, which have none, over pairs of 24 trajectories of the
+programmed demonstrators, DWA and social cost in each of the four situations (all pass on one side of the corridor's
+person: 1)."""
 
 NEAR_PERSON_M = 2.0
 NEAREST_BAND_M = 0.5
@@ -90,33 +91,35 @@ class Closeness:
 
 
 CLOSENESS = {"open_field": Closeness(0.7, 0.8, 0.35), "study_room": Closeness(0.85, 0.5, 0.1)}
-"""By setup. The room's robot is twice as fast, and a step beside the person is a larger part of its drive."""
+"""By setup. The room's robot is twice as fast, and a step beside the person is a larger part of its trajectory."""
 FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5}
 """By setup, where `farther` is content: little beyond the ceilings, else the goal itself is too near the person."""
 SLOW_SHARE = 0.5  # of full speed: slower than this near the person is no better
 SIDE_RANGE_M = 3.0
 
 
-def preference_weights(wanted: Mapping[str, float]) -> Floats:
-    """(9,) float32 preference weights from objectives by name; what is not named is not wanted.
+def preference_weights(weights: Mapping[str, float]) -> Floats:
+    """(9,) float32 preference weights from objectives by name; what is not named weighs nothing.
 
     Raises LearningError for an unknown name, a weight outside [0, 1] or two opposites.
     """
-    unknown = [name for name in wanted if name not in NAMES]
+    unknown = [name for name in weights if name not in NAMES]
     if unknown:
         raise LearningError(f"objective {unknown[0]!r} is unknown; known are {', '.join(NAMES)}")
-    return check_weights(np.array([wanted.get(name, 0.0) for name in NAMES], dtype=np.float32))
+    return check_weights(np.array([weights.get(name, 0.0) for name in NAMES], dtype=np.float32))
 
 
-def parsed_weights(wanted: str) -> Floats:
+def parsed_weights(text: str) -> Floats:
     """Preference weights from words such as `farther=1,smoother=0.5`; empty: nothing. Raises LearningError."""
     named: dict[str, float] = {}
-    for word in filter(None, wanted.split(",")):
+    for word in filter(None, text.split(",")):
         name, _, value = word.partition("=")
         try:
             named[name.strip()] = float(value)
         except ValueError:
-            raise LearningError(f"wants {word!r}: write it as objective=weight, e.g. farther=1,smoother=0.5") from None
+            raise LearningError(
+                f"preference weights {word!r}: write it as objective=weight, e.g. farther=1,smoother=0.5"
+            ) from None
     return preference_weights(named)
 
 
@@ -134,10 +137,11 @@ def check_weights(weights: Floats) -> Floats:
     return weights
 
 
-def worth(weights: Floats) -> Floats:
-    """(..., 9) preference weights -> what each want is worth in reward: several together are worth one full want.
+def shares_of_reward(weights: Floats) -> Floats:
+    """(..., 9) preference weights -> what part of the reward each is given: several together have that of one full
+    weight.
 
-    Else two wants would ask for more than the goal is worth, and the robot stood still.
+    Else two objectives would ask for more than the goal is worth, and the robot stood still.
     """
     together: Floats = weights / np.maximum(weights.sum(axis=-1, keepdims=True), np.float32(1))
     return together
@@ -199,8 +203,8 @@ def gains(differences: Doubles) -> Doubles:
 def step_terms(actions: Floats, next_observations: Floats, setup: Setup) -> Floats:
     """(n, 9) float32 in the order of OBJECTIVES, each in [-1, 0], of the states that the steps led to.
 
-    A reward <= 0 never pays for waiting (spec 06); zero is "nothing to complain". Summed over a drive, `shorter` is
-    half the excess over the straight way in steps at full speed, which within a scene differs as path lengths do.
+    A reward <= 0 never pays for waiting (spec 06); zero is "nothing to complain". Summed over a trajectory, `shorter`
+    is half the excess over the straight way in steps at full speed, which within a scene differs as path lengths do.
     """
     person_m = next_observations[:, 2] * np.float32(setup.distance_scale_m)
     on_left = np.sin(next_observations[:, 3] * np.float32(math.pi))
@@ -219,7 +223,7 @@ def step_terms(actions: Floats, next_observations: Floats, setup: Setup) -> Floa
         -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1)),
         -speed * off_course,
         -np.abs(np.clip(actions[:, 1], -1, 1)),
-        # The way around the person is priced too: driving past slowly is what was wanted.
+        # The way around the person is priced too: driving past slowly is what was preferred.
         -0.85 * near * np.square(np.clip((speed - SLOW_SHARE) / (1 - SLOW_SHARE), 0, 1)) - 0.15 * speed * off_course,
         np.full(len(actions), -1.0),
     ]

@@ -9,9 +9,16 @@ import pytest
 
 from backend.learning.policies.conditioned import settings
 from backend.learning.policies.evaluate import evaluate_policy
-from backend.learning.policies.movement import Course, Drives, Movement, best_possible, drives_of, movement_of
 from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.preferences.vocabulary import MEASURES, NAMES, OBJECTIVES
+from backend.learning.policies.steerability import (
+    Course,
+    MeasuredRollouts,
+    Steerability,
+    best_possible,
+    measured_rollouts,
+    steerability_of,
+)
+from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Person, Pose, Scene
@@ -19,17 +26,19 @@ from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 
 
-def drives(human_m: list[float], outcome: Outcome = Outcome.SUCCESS, crossings: int = 0) -> Drives:
+def trajectories(human_m: list[float], outcome: Outcome = Outcome.SUCCESS, crossings: int = 0) -> MeasuredRollouts:
     measured = np.zeros((len(human_m), len(MEASURES)))
     measured[:, 0] = human_m
     n = len(human_m)
-    return Drives(np.full(n, outcome, dtype=np.int8), measured, np.full(n, crossings, dtype=np.int32))
+    return MeasuredRollouts(np.full(n, outcome, dtype=np.int8), measured, np.full(n, crossings, dtype=np.int32))
 
 
 def test_share_of_the_way_is_a_ratio_of_means() -> None:
     possible = np.ones((2, len(NAMES)))
     possible[:, 0] = [3.0, 3.0]
-    movement = Movement(drives([1.0, 1.0]), {"neutral": drives([1.2, 1.2]), "farther": drives([2.0, 3.0])}, possible)
+    movement = Steerability(
+        trajectories([1.0, 1.0]), {"neutral": trajectories([1.2, 1.2]), "farther": trajectories([2.0, 3.0])}, possible
+    )
     assert movement.shares["farther"] == pytest.approx(0.75)
     moved = movement.report()["moved"]["farther"]
     assert (moved["base"], moved["told"], moved["best_possible"]) == (1.0, 2.5, 3.0)
@@ -41,13 +50,13 @@ def test_share_of_the_way_is_a_ratio_of_means() -> None:
 
 def test_failures_and_self_intersections_cost_score() -> None:
     possible = np.full((4, len(NAMES)), 3.0)
-    base, good = drives([1.0] * 4), drives([2.0] * 4)
-    best = Movement(base, {"farther": good}, possible).score
+    base, good = trajectories([1.0] * 4), trajectories([2.0] * 4)
+    best = Steerability(base, {"farther": good}, possible).score
     assert best == pytest.approx(0.5)
-    assert Movement(base, {"farther": drives([2.0] * 4, crossings=1)}, possible).score < best
-    half = Drives(np.array([1, 1, 1, 3], dtype=np.int8), good.measured, good.self_intersections)
-    assert Movement(base, {"farther": half}, possible).score < best
-    assert math.isfinite(Movement(base, {"farther": drives([2.0] * 4, Outcome.TIMEOUT)}, possible).score)
+    assert Steerability(base, {"farther": trajectories([2.0] * 4, crossings=1)}, possible).score < best
+    half = MeasuredRollouts(np.array([1, 1, 1, 3], dtype=np.int8), good.measured, good.self_intersections)
+    assert Steerability(base, {"farther": half}, possible).score < best
+    assert math.isfinite(Steerability(base, {"farther": trajectories([2.0] * 4, Outcome.TIMEOUT)}, possible).score)
 
 
 def test_what_is_possible_in_a_plain_scene() -> None:
@@ -68,12 +77,12 @@ def test_what_is_possible_in_a_plain_scene() -> None:
 @pytest.mark.parametrize("setup", PREFERENCE_SETUPS)
 def test_no_drive_betters_what_is_possible(setup: str) -> None:
     scenes = scene_set(setup, 80, purpose=Purpose.SELECT, seed=77)
-    driven = drives_of(load_policy(f"{setup}/base"), scenes)
+    rolled_out = measured_rollouts(load_policy(f"{setup}/base"), scenes)
     limits = best_possible(scenes)
     for k, objective in enumerate(OBJECTIVES):
-        room = objective.sign * (limits[:, k] - driven.measured[:, objective.measure])
+        room = objective.sign * (limits[:, k] - rolled_out.measured[:, objective.measure])
         spare = SETUPS[setup].goal_radius_m if objective.name == "farther" else 1e-3  # the ceiling is the goal's centre
-        assert room[driven.success].min() > -spare, objective.name
+        assert room[rolled_out.success].min() > -spare, objective.name
 
 
 @pytest.mark.parametrize("setup", PREFERENCE_SETUPS)
@@ -82,19 +91,24 @@ def test_a_course_measures_what_the_trajectories_would(setup: str) -> None:
     policies = [load_conditioned(f"{setup}/conditioned").at(settings()[told]) for told in ("farther", "neutral")]
     course = Course(scenes)
     for policy in (*policies, policies[0]):  # a course is the same however often it was driven
-        driven, expected = course.drive(policy), Drives.of(rollout(SETUPS[setup], policy.driver, scenes))
-        assert np.array_equal(driven.outcome, expected.outcome)
-        assert np.array_equal(driven.self_intersections, expected.self_intersections)
-        np.testing.assert_allclose(driven.measured, expected.measured, rtol=2e-4, atol=2e-3)
+        rolled_out, expected = (
+            course.rollout(policy),
+            MeasuredRollouts.of(rollout(SETUPS[setup], policy.driver, scenes)),
+        )
+        assert np.array_equal(rolled_out.outcome, expected.outcome)
+        assert np.array_equal(rolled_out.self_intersections, expected.self_intersections)
+        np.testing.assert_allclose(rolled_out.measured, expected.measured, rtol=2e-4, atol=2e-3)
     with pytest.raises(SetupError, match="policy"):
-        course.drive(load_policy("open_field/base" if setup == "study_room" else "study_room/base"))
+        course.rollout(load_policy("open_field/base" if setup == "study_room" else "study_room/base"))
 
 
 def test_drives_are_those_of_evaluation() -> None:
     policy = load_policy("study_room/base")
-    driven = drives_of(policy, scene_set("study_room", 60, purpose=Purpose.REPORT, seed=4_243))
+    rolled_out = measured_rollouts(policy, scene_set("study_room", 60, purpose=Purpose.REPORT, seed=4_243))
     told = evaluate_policy(policy, n=60, seed=4_243)
-    assert driven.success.mean() == pytest.approx(told["success_rate"])
-    assert driven.measured[:, 0].mean() == pytest.approx(told["min_human_distance_m"], abs=1e-4)
-    movement = movement_of({"neutral": policy}, policy, scene_set("study_room", 10, purpose=Purpose.REPORT, seed=4_243))
+    assert rolled_out.success.mean() == pytest.approx(told["success_rate"])
+    assert rolled_out.measured[:, 0].mean() == pytest.approx(told["min_human_distance_m"], abs=1e-4)
+    movement = steerability_of(
+        {"neutral": policy}, policy, scene_set("study_room", 10, purpose=Purpose.REPORT, seed=4_243)
+    )
     assert movement.report()["moved"] == {}
