@@ -112,9 +112,9 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     if version == (1, 0):
-        shape, _, dtype = np.lib.format.read_array_header_1_0(stream)
+        shape, by_column, dtype = np.lib.format.read_array_header_1_0(stream)
     elif version == (2, 0):
-        shape, _, dtype = np.lib.format.read_array_header_2_0(stream)
+        shape, by_column, dtype = np.lib.format.read_array_header_2_0(stream)
     else:
         raise NpzError(f"array {name!r} has version {version} of NumPy's format; read are 1.0 and 2.0")
     if dtype.kind not in NUMBERS:
@@ -124,6 +124,5 @@ def _array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
         count *= length
     if len(shape) > MOST_DIMENSIONS or count * dtype.itemsize != len(content) - stream.tell():
         raise NpzError(f"array {name!r} says shape {shape} of {dtype}, which its {len(content)} bytes do not hold")
-    stream.seek(0)
-    read: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
-    return read
+    values = np.frombuffer(content, dtype, offset=stream.tell())
+    return values.reshape(shape, order="F" if by_column else "C").copy(order="K")

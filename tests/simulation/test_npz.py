@@ -73,6 +73,18 @@ def test_a_trajectory_is_read_and_written_again_byte_for_byte(trajectory: Trajec
     assert to_npz(*from_npz(content)) == content
 
 
+@pytest.mark.parametrize("shape", [(), (0,), (0, 3), (4, 5), (2, 3, 4)])
+@pytest.mark.parametrize("order", ["C", "F"])
+@pytest.mark.parametrize("kind", [np.float16, np.float64, np.int8, np.bool_, np.uint32])
+def test_every_shape_and_order_comes_back(shape: tuple[int, ...], order: str, kind: type[np.generic]) -> None:
+    array = np.asarray(np.random.default_rng(1).integers(0, 2, shape), order=order).astype(kind, order="K")
+    content = to_npz({"a": 1}, {"array": array})
+    header, arrays = from_npz(content)
+    assert (header, arrays["array"].dtype, arrays["array"].shape) == ({"a": 1}, array.dtype, shape)
+    assert np.array_equal(arrays["array"], array)
+    assert to_npz(header, arrays) == content
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
     [
