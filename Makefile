@@ -12,16 +12,22 @@ run: setup
 test: setup setup-test lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-lint: setup
+lint: setup node_modules/.ready
 	$(BIN)/ruff check app backend tests
 	$(BIN)/ruff format --check app backend tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+	node_modules/.bin/tsc -p .
+	node_modules/.bin/tsc -p tsconfig.stage.json
 
 setup: $(VENV)/.ready
 
 $(VENV)/.ready: requirements.lock pyproject.toml scripts/setup.sh
 	PYTHON="$(PYTHON)" scripts/setup.sh
+	@touch $@
+
+node_modules/.ready: package.json scripts/setup_node.sh
+	scripts/setup_node.sh
 	@touch $@
 
 setup-test: setup
@@ -34,4 +40,4 @@ lock:
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) node_modules .pytest_cache .mypy_cache .ruff_cache

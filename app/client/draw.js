@@ -69,7 +69,7 @@
     const { points, nears, tight, length, seconds } = measure();
     const place = cursor ?? (points.length ? points[points.length - 1] : null);
     const near = place && (cursor ? nearAt(cursor) : nears[nears.length - 1]);
-    const worst = tight.reduce((a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
+    const worst = tight.reduce((/** @type {any} */ a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
     bridge.post("drawing", {
       drawing: sections.isOpen(),
       can_undo: sections.canUndo(),
@@ -177,15 +177,15 @@
 
   /** @param {number} right @param {number} down in the window @param {number} metres */
   function moveCursor(right, down, metres) {
-    cursor ??= end().slice(0, 2);
+    const from = cursor ?? end().slice(0, 2);
     const { viser } = window.desirePath;
-    const at = viser.projector()(cursor[0], cursor[1]);
+    const at = viser.projector()(from[0], from[1]);
     const [a, b] = at ? [viser.floorAt(at[0], at[1]), viser.floorAt(at[0] + 6 * right, at[1] + 6 * down)] : [null, null];
     // Away over the floor is up in the picture; where the cursor is out of sight, the world's own directions.
     const [dx, dy] = a && b ? [b[0] - a[0], b[1] - a[1]] : [right, -down];
     const size = Math.hypot(dx, dy) || 1;
-    cursor = [cursor[0] + (metres * dx) / size, cursor[1] + (metres * dy) / size];
-    const seen = viser.projector()(cursor[0], cursor[1]);
+    const to = (cursor = [from[0] + (metres * dx) / size, from[1] + (metres * dy) / size]);
+    const seen = viser.projector()(to[0], to[1]);
     if (seen) followWithGaze(seen[0], seen[1]);
     tell(false);
   }

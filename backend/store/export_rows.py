@@ -36,7 +36,7 @@ MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordi
 # Entries of an event's data that hold words and ids of ours; everything else may have been typed or told by a page.
 OWN_WORDS = frozenset(
     {
-        *("step", "phase", "goes_on_with", "drive", "response", "outcome", "code", "language"),
+        *("step", "phase", "goes_on_with", "side", "drive", "response", "outcome", "code", "language"),
         *("job", "snapshot", "protocol", "hash", "tombstone"),
     }
 )

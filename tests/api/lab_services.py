@@ -167,7 +167,7 @@ def _walk(
                 play = machine.start_trial(s, session, view.key, request_id=None, now=now)
                 for drive, seconds in drives.items():
                     now += timedelta(seconds=seconds + 2.5)
-                    play = machine.drive_seen(s, session, view.key, drive, play.playback_id, now=now)
+                    play = machine.trajectory_seen(s, session, view.key, drive, play.playback_id, now=now)
                 now += timedelta(seconds=1.5)
             request_id = f"{session_id}-{view.key}"
             machine.submit(s, services.files, session, view.key, value, request_id=request_id, client_time=now, now=now)

@@ -82,8 +82,8 @@ class Visitor:
         api = f"/api/session/{self.token}"
         if step["kind"] == "trial":
             trial = self.client.post(f"{api}/trials/{step['key']}/start", json={}).json()["step"]["trial"]
-            for drive in "ab":
-                told = {"drive": drive, "playback_id": trial["playback_id"]}
+            for side in "ab":
+                told = {"side": side, "playback_id": trial["playback_id"]}
                 trial = self.client.post(f"{api}/trials/{step['key']}/seen", json=told).json()["step"]["trial"]
         body = {"request_id": uuid4().hex, "value": value or {}}
         answered: dict[str, Any] = self.client.post(f"{api}/steps/{step['key']}", json=body).json()

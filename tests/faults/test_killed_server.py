@@ -145,7 +145,7 @@ def test_the_person_returns_to_the_same_trial_and_the_restart_is_counted(story: 
     page = story.person.open_page()
     assert (page.status_code, page.headers["X-Step-Key"]) == (200, story.step)
     trial = story.person.state()["step"]["trial"]
-    assert (trial["phase"], trial["restarts"], trial["next_drive"]) == ("ready", 1, "a")
+    assert (trial["phase"], trial["restarts"], trial["next_side"]) == ("ready", 1, "a")
     session = story.installation.session(story.person.token)
     interrupted = [e for e in story.installation.events("trial_interrupted") if e.session_id == session.id]
     assert [(event.data["phase"], event.data["restarts"]) for event in interrupted] == [("playing_a", 1)]

@@ -245,7 +245,7 @@ def test_a_hidden_window_restarts_the_drive_that_played(visit: Visit) -> None:
         "document.dispatchEvent(new Event('visibilitychange')); delete document.hidden"
     )
     expect(page.locator("#start-hint")).to_contain_text("drive B starts over")
-    assert visit.step["trial"] | {"phase": "ready", "next_drive": "b", "restarts": 1} == visit.step["trial"]
+    assert visit.step["trial"] | {"phase": "ready", "next_side": "b", "restarts": 1} == visit.step["trial"]
 
 
 def test_a_dialog_over_the_drive_restarts_it(visit: Visit) -> None:

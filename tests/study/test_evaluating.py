@@ -128,9 +128,9 @@ def test_three_controllers_are_watched_blind_and_rated(walker: Walker):
             shown = walker.do(machine.start_trial, view.key, request_id=None, now=walker.now)
             assert shown.label == ""
             told = ("a", shown.playback_id)
-            assert refusal(partial(walker.do, machine.drive_seen, view.key, *told, now=walker.now)) == "too_early"
+            assert refusal(partial(walker.do, machine.trajectory_seen, view.key, *told, now=walker.now)) == "too_early"
             walker.later(view.trial["duration_a_s"] + 0.1)
-            walker.do(machine.drive_seen, view.key, "a", shown.playback_id, now=walker.now)
+            walker.do(machine.trajectory_seen, view.key, "a", shown.playback_id, now=walker.now)
             assert walker.view.trial["phase"] == "choosing"
             walker.submit(view.key, {})
         assert walker.view.key == f"evaluation.corridor.{robot}.drawing_rating"

@@ -45,7 +45,7 @@ def become_human(s, session):
 
 
 def seen(walker, drive, playback):
-    return walker.do(machine.drive_seen, "block.01", drive, playback, now=walker.now)
+    return walker.do(machine.trajectory_seen, "block.01", drive, playback, now=walker.now)
 
 
 # ---- the way through -------------------------------------------------------------------------------------------------
@@ -223,8 +223,8 @@ def test_a_hidden_tab_repeats_only_the_drive_that_was_hidden(at_trial):
     play = start(at_trial)
     at_trial.later(60)
     seen(at_trial, "a", play.playback_id)
-    at_trial.do(machine.restart_drive, reason="hidden", now=at_trial.now)
-    assert at_trial.view.trial["next_drive"] == "b"
+    at_trial.do(machine.restart_trajectory, reason="hidden", now=at_trial.now)
+    assert at_trial.view.trial["next_side"] == "b"
     play = start(at_trial)
     assert play.label == "B"
     at_trial.later(60)

@@ -59,7 +59,7 @@ def test_a_pair_is_watched_again_as_often_as_allowed_and_never_by_default(walk):
         walker.submit("block.01", {"choice": "a"})
     for drive in ("a", "b"):
         walker.later(30)
-        play = walker.do(machine.drive_seen, "block.01", drive, play.playback_id, now=walker.now)
+        play = walker.do(machine.trajectory_seen, "block.01", drive, play.playback_id, now=walker.now)
     with pytest.raises(Refused) as no:
         walker.do(machine.watch_again, "block.01", now=walker.now)
     assert no.value.code == "no_replay"
@@ -74,7 +74,7 @@ def test_an_early_choice_is_possible_once_b_has_begun_where_the_protocol_says_so
     with pytest.raises(Refused):
         walker.submit("block.01", {"choice": "a"})
     walker.later(30)
-    walker.do(machine.drive_seen, "block.01", "a", play.playback_id, now=walker.now)
+    walker.do(machine.trajectory_seen, "block.01", "a", play.playback_id, now=walker.now)
     walker.later(1.5)
     walker.submit("block.01", {"choice": "a"})
     assert answer(walker, "block.01").decision_s == 1.5

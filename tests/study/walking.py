@@ -97,7 +97,7 @@ class Walker:
         play = self.do(machine.start_trial, key, request_id=None, now=self.now)
         for drive in ("a", "b"):
             self.later(2.0 + self.view.trial[f"duration_{drive}_s"] + 0.1)
-            play = self.do(machine.drive_seen, key, drive, play.playback_id, now=self.now)
+            play = self.do(machine.trajectory_seen, key, drive, play.playback_id, now=self.now)
 
     def walk_to(self, key: str) -> None:
         """Answer everything before the step `key`."""

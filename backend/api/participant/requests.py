@@ -108,12 +108,14 @@ def told_device(given: Any) -> dict[str, Any]:
     return {field: value[:LONGEST_DEVICE_VALUE] if isinstance(value, str) else value for field, value in known.items()}
 
 
-def drive_of(given: Any) -> Literal["a", "b"]:
+def side_of(body: dict[str, Any]) -> Literal["a", "b"]:
+    """Which trajectory of a pair; pages loaded before an update of the server call it `drive`."""
+    given = body.get("side", body.get("drive"))
     if given == "a":
         return "a"
     if given == "b":
         return "b"
-    raise Refused(422, "bad_value", "must be 'a' or 'b'", field="drive", value=str(given)[:20])
+    raise Refused(422, "bad_value", "must be 'a' or 'b'", field="side", value=str(given)[:20])
 
 
 def refusal_page(request: Request, problem: Exception) -> Response:

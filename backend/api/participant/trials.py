@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from datetime import datetime
-from typing import Any, Literal
+from typing import Any
 
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import TheServices, services_of
-from backend.api.participant.requests import Json, drive_of
+from backend.api.participant.requests import Json, side_of
 from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, utc_now
 from backend.study.refusals import Refused
@@ -42,13 +42,13 @@ def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
 @router.post("/api/session/{token}/trials/{key}/seen")
 def seen(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
     """The stage told the page that a drive has been watched to its end."""
-    drive: Literal["a", "b"] = drive_of(body.get("drive"))
+    side = side_of(body)
     playback = body.get("playback_id")
     return _on_trial(
         request,
         token,
         "seen",
-        lambda s, session, now: machine.drive_seen(s, session, key, drive, playback, now=now),
+        lambda s, session, now: machine.trajectory_seen(s, session, key, side, playback, now=now),
     )
 
 
@@ -69,7 +69,7 @@ def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str,
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> None:
         if machine.step_of(session)["key"] == key:
-            again = machine.restart_drive if reason == "hidden" else machine.interrupted
+            again = machine.restart_trajectory if reason == "hidden" else machine.interrupted
             again(s, session, reason=reason, now=now)
 
     return _on_trial(request, token, "interrupted", act, afresh=True)

@@ -129,7 +129,7 @@ class _Walker:
     def _choice(self, s: DatabaseSession, session: Session, key: str) -> dict[str, str]:
         machine.start_trial(s, session, key, request_id=None, now=utc_now())
         for drive in ("a", "b"):
-            machine.drive_seen(s, session, key, drive, None, now=utc_now())
+            machine.trajectory_seen(s, session, key, drive, None, now=utc_now())
         trial = machine.trial_of(s, session, key)
         assert trial is not None  # noqa: S101  it was started just now
         a, b = (load_trajectory(self._files, t) for t in (trial.trajectory_a, trial.trajectory_b))

@@ -93,12 +93,12 @@ class OpenBrowser:
         here = f"{self._api}/trials/{step['key']}"
         asked = time.perf_counter()
         state = await self._post(f"{here}/start", {"request_id": uuid4().hex})
-        for drive in ("a", "b"):
+        for side in ("a", "b"):
             shown = state["step"]["trial"]["playback_id"]
             await self._until(shown)
             self._tally.stage_ms.append((time.perf_counter() - asked) * 1000)
             asked = time.perf_counter()
-            state = await self._post(f"{here}/seen", {"drive": drive, "playback_id": shown})
+            state = await self._post(f"{here}/seen", {"side": side, "playback_id": shown})
         await asyncio.sleep(max(0.0, decide_at - time.monotonic()))
         answered = await self._submit(state["step"], {"choice": "ab"[int(self._random.integers(2))]}, tell=True)
         await self._get(f"/p/{self._token}/step")

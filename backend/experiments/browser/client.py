@@ -120,15 +120,15 @@ class BrowserWay:
         start.click()
         return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the drive to play")
 
-    def seen(self, key: str, drive: str, playback_id: str) -> State:
+    def seen(self, key: str, side: str, playback_id: str) -> State:
         """Wait while the page plays the drive and tells the server itself."""
-        phase = f"playing_{drive}"
-        if drive == "a":
+        phase = f"playing_{side}"
+        if side == "a":
             self._page.wait_for_timeout(1000 * (self._http.state()["step"]["trial"]["label_s"] + WATCHED_FIRST_S))
             self._picture(f"playing_{self._view()}")
-        state = self._until(lambda trial: trial["phase"] != phase, f"{key}: drive {drive.upper()} to end")
+        state = self._until(lambda trial: trial["phase"] != phase, f"{key}: drive {side.upper()} to end")
         if state["step"]["trial"]["phase"] == "ready":
-            raise BotError(f"{key}: drive {drive.upper()} was interrupted in the browser")
+            raise BotError(f"{key}: drive {side.upper()} was interrupted in the browser")
         return state
 
     def drives(self) -> Any:

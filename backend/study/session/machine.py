@@ -31,8 +31,8 @@ from backend.study.session.finding import find_session
 from backend.study.session.leaving import change_language, pause, report_problem, resume, withdraw
 from backend.study.session.versions import protocol_of
 from backend.study.session.view import (
-    Drive,
     Playback,
+    Side,
     StepView,
     current,
     not_current,
@@ -44,28 +44,35 @@ from backend.study.session.view import (
     step_of,
     trial_of,
 )
-from backend.study.session.watching import drive_seen, interrupted, restart_drive, start_trial, viewing_of, watch_again
+from backend.study.session.watching import (
+    interrupted,
+    restart_trajectory,
+    start_trial,
+    trajectory_seen,
+    viewing_of,
+    watch_again,
+)
 
 __all__ = [
-    "Drive",
     "Playback",
     "Refused",
+    "Side",
     "StepView",
     "Submitted",
     "change_language",
     "current",
-    "drive_seen",
     "find_session",
     "interrupted",
     "pause",
     "playing",
     "report_problem",
-    "restart_drive",
+    "restart_trajectory",
     "resume",
     "settle",
     "start_trial",
     "step_of",
     "submit",
+    "trajectory_seen",
     "trial_of",
     "watch_again",
     "withdraw",

@@ -25,7 +25,7 @@ from backend.study.session import appointments, routing
 from backend.study.session.pages import drawing_payload, ending_payload, payload_of, trial_payload
 from backend.study.session.versions import protocol_of
 
-Drive = Literal["a", "b"]
+Side = Literal["a", "b"]
 
 
 @dataclass(frozen=True)
@@ -74,9 +74,9 @@ def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) 
     return known[key]
 
 
-def playback_id(trial: Trial, drive: Drive) -> str:
+def playback_id(trial: Trial, side: Side) -> str:
     """Names one showing of one drive; another one after every restart. Says nothing about who watches what."""
-    shown = f"{trial.id}:{trial.restarts}:{drive}" + (f":{trial.replays}" if trial.replays else "")
+    shown = f"{trial.id}:{trial.restarts}:{side}" + (f":{trial.replays}" if trial.replays else "")
     return hashlib.sha256(shown.encode()).hexdigest()[:24]
 
 
@@ -84,9 +84,9 @@ def playing(trial: Trial | None) -> Playback | None:
     """What the stage plays in this trial now, None if nothing."""
     if trial is None or trial.phase not in PLAYING:
         return None
-    drive: Drive = "a" if trial.phase == "playing_a" else "b"
-    trajectory = trial.trajectory_a if drive == "a" else trial.trajectory_b
-    return Playback(trajectory, drive.upper() if label_s(trial) else "", trial.view, playback_id(trial, drive))
+    side: Side = "a" if trial.phase == "playing_a" else "b"
+    trajectory = trial.trajectory_a if side == "a" else trial.trajectory_b
+    return Playback(trajectory, side.upper() if label_s(trial) else "", trial.view, playback_id(trial, side))
 
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
@@ -147,7 +147,7 @@ def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
         "label_s": label_s(trial),
         "restarts": trial.restarts,
         "replays": trial.replays,
-        "next_drive": "b" if trial.a_seen_at is not None else "a",
+        "next_side": "b" if trial.a_seen_at is not None else "a",
         "playback_id": shown.playback_id if shown else None,
     }
 
@@ -157,9 +157,9 @@ def label_s(trial: Trial) -> float:
     return 0.0 if trial.kind in SINGLE_KINDS else LABEL_S
 
 
-def duration_s(s: DatabaseSession, trial: Trial, drive: Drive) -> float:
+def duration_s(s: DatabaseSession, trial: Trial, side: Side) -> float:
     """How long a drive of the trial takes."""
-    trajectory = trial.trajectory_a if drive == "a" else trial.trajectory_b
+    trajectory = trial.trajectory_a if side == "a" else trial.trajectory_b
     if trajectory not in _durations_s:
         _durations_s[trajectory] = s.get_one(TrajectoryRow, trajectory).duration_s
     return _durations_s[trajectory]

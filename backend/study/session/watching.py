@@ -15,8 +15,8 @@ from backend.study.drawing import strokes
 from backend.study.grammar.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
 from backend.study.protocol.blocks import Viewing
 from backend.study.session.view import (
-    Drive,
     Playback,
+    Side,
     current_trial,
     duration_s,
     label_s,
@@ -62,49 +62,49 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
     return playing(trial)
 
 
-def drive_seen(
-    s: DatabaseSession, session: Session, step_key: str, drive: Drive, playback: str | None, *, now: datetime
+def trajectory_seen(
+    s: DatabaseSession, session: Session, step_key: str, side: Side, playback: str | None, *, now: datetime
 ) -> Playback | None:
     """A drive was watched to its end, by the server's clock too. After A this plays B; None: nothing more to play."""
     trial = current_trial(s, session, step_key, now)
-    if (trial.a_seen_at if drive == "a" else trial.b_seen_at) is not None:
+    if (trial.a_seen_at if side == "a" else trial.b_seen_at) is not None:
         return None  # told twice
-    if trial.phase != f"playing_{drive}":
-        raise refused(session, 409, "not_playing", f"Drive {drive.upper()} is not playing.", trial, phase=trial.phase)
-    if playback != playback_id(trial, drive) and not (session.simulated and playback is None):
-        raise refused(session, 409, "other_playback", "This is not the drive that is being shown.", trial, drive=drive)
-    _check_watched(s, session, trial, drive, now)
-    if drive == "a":
+    if trial.phase != f"playing_{side}":
+        raise refused(session, 409, "not_playing", f"Drive {side.upper()} is not playing.", trial, phase=trial.phase)
+    if playback != playback_id(trial, side) and not (session.simulated and playback is None):
+        raise refused(session, 409, "other_playback", "This is not the drive that is being shown.", trial, side=side)
+    _check_watched(s, session, trial, side, now)
+    if side == "a":
         trial.a_seen_at = now
         set_phase(s, trial, "playing_a", "choosing" if trial.kind in SINGLE_KINDS else "playing_b", now)
     else:
         trial.b_seen_at = now
         set_phase(s, trial, "playing_b", "choosing", now)
-    log_event(s, "drive_seen", session_id=session.id, trial_id=trial.id, drive=drive)
+    log_event(s, "trajectory_seen", session_id=session.id, trial_id=trial.id, side=side)
     return playing(trial)
 
 
-def _check_watched(s: DatabaseSession, session: Session, trial: Trial, drive: Drive, now: datetime) -> None:
+def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Side, now: datetime) -> None:
     """Raise Refused if the label and the drive cannot have been seen yet. Simulated sessions need not watch."""
     if session.simulated:
         return
     assert trial.phase_since is not None  # noqa: S101  set with every phase
     elapsed = (now - trial.phase_since).total_seconds()
-    needed = label_s(trial) + duration_s(s, trial, drive)
+    needed = label_s(trial) + duration_s(s, trial, side)
     if elapsed < needed - TOLERANCE_S:
         raise refused(
             session,
             409,
             "too_early",
-            f"Drive {drive.upper()} takes {needed:.1f} s and began {elapsed:.1f} s ago.",
+            f"Drive {side.upper()} takes {needed:.1f} s and began {elapsed:.1f} s ago.",
             trial,
-            drive=drive,
+            side=side,
             elapsed_s=round(elapsed, 2),
             needed_s=round(needed, 2),
         )
 
 
-def restart_drive(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
+def restart_trajectory(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
     """The drive that plays was not seen to its end (hidden tab): it has to be started again; A stays seen.
 
     Returns whether anything was playing.

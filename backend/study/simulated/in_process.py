@@ -86,9 +86,9 @@ class _InProcess:
     def start(self, key: str) -> State:
         return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
 
-    def seen(self, key: str, drive: str, playback_id: str) -> State:
-        side: machine.Drive = "a" if drive == "a" else "b"
-        return self._do("seen", lambda s, x: machine.drive_seen(s, x, key, side, playback_id, now=utc_now()))
+    def seen(self, key: str, side: str, playback_id: str) -> State:
+        watched: machine.Side = "a" if side == "a" else "b"
+        return self._do("seen", lambda s, x: machine.trajectory_seen(s, x, key, watched, playback_id, now=utc_now()))
 
     def drives(self) -> tuple[Trajectory, Trajectory]:
         with acting(self._database, self._token, request="drives", now=utc_now()) as (s, session):

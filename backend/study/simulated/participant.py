@@ -52,7 +52,7 @@ class Way(Protocol):
 
     def state(self) -> State: ...
     def start(self, key: str) -> State: ...
-    def seen(self, key: str, drive: str, playback_id: str) -> State: ...
+    def seen(self, key: str, side: str, playback_id: str) -> State: ...
     def drives(self) -> tuple[Trajectory, Trajectory]: ...
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         """Send a drawn path; the state has `problem` where it cannot be driven."""
@@ -310,8 +310,8 @@ class HttpWay:
     def start(self, key: str) -> State:
         return self._post(f"{self._api}/trials/{key}/start", {"request_id": uuid4().hex})
 
-    def seen(self, key: str, drive: str, playback_id: str) -> State:
-        return self._post(f"{self._api}/trials/{key}/seen", {"drive": drive, "playback_id": playback_id})
+    def seen(self, key: str, side: str, playback_id: str) -> State:
+        return self._post(f"{self._api}/trials/{key}/seen", {"side": side, "playback_id": playback_id})
 
     def drives(self) -> tuple[Trajectory, Trajectory]:
         told = self._answered("GET", f"{self._api}/trial-data")

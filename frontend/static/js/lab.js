@@ -1,3 +1,4 @@
+// @ts-check
 // What every signed-in page does in the browser: local times, copying, dialogs, live parts, typed confirmations.
 
 const pad = (/** @type {number} */ number) => String(number).padStart(2, "0");

@@ -80,7 +80,7 @@ export class Trial extends StageBar {
 
   /** @param {StageMessage} message */
   played({ playback_id: id }) {
-    this.reportPlayed(id, () => ({ path: "seen", body: { drive: this.state.phase === "playing_b" ? "b" : "a" } }));
+    this.reportPlayed(id, () => ({ path: "seen", body: { side: this.state.phase === "playing_b" ? "b" : "a" } }));
   }
 
   /** @param {HTMLButtonElement} pick */
@@ -151,10 +151,10 @@ export class Trial extends StageBar {
         // One figure for both drives: two would tell them apart before they were seen.
         const label = this.state.label_s ?? 0;
         let what = say("ready");
-        if (this.state.next_drive === "b" && b) what = say("ready_b", { seconds: Math.round(b + label) });
+        if (this.state.next_side === "b" && b) what = say("ready_b", { seconds: Math.round(b + label) });
         else if (a && b) what = say("ready_durations", { seconds: Math.round(a + b + 2 * label) });
-        this.text("#start-hint-text", restarts ? `${say(this.state.next_drive === "b" ? "restarted_b" : "restarted")} ${what}` : what);
-        if (changed && restarts) announce(say(this.state.next_drive === "b" ? "restarted_b" : "restarted"));
+        this.text("#start-hint-text", restarts ? `${say(this.state.next_side === "b" ? "restarted_b" : "restarted")} ${what}` : what);
+        if (changed && restarts) announce(say(this.state.next_side === "b" ? "restarted_b" : "restarted"));
       } else {
         this.hint("preparing");
       }

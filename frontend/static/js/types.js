@@ -11,7 +11,7 @@
  * @property {number} [label_s]
  * @property {number} [replays] how often both drives were watched again
  * @property {number} [restarts] how often this trial had to begin again
- * @property {"a" | "b"} [next_drive] which drive Start plays: B where only B was cut short
+ * @property {"a" | "b"} [next_side] which drive Start plays: B where only B was cut short
  * @property {string | null} [playback_id] what is playing now
  * @property {number | null} [duration_s] of the drive of a drawn path
  * @property {string | null} [stroke] the drawn path that can be kept
