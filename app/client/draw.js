@@ -69,7 +69,7 @@
     const { points, nears, tight, length, seconds } = measure();
     const place = cursor ?? (points.length ? points[points.length - 1] : null);
     const near = place && (cursor ? nearAt(cursor) : nears[nears.length - 1]);
-    const worst = tight.reduce((/** @type {any} */ a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
+    const worst = tight.reduce((/** @type {any} */ a, /** @type {any} */ b) => (!a || b.near.metres < a.near.metres ? b : a), null);
     bridge.post("drawing", {
       drawing: sections.isOpen(),
       can_undo: sections.canUndo(),
