@@ -13,7 +13,8 @@ from typing import Any
 from backend.demonstrations.controllers import DWA, SOCIAL_COST, drive
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.judging import judge_drives
-from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig, train_with_demonstrations
+from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
+from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import TrainDemonstrationsParams

@@ -13,15 +13,15 @@ import torch
 from backend.demonstrations.controllers import DWA
 from backend.demonstrations.demonstration import augmented
 from backend.demonstrations.judging import judge, judge_drives, unseen_scenes
-from backend.demonstrations.placement import Placements
-from backend.demonstrations.td3_bc import (
-    DemonstrationConfig,
-    DemonstrationTraining,
-    cloning_term,
-    demonstration_batch,
-    train_with_demonstrations,
-)
+from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
+from backend.demonstrations.td3_bc.loss import Balance, balance, cloning_term, demonstration_batch, update
+from backend.demonstrations.td3_bc.placement import Placements
+from backend.demonstrations.td3_bc.training import DemonstrationTraining, train_with_demonstrations
+from backend.learning.policies.networks import Layer, actor_forward, critic_forward
+from backend.learning.policies.shape import NetworkShape
 from backend.learning.scene_sets import Purpose
+from backend.learning.td3.replay import concatenate
+from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from backend.simulation import kernels as k
 from backend.simulation.fast import rollout
 from backend.simulation.scenes import check_scene, row_to_scene
@@ -46,9 +46,56 @@ def test_the_cloning_term_is_the_summed_square_over_the_demonstrated_part_alone(
     actions = torch.tensor([[9.0, 9.0], [0.0, 0.0], [0.0, 0.0]]).requires_grad_(True)
     torch.autograd.backward(2 * ((actions[1:] - demonstrated) ** 2).sum())
     assert actions.grad is not None
-    term = cloning_term(demonstrated.numpy(), 10 / 3, 20 / 3)
+    term = cloning_term(demonstrated.numpy(), Balance(10 / 3, 20 / 3))
     gradient = term(np.zeros((3, 1), dtype=np.float32), actions.detach().numpy())
     assert gradient.tolist() == actions.grad.tolist()
+
+
+def test_one_update_goes_down_the_loss_as_the_thesis_states_it(slow_ones) -> None:
+    """Equations 2.1 to 2.5 written out for torch to differentiate, against the hand-written gradients, twice: the actor
+    learns with every second update."""
+    agent = Td3Agent(NetworkShape.of(get_setup("room"), (32, 32)), Td3Config(gamma=0.99, batch_size=10), seed=1)
+    shown = demonstration_batch(slow_ones[:1], QUICK)
+    explored, demonstrated = (Batch(*(part[rows] for part in shown)) for rows in (slice(0, 5), slice(-5, None)))
+    weights = Balance(10 / 3, 20 / 3)
+    update(agent, explored, demonstrated, weights)
+    batch, b_d, config = concatenate(explored, demonstrated), len(demonstrated.rewards), agent.config
+    b = len(batch.rewards)
+
+    state = agent.generator.get_state()
+    noise = torch.randn(b, 2, generator=agent.generator) * config.target_noise
+    agent.generator.set_state(state)
+    noise = noise.clamp(-config.target_noise_clip, config.target_noise_clip)
+    with torch.no_grad():
+        following = (actor_forward(batch.next_observations, agent.actor_target.layers) + noise).clamp(-1, 1)
+        q_target = critic_forward(batch.next_observations, following, agent.critic_target.layers)
+        y = batch.rewards + config.gamma * batch.continues * torch.minimum(*q_target)  # (2.1)
+    q = critic_forward(batch.observations, batch.actions, agent.critic.layers)
+    l_theta = sum(((y - q_i) ** 2).sum() / b for q_i in q)  # (2.2)
+    wanted_of_critics = flat_gradient(l_theta, agent.critic.layers)
+    actor = [
+        (weight.detach().clone().requires_grad_(), bias.detach().clone().requires_grad_())
+        for weight, bias in agent.actor.layers
+    ]
+
+    update(agent, explored, demonstrated, weights)
+    torch.testing.assert_close(agent.critic.grad, wanted_of_critics, rtol=1e-4, atol=1e-6)
+    pi = actor_forward(batch.observations, actor)
+    q_1 = critic_forward(batch.observations, pi, agent.critic.frozen())[0]  # the critics learn first
+    l_bc = ((pi[-b_d:] - demonstrated.actions) ** 2).sum()  # (2.4)
+    l_phi = -weights.rl / b * q_1.sum() + weights.bc * l_bc  # (2.3, 2.5)
+    assert agent.actor.grad is not None
+    torch.testing.assert_close(weights.rl * agent.actor.grad, flat_gradient(l_phi, actor), rtol=1e-4, atol=1e-5)
+
+
+def flat_gradient(loss: torch.Tensor, layers: list[Layer]) -> torch.Tensor:
+    return torch.cat([part.flatten() for part in torch.autograd.grad(loss, [p for layer in layers for p in layer])])
+
+
+def test_the_balance_changes_at_epoch_350_of_800() -> None:
+    config = DemonstrationConfig()
+    assert balance(config, 349 / 800) == (10 / 3, 20 / 3)
+    assert balance(config, 350 / 800) == (5.0, 5.0)
 
 
 def test_exploring_never_changes_the_demonstrations_and_pays_what_it_is_told_for_goals(slow_ones) -> None:

@@ -19,7 +19,8 @@ from backend.demonstrations.controllers import BASELINES, drive
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.demonstrators import STYLES, demonstrate
 from backend.demonstrations.judging import KINDS, judge_drives, speed_profile, unseen_scenes
-from backend.demonstrations.td3_bc import DemonstrationConfig, train_with_demonstrations
+from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
+from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.experiments.reproduction.tasks import Function, Made, Piece
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose

@@ -9,7 +9,7 @@ import numpy as np
 
 from backend.demonstrations.controllers import BASELINES
 from backend.demonstrations.judging import KINDS
-from backend.demonstrations.td3_bc import DEPARTURES
+from backend.demonstrations.td3_bc.configuration import DEPARTURES
 from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WITHOUT, Plan
 from backend.experiments.reproduction.demonstrations_results import BARS, MEASURES, NAMES, SHOWN, Load, Row, measured
 from backend.experiments.reproduction.enquery_report import kinds

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from backend.demonstrations.td3_bc import DEPARTURES, DemonstrationConfig
+from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
 from backend.experiments.reproduction.demonstrations import FUNCTIONS, Budget, make_plan
 from backend.experiments.reproduction.demonstrations_results import BARS, rows_of
 from backend.experiments.reproduction.running import Tell, compute, write_results
