@@ -16,7 +16,7 @@ from backend.api.core.figure_process import FigureProcess
 from backend.api.core.prose import prose
 from backend.api.core.texts import Texts
 from backend.api.core.throttle import TooLarge, memory_limiter
-from backend.api.lab.analysis_pages import Reports
+from backend.api.lab.whole_reports import Reports
 from backend.api.participant.requests import refusal_page
 from backend.api.stage.admission import Admission
 from backend.api.stage.listening import Listeners

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import threading
 import time
 import zipfile
 
@@ -12,7 +13,9 @@ from sqlalchemy import select, update
 from starlette.responses import Response
 
 from backend.api.core.dependencies import Services
-from backend.store.models import Participant, Study, utc_now
+from backend.api.lab.whole_reports import ReportFiles, Reports
+from backend.store.models import Participant, Session, Study, new_id, utc_now
+from backend.store.models import Response as Answer
 
 PATIENCE_S = 120.0
 
@@ -49,6 +52,41 @@ def test_the_report_is_made_shown_and_taken_away(walked, lab, lab_services, here
     with lab_services.database.transaction() as s:  # what it was made from has changed: yesterday's report is not shown
         s.execute(update(Participant).values(excluded_at=utc_now(), excluded_reason="test"))
     assert lab.get(f"{here}/analysis/people/report.zip").status_code == 404
+
+
+def test_looking_again_after_new_answers_starts_no_other_report(walked, lab, lab_services, here, monkeypatch):
+    """Twelve looks, an answer before each: one report is made; who wants the newer answers in it asks for that."""
+    begun, go_on = [], threading.Event()
+
+    def made(reports: Reports, study: str, who: str) -> ReportFiles:
+        begun.append(threading.current_thread())
+        assert go_on.wait(PATIENCE_S)
+        return ReportFiles({"report.html": b"<html></html>"})
+
+    monkeypatch.setattr(Reports, "_made", made)  # the process takes half a minute; here only who starts it matters
+
+    def another_answer() -> None:
+        with lab_services.database.transaction() as s:
+            session = s.scalars(select(Session.id)).first()
+            s.add(
+                Answer(
+                    session_id=session, step_key=f"more-{new_id()}", kind="information", value={}, request_id=new_id()
+                )
+            )
+
+    for _ in range(12):
+        another_answer()
+        assert "is being made" in lab.get(f"{here}/analysis/people").text
+    go_on.set()
+    assert "report.html" in awaited(lab, f"{here}/analysis/people").text
+    assert len(begun) == 1
+    page = lab.get(f"{here}/analysis/people").text
+    assert "11 answers came since" in page, "made when the first of twelve was there"
+    assert lab.get(f"{here}/analysis/people/report.zip").status_code == 200
+    assert len(begun) == 1
+    assert lab.get(f"{here}/analysis/people?anew=1").status_code == 303
+    assert "came since" not in awaited(lab, f"{here}/analysis/people").text
+    assert len(begun) == 2
 
 
 def test_why_there_is_no_report_is_said(walked, lab, here):

@@ -8,6 +8,10 @@ import io
 import pytest
 
 from backend.learning.preferences.objectives import NAMES
+from backend.store.models import Participant
+from backend.study.protocol.freezing import PROTOCOLS, freeze_text
+from backend.study.session.joining import join_study
+from backend.study.studies import create_study
 
 
 def page_of(walked, code):
@@ -46,3 +50,19 @@ def test_before_any_answer_the_page_says_so(lab, walked):
 
 def test_only_who_is_signed_in_may_watch(visitor, walked):
     assert visitor.get(page_of(walked, walked.half_way)).status_code == 303
+
+
+def test_a_study_without_queries_shows_and_links_nothing_that_is_learned(lab, lab_services):
+    text = (PROTOCOLS / "quick_demonstration_study.yaml").read_text().replace("pairs: 2, per_pair: 2", "pairs: 1")
+    with lab_services.database.transaction() as s:
+        study = create_study(s, lab_services.files, freeze_text(text), name="Drawing", created_by=None)
+        session, _ = join_study(s, study, language="en", files=lab_services.files)
+        code = s.get_one(Participant, session.participant_id).code
+    person = f"/lab/studies/{study.id}/people/{code}"
+    page = lab.get(person)
+    assert page.status_code == 200
+    assert "/learnt" not in page.text
+    for ending in ("", ".csv", ".svg"):
+        refused = lab.get(f"{person}/learnt{ending}")
+        assert refused.status_code == 404
+        assert "This study asks no queries" in refused.text

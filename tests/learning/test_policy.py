@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -139,6 +140,12 @@ def test_sb3_zip_acts_alike_and_trains_on(policy: Policy) -> None:
     np.testing.assert_allclose(model.predict(observations, deterministic=True)[0], policy.act(observations), atol=1e-5)
     again = policy_of_sb3(model, get_setup(policy.setup), policy.shape.heads)
     assert again.digest() == policy.digest()
+
+
+def test_sb3_zips_can_be_made_at_the_same_time(policy: Policy) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        made = list(pool.map(lambda _: policy_to_sb3_zip(policy), range(16)))
+    assert all(zip_.startswith(b"PK") for zip_ in made)
 
 
 def test_sb3_zip_opens_where_our_package_is_missing(policy: Policy, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from backend.api.core.figure_process import FigureProcess
     from backend.api.core.texts import Texts
-    from backend.api.lab.analysis_pages import Reports
+    from backend.api.lab.whole_reports import Reports
     from backend.api.stage.admission import Admission
     from backend.api.stage.listening import Listeners
     from backend.api.stage.presenting import Presenter

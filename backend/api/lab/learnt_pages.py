@@ -19,6 +19,7 @@ from backend.api.lab.study_tabs import TABS, the_participant, the_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Participant, Session
 from backend.study.personalising.learnt import Learnt, learnt_in
+from backend.study.session.versions import row_of
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
@@ -65,11 +66,18 @@ def learnt_svg(request: Request, study_id: str, code: str, database: Db, files: 
     return Response(_strip(t, code, now), media_type="image/svg+xml")
 
 
+def answers_teach(s: DatabaseSession, session: Session) -> bool:
+    """Whether the session's protocol asks queries: else nothing is learned answer by answer."""
+    return row_of(s, session).protocol.get("query_set") is not None
+
+
 def _learnt(s: DatabaseSession, files: ArtefactStore, participant: Participant) -> Learnt:
     newest = select(Session).where(Session.participant_id == participant.id).order_by(Session.created_at.desc())
     session = s.scalars(newest.limit(1)).first()
     if session is None:
         raise LabRefusal(404, "nothing_learnt")
+    if not answers_teach(s, session):
+        raise LabRefusal(404, "no_queries")
     return learnt_in(s, files, session)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import threading
 
 import cloudpickle
 import numpy as np
@@ -15,6 +16,7 @@ from backend.learning.policies.policy import Policy
 from backend.learning.policies.sb3 import sb3_model_of
 
 ONNX_OPSET = 17
+_BY_VALUE = threading.Lock()  # what cloudpickle takes along by value is one list of the whole process
 
 
 def policy_to_onnx(policy: Policy) -> bytes:
@@ -58,9 +60,10 @@ def policy_to_sb3_zip(policy: Policy) -> bytes:
     """
     model = sb3_model_of(policy)
     out = io.BytesIO()
-    cloudpickle.register_pickle_by_value(sb3_extractor)
-    try:
-        model.save(out)
-    finally:
-        cloudpickle.unregister_pickle_by_value(sb3_extractor)
+    with _BY_VALUE:
+        cloudpickle.register_pickle_by_value(sb3_extractor)
+        try:
+            model.save(out)
+        finally:
+            cloudpickle.unregister_pickle_by_value(sb3_extractor)
     return out.getvalue()
