@@ -34,8 +34,8 @@ def enquery(
     as_json: JsonFlag = False,
 ) -> None:
     """Chapter 6: ensembles, reward models, aligned policies, flow fields."""
-    from backend.experiments.reproduction.enquery import BUDGETS
-    from backend.experiments.reproduction.enquery_run import reproduce_enquery
+    from backend.experiments.reproduction.enquery.budgets import BUDGETS
+    from backend.experiments.reproduction.enquery.run import reproduce_enquery
 
     chosen = _chosen(BUDGETS, budget)
     run = _run("enquery", budget, processes, f"--seed {seed} ")
@@ -46,8 +46,8 @@ def enquery(
 @plain_errors
 def demonstrations(out: Out, budget: BudgetName = "small", processes: Processes = 2, as_json: JsonFlag = False) -> None:
     """Chapter 2: programmed demonstrators, personal controllers, DWA and social cost beside them."""
-    from backend.experiments.reproduction.demonstrations import BUDGETS
-    from backend.experiments.reproduction.demonstrations_run import reproduce_demonstrations
+    from backend.experiments.reproduction.demonstrations.plan import BUDGETS
+    from backend.experiments.reproduction.demonstrations.run import reproduce_demonstrations
 
     chosen = _chosen(BUDGETS, budget)
     say(reproduce_demonstrations(out, chosen, **_run("demonstrations", budget, processes)), as_json)

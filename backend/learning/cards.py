@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -71,6 +72,12 @@ def stored_config(config: Any) -> dict[str, Any]:
 
     renamed: dict[str, Any] = stored(asdict(config))
     return renamed
+
+
+def read_config(stored: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings by their present names, of what `stored_config` wrote, ever; lists become tuples again."""
+    names = {key: name for name, key in STORED_AS.items()}
+    return {names.get(k, k): tuple(v) if isinstance(v, list) else v for k, v in stored.items()}
 
 
 @dataclass(frozen=True)

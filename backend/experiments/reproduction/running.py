@@ -1,4 +1,4 @@
-"""What every chapter's run shares: telling how long, computing the pieces, the file of results. Clocks live here."""
+"""What every chapter's run shares: telling how long, computing the tasks, the file of results. Clocks live here."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from backend.experiments.reproduction.tasks import Function, Piece, Run, Work, finish, in_order
+from backend.experiments.reproduction.tasks import Function, Run, Task, Work, finish, in_order
 from backend.learning.cards import source_commit
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+TEMPLATES = __package__
 Tell = Callable[[str], None]
 
 
@@ -24,15 +25,15 @@ Tell = Callable[[str], None]
 class Estimate:
     """What is left to do. core_seconds: of one core of this machine, about, when nothing else runs on it."""
 
-    pieces: int
+    tasks: int
     stored: int
     core_seconds: float
 
     def in_words(self, processes: int) -> str:
-        if self.pieces == self.stored:
-            return f"All {self.pieces} pieces are stored already."
+        if self.tasks == self.stored:
+            return f"All {self.tasks} tasks are stored already."
         return (
-            f"{self.pieces - self.stored} of {self.pieces} pieces to compute, about {told_time(self.core_seconds)} of "
+            f"{self.tasks - self.stored} of {self.tasks} tasks to compute, about {told_time(self.core_seconds)} of "
             f"one core; with {processes} processes about {told_time(self.core_seconds / processes)} if each has a core."
         )
 
@@ -42,42 +43,42 @@ def told_time(seconds: float) -> str:
     return f"{math.ceil(seconds / 60)} min" if seconds < 7_200 else f"{seconds / 3_600:.1f} h"
 
 
-def estimate(wanted: Sequence[Piece], work: Work) -> Estimate:
-    """What these pieces and those they need still take."""
-    pieces = in_order(wanted)
-    missing = [piece for piece in pieces if not work.has(piece)]
-    return Estimate(len(pieces), len(pieces) - len(missing), sum(piece.seconds for piece in missing))
+def estimate(wanted: Sequence[Task], work: Work) -> Estimate:
+    """What these tasks and those they need still take."""
+    tasks = in_order(wanted)
+    missing = [task for task in tasks if not work.has(task)]
+    return Estimate(len(tasks), len(tasks) - len(missing), sum(task.seconds for task in missing))
 
 
 def compute(
-    wanted: Sequence[Piece],
+    wanted: Sequence[Task],
     functions: Mapping[str, Function],
     work: Work,
     *,
     command: str,
     processes: int,
     tell: Tell,
-    name: Callable[[Piece], str],
+    name: Callable[[Task], str],
 ) -> Run:
-    """Compute what is missing of these pieces and those they need, telling `name` of each when it is finished.
+    """Compute what is missing of these tasks and those they need, telling `name` of each when it is finished.
 
     Raises ValueError for a number of processes that cannot be.
     """
-    # numba and BLAS read these when a process begins; pieces are computed one thread each
+    # numba and BLAS read these when a process begins; tasks are computed one thread each
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     began = time.perf_counter()
     tell(estimate(wanted, work).in_words(processes))
 
-    def told(piece: Piece, done: int, todo: int, left: float) -> None:
-        tell(f"[{done}/{todo}] {name(piece)}; about {told_time(left)} left")
+    def told(task: Task, done: int, todo: int, left: float) -> None:
+        tell(f"[{done}/{todo}] {name(task)}; about {told_time(left)} left")
 
-    computed = finish(wanted, functions, work, processes=processes, on_piece=told)
-    made = {piece.key: work.load(piece.key).meta["made"] for piece in in_order(wanted)}
+    computed = finish(wanted, functions, work, processes=processes, on_task=told)
+    made = {task.key: work.load(task.key).meta["made"] for task in in_order(wanted)}
     return Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
 
 
 def write_results(path: Path, run: Run, budget: DataclassInstance, **results: Any) -> dict[str, Any]:
-    """Write results.json: run, budget, `results` and what is known of every piece. Returns what stands in it."""
+    """Write results.json: run, budget, `results` and what is known of every task. Returns what stands in it."""
     told = {
         "command": run.command,
         "commit": run.commit,

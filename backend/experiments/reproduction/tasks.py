@@ -1,6 +1,6 @@
-"""Work that survives being killed: pieces, each stored in one file named by the hash of all that its result depends on.
+"""Work that survives being killed: tasks, each stored in one file named by the hash of all that its result depends on.
 
-What the pieces of a chapter compute lives in that chapter's module; here live storing, ordering and running them.
+What the tasks of a chapter compute lives in that chapter's module; here live storing, ordering and running them.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ PARTIAL = ".partial"
 
 
 @dataclass(frozen=True)
-class Piece:
-    """One piece of work. kind: the name of its function. params: JSON-ready, everything else its result depends on.
+class Task:
+    """One task. kind: the name of its function. params: JSON-ready, everything else its result depends on.
 
-    needs: pieces whose results the function is given. seconds: about how long it takes, only for telling and for
+    needs: tasks whose results the function is given. seconds: about how long it takes, only for telling and for
     starting the longest first; no part of its identity.
     """
 
     kind: str
     params: dict[str, Any]
-    needs: tuple[Piece, ...] = ()
+    needs: tuple[Task, ...] = ()
     seconds: float = 0.0
 
     @property
@@ -57,40 +57,40 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Made:
-    """What a piece of work came to: plain values and arrays. `meta` gets `made` (seconds, commit, date) when stored."""
+class TaskResult:
+    """What a task came to: plain values and arrays. `meta` gets `made` (seconds, commit, date) when stored."""
 
     meta: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
 
-Function = Callable[[dict[str, Any], Sequence[Made]], Made]
+Function = Callable[[dict[str, Any], Sequence[TaskResult]], TaskResult]
 """(params, results of the needs) -> result; runs in any process, so it must be a module's function."""
 
 
 class Work:
-    """The folder of finished pieces. A file that is there is whole: it is written beside and renamed."""
+    """The folder of finished tasks. A file that is there is whole: it is written beside and renamed."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def path(self, piece_key: str) -> Path:
-        return self.folder / f"{piece_key}.npz"
+    def path(self, task_key: str) -> Path:
+        return self.folder / f"{task_key}.npz"
 
-    def has(self, piece: Piece) -> bool:
-        return self.path(piece.key).is_file()
+    def has(self, task: Task) -> bool:
+        return self.path(task.key).is_file()
 
-    def load(self, piece_key: str) -> Made:
+    def load(self, task_key: str) -> TaskResult:
         """Never unpickles."""
-        return Made(*from_npz(self.path(piece_key).read_bytes()))
+        return TaskResult(*from_npz(self.path(task_key).read_bytes()))
 
-    def store(self, piece_key: str, made: Made) -> None:
-        partial = self.folder / f"{piece_key}.{os.getpid()}{PARTIAL}"
+    def store(self, task_key: str, made: TaskResult) -> None:
+        partial = self.folder / f"{task_key}.{os.getpid()}{PARTIAL}"
         with partial.open("wb") as file:
             file.write(to_npz(made.meta, made.arrays))
             file.flush()
             os.fsync(file.fileno())
-        partial.replace(self.path(piece_key))
+        partial.replace(self.path(task_key))
 
     @contextmanager
     def claimed(self) -> Iterator[None]:
@@ -108,11 +108,11 @@ class Work:
             yield
 
 
-def finish_piece(functions: Mapping[str, Function], folder: Path, piece: Piece) -> float:
-    """Compute and store one piece whose needs are stored; returns its seconds. Runs in any process."""
+def finish_task(functions: Mapping[str, Function], folder: Path, task: Task) -> float:
+    """Compute and store one task whose needs are stored; returns its seconds. Runs in any process."""
     work = Work(folder)
     began, cpu = time.perf_counter(), time.process_time()
-    made = functions[piece.kind](piece.params, [work.load(need.key) for need in piece.needs])
+    made = functions[task.kind](task.params, [work.load(need.key) for need in task.needs])
     seconds = time.perf_counter() - began
     about = {
         "seconds": seconds,
@@ -120,13 +120,15 @@ def finish_piece(functions: Mapping[str, Function], folder: Path, piece: Piece) 
         "commit": source_commit(),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    work.store(piece.key, Made({**made.meta, "kind": piece.kind, "params": piece.params, "made": about}, made.arrays))
+    work.store(
+        task.key, TaskResult({**made.meta, "kind": task.kind, "params": task.params, "made": about}, made.arrays)
+    )
     return seconds
 
 
 @dataclass(frozen=True)
 class Run:
-    """The run that made a report. made: what `pieces` stored about each piece (seconds, commit, date), by key."""
+    """The run that made a report. made: what `tasks` stored about each task (seconds, commit, date), by key."""
 
     command: str
     commit: str
@@ -137,56 +139,56 @@ class Run:
 
     @property
     def core_seconds(self) -> float:
-        """Of one core, for all pieces, whenever they were computed."""
+        """Of one core, for all tasks, whenever they were computed."""
         return sum(float(about["cpu_seconds"]) for about in self.made.values())
 
 
-def in_order(pieces: Sequence[Piece]) -> list[Piece]:
-    """These pieces and all they need, each once, needs first."""
-    found: dict[str, Piece] = {}
+def in_order(tasks: Sequence[Task]) -> list[Task]:
+    """These tasks and all they need, each once, needs first."""
+    found: dict[str, Task] = {}
 
-    def take(piece: Piece) -> None:
-        for need in piece.needs:
+    def take(task: Task) -> None:
+        for need in task.needs:
             take(need)
-        found.setdefault(piece.key, piece)
+        found.setdefault(task.key, task)
 
-    for piece in pieces:
-        take(piece)
+    for task in tasks:
+        take(task)
     return list(found.values())
 
 
-OnPiece = Callable[[Piece, int, int, float], None]
-"""(piece just finished, finished so far, all to do, seconds that the rest will take, about)."""
+OnTask = Callable[[Task, int, int, float], None]
+"""(task just finished, finished so far, all to do, seconds that the rest will take, about)."""
 
 
 def finish(
-    pieces: Sequence[Piece],
+    tasks: Sequence[Task],
     functions: Mapping[str, Function],
     work: Work,
     *,
     processes: int,
-    on_piece: OnPiece,
+    on_task: OnTask,
 ) -> int:
     """Compute what is not stored yet, in `processes` processes of one thread each; returns how many were computed.
 
-    One process means this one. Raises what a piece raised; finished pieces stay.
+    One process means this one. Raises what a task raised; finished tasks stay.
     """
     if processes < 1:
         raise ValueError(f"processes = {processes}: at least 1")
-    missing = [piece for piece in in_order(pieces) if not work.has(piece)]
-    progress = _Progress(missing, processes, on_piece)
+    missing = [task for task in in_order(tasks) if not work.has(task)]
+    progress = _Progress(missing, processes, on_task)
     if processes == 1:
-        for piece in missing:
-            progress.count(piece, finish_piece(functions, work.folder, piece))
+        for task in missing:
+            progress.count(task, finish_task(functions, work.folder, task))
         return len(missing)
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
-        waiting, running = list(missing), dict[Future[float], Piece]()
+        waiting, running = list(missing), dict[Future[float], Task]()
         while waiting or running:
-            ready = [piece for piece in waiting if all(work.has(need) for need in piece.needs)]
-            for piece in sorted(ready, key=lambda p: -p.seconds)[: processes - len(running)]:
-                waiting.remove(piece)
-                running[pool.submit(finish_piece, functions, work.folder, piece)] = piece
+            ready = [task for task in waiting if all(work.has(need) for need in task.needs)]
+            for task in sorted(ready, key=lambda p: -p.seconds)[: processes - len(running)]:
+                waiting.remove(task)
+                running[pool.submit(finish_task, functions, work.folder, task)] = task
             done, _ = wait(running, return_when=FIRST_COMPLETED)
             for future in done:
                 progress.count(running.pop(future), future.result())
@@ -194,21 +196,21 @@ def finish(
 
 
 class _Progress:
-    """Corrects the estimate of what is left by how long the finished pieces took."""
+    """Corrects the estimate of what is left by how long the finished tasks took."""
 
-    def __init__(self, pieces: Sequence[Piece], processes: int, on_piece: OnPiece) -> None:
-        self._todo, self._processes, self._on_piece = len(pieces), processes, on_piece
-        self._left = sum(piece.seconds for piece in pieces)
-        # As if a tenth of the work had been done in the time estimated: the first, small pieces say little.
+    def __init__(self, tasks: Sequence[Task], processes: int, on_task: OnTask) -> None:
+        self._todo, self._processes, self._on_task = len(tasks), processes, on_task
+        self._left = sum(task.seconds for task in tasks)
+        # As if a tenth of the work had been done in the time estimated: the first, small tasks say little.
         self._done, self._estimated, self._took = 0, self._left / 10, self._left / 10
 
-    def count(self, piece: Piece, seconds: float) -> None:
+    def count(self, task: Task, seconds: float) -> None:
         self._done += 1
-        self._left -= piece.seconds
-        self._estimated += piece.seconds
+        self._left -= task.seconds
+        self._estimated += task.seconds
         self._took += seconds
         slower = self._took / self._estimated if self._estimated else 1.0
-        self._on_piece(piece, self._done, self._todo, max(0.0, self._left) * slower / self._processes)
+        self._on_task(task, self._done, self._todo, max(0.0, self._left) * slower / self._processes)
 
 
 def _end_with_parent() -> None:

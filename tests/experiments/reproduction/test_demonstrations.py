@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from backend.experiments.reproduction.demonstrations import BUDGETS, OURS, VARIANTS, config_of, make_plan
-from backend.experiments.reproduction.demonstrations_results import BARS
-from backend.experiments.reproduction.demonstrations_run import reproduce_demonstrations
+from backend.experiments.reproduction.demonstrations.computing import config_of
+from backend.experiments.reproduction.demonstrations.plan import BUDGETS, OURS, VARIANTS, make_plan
+from backend.experiments.reproduction.demonstrations.results import BARS
+from backend.experiments.reproduction.demonstrations.run import reproduce_demonstrations
 
 TINY = replace(
     BUDGETS["small"],
@@ -74,7 +75,7 @@ def test_a_bar_can_be_missed() -> None:
 
 def test_variants_differ_from_ours_in_what_they_say() -> None:
     plan = make_plan(TINY)
-    configs = {cell.controller: config_of(piece.params) for cell, piece in plan.trained.items()}
+    configs = {cell.controller: config_of(task.params) for cell, task in plan.trained.items()}
     assert configs["no_cloning"].bc_weight == (0.0, 0.0)
     assert configs["no_boost"].goal_boost == configs[OURS].explored_goal
     assert configs["neither"] == replace(configs["no_boost"], bc_weight=(0.0, 0.0))

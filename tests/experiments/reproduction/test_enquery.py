@@ -11,18 +11,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction import thesis
-from backend.experiments.reproduction.enquery import SMALL, Budget, Speed, make_plan
-from backend.experiments.reproduction.enquery_figures import accuracy_picture, sweep_picture, table_picture
-from backend.experiments.reproduction.enquery_results import (
-    Results,
+from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
+from backend.experiments.reproduction.enquery.figures import accuracy_picture, sweep_picture, table_picture
+from backend.experiments.reproduction.enquery.plan import Speed, make_plan
+from backend.experiments.reproduction.enquery.results import (
+    EnqueryResults,
     crossing,
     nearest_cell,
     results_of,
     table_of_recipe,
 )
-from backend.experiments.reproduction.enquery_run import reproduce_enquery
-from backend.experiments.reproduction.tasks import Made, Work
+from backend.experiments.reproduction.enquery.run import reproduce_enquery
+from backend.experiments.reproduction.tasks import TaskResult, Work
+from backend.learning.alignment.align import AlignConfig
+from backend.learning.cards import read_config
+from backend.learning.policies.shape import FAST_HEADS
+from backend.learning.td3.base import BaseConfig
+from backend.learning.td3.ensemble import EnsembleConfig
 from backend.simulation.trajectory import Outcome
 
 TINY = replace(
@@ -63,7 +69,7 @@ def summary(out: Path) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def results(out: Path, summary: dict[str, Any]) -> Results:
+def results(out: Path, summary: dict[str, Any]) -> EnqueryResults:
     return results_of(make_plan(TINY, 0, SPEED), Work(out / "work").load)
 
 
@@ -99,7 +105,7 @@ def rows_of(out: Path, name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_the_heat_maps_show_what_their_csv_says(out: Path, results: Results) -> None:
+def test_the_heat_maps_show_what_their_csv_says(out: Path, results: EnqueryResults) -> None:
     rows = rows_of(out, "sweep")
     assert {float(row["kappa"]) for row in rows} == {0.0, thesis.KAPPA}
     panels = [ax for ax in sweep_picture(results.sweep).figure.axes if ax.images]
@@ -109,7 +115,7 @@ def test_the_heat_maps_show_what_their_csv_says(out: Path, results: Results) -> 
         np.testing.assert_allclose(panel.images[0].get_array(), told)
 
 
-def test_the_curves_show_what_their_csv_says(out: Path, results: Results) -> None:
+def test_the_curves_show_what_their_csv_says(out: Path, results: EnqueryResults) -> None:
     rows = [row for row in rows_of(out, "accuracy") if row["test_set"] == "segments"]
     panel = accuracy_picture(results).figure.axes[1]
     lines = {line.get_label(): line for line in panel.get_lines()}
@@ -119,14 +125,14 @@ def test_the_curves_show_what_their_csv_says(out: Path, results: Results) -> Non
         np.testing.assert_allclose(lines[f"{source}, neural"].get_ydata(), [float(row["accuracy"]) for row in told])
 
 
-def test_the_dots_show_what_their_csv_says(out: Path, results: Results) -> None:
+def test_the_dots_show_what_their_csv_says(out: Path, results: EnqueryResults) -> None:
     rows = [row for row in rows_of(out, "distances") if row["recipe"] == "thesis"]
     panel = table_picture(results).figure.axes[0]
     drawn = [float(y) for dots in panel.collections[0::2] for _, y in dots.get_offsets()]
     np.testing.assert_allclose(drawn, [float(row["min_human_distance_m"]) for row in rows])
 
 
-def test_rows_share_their_scenes_and_say_how_far_they_came(results: Results) -> None:
+def test_rows_share_their_scenes_and_say_how_far_they_came(results: EnqueryResults) -> None:
     for rows in results.tables.values():
         assert [row.name for row in rows] == ["EnQ-15", "EnQ-60", "BL-15", "BL-60", "RAW"]
         raw = rows[-1]
@@ -137,11 +143,13 @@ def test_rows_share_their_scenes_and_say_how_far_they_came(results: Results) -> 
             assert row.success_rate + row.collision_rate + row.timeout_rate == pytest.approx(1)
 
 
-def driven(distances: list[float], outcomes: list[Outcome]) -> Made:
+def driven(distances: list[float], outcomes: list[Outcome]) -> TaskResult:
     n = len(distances)
     ones = np.ones(n)
     arrays = {"min_human_distance": np.array(distances), "outcome": np.array(outcomes), "ceiling": 3 * ones}
-    return Made({"gate_passed": True}, arrays | dict.fromkeys(("time", "path_length", "self_intersections"), ones))
+    return TaskResult(
+        {"gate_passed": True}, arrays | dict.fromkeys(("time", "path_length", "self_intersections"), ones)
+    )
 
 
 def test_a_table_by_hand() -> None:
@@ -183,14 +191,14 @@ def test_alignments_that_all_came_out_alike_are_not_tested() -> None:
     assert tests["BL-60"].p_corrected == tests["BL-60"].p
 
 
-def test_the_control_without_the_term_is_less_diverse(results: Results) -> None:
+def test_the_control_without_the_term_is_less_diverse(results: EnqueryResults) -> None:
     control, with_term = (nearest_cell(results.sweep, kappa, 50) for kappa in (0.0, thesis.KAPPA))
     assert control.diversity < with_term.diversity
 
 
-def test_another_configuration_is_another_piece_of_work() -> None:
-    def keys(budget: Budget, seed: int) -> set[str]:
-        return {piece.key for piece in make_plan(budget, seed, SPEED).pieces()}
+def test_another_configuration_is_another_task_of_work() -> None:
+    def keys(budget: EnqueryBudget, seed: int) -> set[str]:
+        return {task.key for task in make_plan(budget, seed, SPEED).tasks()}
 
     first = keys(TINY, 0)
     assert keys(TINY, 0) == first
@@ -212,3 +220,19 @@ def test_the_crossing_is_where_the_second_stays_above(
     first: tuple[float, ...], second: tuple[float, ...], expected: int | None
 ) -> None:
     assert crossing((5, 15, 60)[: len(first)], first, second) == expected
+
+
+@pytest.mark.parametrize(
+    "config", [BaseConfig("open_field", seed=7), EnsembleConfig(kappa=0.5), AlignConfig(updates=9)]
+)
+def test_settings_are_stored_under_their_first_names_and_read_again(config) -> None:
+    """A task is named by a hash of its settings: what was computed before settings were renamed is found again."""
+    stored = json.loads(json.dumps(config.as_dict()))
+    assert type(config)(**read_config(stored)) == config
+    assert ("calm_updates" in stored) == isinstance(config, BaseConfig)
+
+
+def test_tasks_keep_the_names_that_finished_work_has_on_disk() -> None:
+    plan = make_plan(FULL, 0, Speed({FULL.heads: 1.0, FAST_HEADS: 1.0}))
+    assert plan.base.key == "train_base-93b89aa660c36342536f"
+    assert plan.ensemble.key == "train_ensemble-ca15404ac9227dd804f2"

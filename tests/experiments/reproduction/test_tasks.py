@@ -1,4 +1,4 @@
-"""Work that survives: needs first, each piece once, two processes, one run per folder."""
+"""Work that survives: needs first, each task once, two processes, one run per folder."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.tasks import Made, Piece, Work, finish
+from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish
 
 
-def number(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    return Made({"of": params["value"]}, {"value": np.array(params["value"])})
+def number(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    return TaskResult({"of": params["value"]}, {"value": np.array(params["value"])})
 
 
-def total(params: dict[str, Any], needs: Sequence[Made]) -> Made:
-    return Made({}, {"value": np.array(sum(int(need.arrays["value"]) for need in needs))})
+def total(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    return TaskResult({}, {"value": np.array(sum(int(need.arrays["value"]) for need in needs))})
 
 
-def broken(params: dict[str, Any], needs: Sequence[Made]) -> Made:
+def broken(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     raise ValueError("value: broken on purpose")
 
 
 FUNCTIONS = {"number": number, "total": total, "broken": broken}
 
 
-def ignore(piece: Piece, done: int, todo: int, left: float) -> None:
+def ignore(task: Task, done: int, todo: int, left: float) -> None:
     pass
 
 
@@ -42,15 +42,15 @@ def work(tmp_path: Path) -> Work:
     return Work(tmp_path / "work")
 
 
-def test_needs_are_computed_first_and_each_piece_once(work: Work) -> None:
-    one, two = Piece("number", {"value": 1}), Piece("number", {"value": 2})
-    sums = [Piece("total", {"name": name}, (one, two)) for name in ("a", "b")]
+def test_needs_are_computed_first_and_each_task_once(work: Work) -> None:
+    one, two = Task("number", {"value": 1}), Task("number", {"value": 2})
+    sums = [Task("total", {"name": name}, (one, two)) for name in ("a", "b")]
     seen: list[str] = []
     with work.claimed():
         computed = finish(
-            sums, FUNCTIONS, work, processes=1, on_piece=lambda piece, done, todo, left: seen.append(piece.key)
+            sums, FUNCTIONS, work, processes=1, on_task=lambda task, done, todo, left: seen.append(task.key)
         )
-        assert finish(sums, FUNCTIONS, work, processes=1, on_piece=ignore) == 0
+        assert finish(sums, FUNCTIONS, work, processes=1, on_task=ignore) == 0
     assert computed == 4
     assert seen == [one.key, two.key, sums[0].key, sums[1].key]
     stored = work.load(sums[1].key)
@@ -60,23 +60,23 @@ def test_needs_are_computed_first_and_each_piece_once(work: Work) -> None:
 
 
 def test_two_processes_give_the_same(work: Work, tmp_path: Path) -> None:
-    pieces = [Piece("total", {}, tuple(Piece("number", {"value": k}) for k in range(3)))]
+    tasks = [Task("total", {}, tuple(Task("number", {"value": k}) for k in range(3)))]
     with work.claimed():
-        assert finish(pieces, FUNCTIONS, work, processes=2, on_piece=ignore) == 4
-    assert work.load(pieces[0].key).arrays["value"] == 3
+        assert finish(tasks, FUNCTIONS, work, processes=2, on_task=ignore) == 4
+    assert work.load(tasks[0].key).arrays["value"] == 3
 
 
-def test_a_piece_that_fails_leaves_the_finished_ones(work: Work) -> None:
-    good, bad = Piece("number", {"value": 5}), Piece("broken", {})
+def test_a_task_that_fails_leaves_the_finished_ones(work: Work) -> None:
+    good, bad = Task("number", {"value": 5}), Task("broken", {})
     with work.claimed(), pytest.raises(ValueError, match="on purpose"):
-        finish([good, bad], FUNCTIONS, work, processes=1, on_piece=ignore)
+        finish([good, bad], FUNCTIONS, work, processes=1, on_task=ignore)
     assert work.has(good)
     assert not work.has(bad)
 
 
 def test_the_estimate_of_time_is_no_part_of_the_name() -> None:
-    assert Piece("number", {"value": 1}, seconds=5).key == Piece("number", {"value": 1}).key
-    assert Piece("number", {"value": 1}).key != Piece("number", {"value": 2}).key
+    assert Task("number", {"value": 1}, seconds=5).key == Task("number", {"value": 1}).key
+    assert Task("number", {"value": 1}).key != Task("number", {"value": 2}).key
 
 
 def test_only_one_run_works_in_a_folder(work: Work) -> None:
@@ -86,16 +86,16 @@ def test_only_one_run_works_in_a_folder(work: Work) -> None:
 
 def test_no_process_means_nothing_to_do_it(work: Work) -> None:
     with pytest.raises(ValueError, match="processes = 0"):
-        finish([], FUNCTIONS, work, processes=0, on_piece=ignore)
+        finish([], FUNCTIONS, work, processes=0, on_task=ignore)
 
 
 KILLED = """
     import time
     from pathlib import Path
-    from backend.experiments.reproduction.tasks import Made, Piece, Work, finish
+    from backend.experiments.reproduction.tasks import TaskResult, Task, Work, finish
 
     def quick(params, needs):
-        return Made({}, {})
+        return TaskResult({}, {})
 
     def endless(params, needs):
         Path(params["running"]).touch()
@@ -105,19 +105,19 @@ KILLED = """
         folder = Path(__file__).parent
         work = Work(folder / "work")
         with work.claimed():
-            finish([Piece("quick", {}, seconds=9), Piece("endless", {"running": str(folder / "running")})],
-                   {"quick": quick, "endless": endless}, work, processes=2, on_piece=lambda *told: None)
+            finish([Task("quick", {}, seconds=9), Task("endless", {"running": str(folder / "running")})],
+                   {"quick": quick, "endless": endless}, work, processes=2, on_task=lambda *told: None)
 """
 
 
-def test_after_kill_9_finished_pieces_are_there_the_workers_end_and_the_folder_is_free(tmp_path: Path) -> None:
+def test_after_kill_9_finished_tasks_are_there_the_workers_end_and_the_folder_is_free(tmp_path: Path) -> None:
     script = tmp_path / "killed.py"
     script.write_text(textwrap.dedent(KILLED))
     root = Path(__file__).resolve().parents[3]
     process = subprocess.Popen([sys.executable, script], env={**os.environ, "PYTHONPATH": str(root)})
     work = Work(tmp_path / "work")
     try:
-        while not ((tmp_path / "running").exists() and work.has(Piece("quick", {}))):
+        while not ((tmp_path / "running").exists() and work.has(Task("quick", {}))):
             assert process.poll() is None
             time.sleep(0.05)
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
@@ -125,7 +125,7 @@ def test_after_kill_9_finished_pieces_are_there_the_workers_end_and_the_folder_i
         process.send_signal(signal.SIGKILL)
         process.wait()
     with work.claimed():
-        assert work.has(Piece("quick", {}))
+        assert work.has(Task("quick", {}))
     while any(running(child) for child in children):  # pytest's timeout is the limit
         time.sleep(0.05)
     assert len(children) >= 2

@@ -1,4 +1,4 @@
-"""Chapter 6 in numbers: what the finished pieces of work say, and how far it is from what was published.
+"""Chapter 6 in numbers: what the finished tasks say, and how far it is from what was published.
 
 Pure functions on results; nothing is computed anew, drawn or written here.
 """
@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 
 from backend.analysis.t_tests import TTest, student_t, student_t_against
 from backend.analysis.tested import holm, mean_of
-from backend.experiments.reproduction import thesis
-from backend.experiments.reproduction.enquery import CONDITIONS, MODELS, SOURCES, TEST_SETS, Plan
-from backend.experiments.reproduction.tasks import Made
+from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery.budgets import CONDITIONS, MODELS, SOURCES, TEST_SETS
+from backend.experiments.reproduction.enquery.plan import EnqueryPlan
+from backend.experiments.reproduction.tasks import TaskResult
 from backend.simulation.trajectory import Outcome
 
 Doubles = NDArray[np.float64]
-Load = Callable[[str], Made]
-"""Key of a piece -> its result."""
+Load = Callable[[str], TaskResult]
+"""Key of a task -> its result."""
 FIRST = "EnQ-15"  # every other row is tested against this one
 RAW = "RAW"
 ROUNDING_M = 1e-5  # means of float32 distances differ by so little where policies are the same
@@ -87,7 +88,7 @@ class TableRow:
 
 
 @dataclass(frozen=True)
-class Results:
+class EnqueryResults:
     """All numbers of the report. tables: by recipe. crossings: test pairing -> number of answers, or None."""
 
     sweep: list[SweepCell]
@@ -98,16 +99,16 @@ class Results:
     reachable_share: dict[str, float]
 
 
-def results_of(plan: Plan, load: Load) -> Results:
-    """Put the pieces' results together."""
-    curves = curves_of([load(piece.key).arrays["accuracy"] for piece in plan.accuracies], plan.budget.answers)
+def results_of(plan: EnqueryPlan, load: Load) -> EnqueryResults:
+    """Put the tasks' results together."""
+    curves = curves_of([load(task.key).arrays["accuracy"] for task in plan.accuracies], plan.budget.answers)
     raw = load(plan.raw.key)
     tables = {}
     for recipe in plan.recipes:
-        runs = {name: [load(piece.key) for piece in plan.alignments[recipe, name]] for name in CONDITIONS}
+        runs = {name: [load(task.key) for task in plan.alignments[recipe, name]] for name in CONDITIONS}
         tables[recipe] = table_of_recipe(recipe, runs, raw)
     ceilings = raw.arrays["ceiling"]
-    return Results(
+    return EnqueryResults(
         sweep=[
             cell for kappa in plan.sweep for cell in cells_of(kappa, plan.budget.marks, load(plan.sweep[kappa].key))
         ],
@@ -121,7 +122,7 @@ def results_of(plan: Plan, load: Load) -> Results:
     )
 
 
-def cells_of(kappa: float, marks: Sequence[int], made: Made) -> list[SweepCell]:
+def cells_of(kappa: float, marks: Sequence[int], made: TaskResult) -> list[SweepCell]:
     """The cells of one kappa, one per mark."""
     return [
         SweepCell(kappa, steps, float(rates.mean()), float(rates.min()), float(diversity))
@@ -178,12 +179,12 @@ def crossings_of(curves: Sequence[CurvePoint]) -> dict[str, int | None]:
     return found
 
 
-def table_of_recipe(recipe: str, runs: dict[str, list[Made]], raw: Made) -> list[TableRow]:
+def table_of_recipe(recipe: str, runs: dict[str, list[TaskResult]], raw: TaskResult) -> list[TableRow]:
     """The five rows with their tests against EnQ-15, corrected by Holm over those of the four that can be made.
 
     Alignments that all came out alike, as a conditioned policy's do that is told the same, have no spread to test with.
     """
-    samples = {name: np.stack([made.arrays["min_human_distance"] for made in mades]) for name, mades in runs.items()}
+    samples = {name: np.stack([made.arrays["min_human_distance"] for made in of]) for name, of in runs.items()}
     first = samples[FIRST].astype(np.float64)
     raw_distances = raw.arrays["min_human_distance"].astype(np.float64)
     others = [name for name in samples if name != FIRST]
@@ -197,9 +198,7 @@ def table_of_recipe(recipe: str, runs: dict[str, list[Made]], raw: Made) -> list
     episode_tests = [student_t(first.ravel(), samples[name].ravel()) for name in others]
     episode_tests.append(student_t(first.ravel(), raw_distances))
     by_episode = dict(zip([*others, RAW], _corrected(episode_tests), strict=True))
-    rows = [
-        _row(recipe, name, mades, raw, by_alignment.get(name), by_episode.get(name)) for name, mades in runs.items()
-    ]
+    rows = [_row(recipe, name, of, raw, by_alignment.get(name), by_episode.get(name)) for name, of in runs.items()]
     return [*rows, _row(recipe, RAW, [raw], raw, by_alignment.get(RAW), by_episode.get(RAW))]
 
 
@@ -209,10 +208,15 @@ def _vary(*samples: Doubles) -> bool:
 
 
 def _row(
-    recipe: str, name: str, mades: Sequence[Made], raw: Made, by_alignment: TTest | None, by_episode: TTest | None
+    recipe: str,
+    name: str,
+    runs: Sequence[TaskResult],
+    raw: TaskResult,
+    by_alignment: TTest | None,
+    by_episode: TTest | None,
 ) -> TableRow:
     def column(key: str) -> Doubles:
-        return np.stack([made.arrays[key] for made in mades]).astype(np.float64)
+        return np.stack([made.arrays[key] for made in runs]).astype(np.float64)
 
     outcome, distance = column("outcome"), column("min_human_distance")
     raw_distance, ceiling = raw.arrays["min_human_distance"].astype(np.float64), raw.arrays["ceiling"]
@@ -222,10 +226,10 @@ def _row(
     return TableRow(
         recipe=recipe,
         name=name,
-        alignments=len(mades),
+        alignments=len(runs),
         episodes=distance.size,
         min_human_distance_m=float(distance.mean()),
-        deviation_m=float(distance.mean(1).std(ddof=1)) if len(mades) > 1 else math.nan,
+        deviation_m=float(distance.mean(1).std(ddof=1)) if len(runs) > 1 else math.nan,
         success_rate=float((outcome == Outcome.SUCCESS).mean()),
         collision_rate=float((outcome == Outcome.COLLISION).mean()),
         timeout_rate=float((outcome == Outcome.TIMEOUT).mean()),
@@ -234,8 +238,8 @@ def _row(
         self_intersections=float(column("self_intersections").mean()),
         share_of_the_way=float(distance.mean() - raw_distance.mean()) / way,
         paired_gain_m=float(gains.mean()) if gains.size else math.nan,
-        gates_passed=sum(made.meta["gate_passed"] for made in mades) if "gate_passed" in mades[0].meta else None,
-        took_over=sum(made.meta["takes_over"] for made in mades) if "takes_over" in mades[0].meta else None,
+        gates_passed=sum(made.meta["gate_passed"] for made in runs) if "gate_passed" in runs[0].meta else None,
+        took_over=sum(made.meta["takes_over"] for made in runs) if "takes_over" in runs[0].meta else None,
         per_alignment=[float(value) for value in distance.mean(1)],
         per_alignment_test=by_alignment,
         per_episode_test=by_episode,

@@ -7,28 +7,29 @@ from pathlib import Path
 from typing import Any
 
 from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
-from backend.experiments.reproduction.demonstrations import FUNCTIONS, Budget, make_plan
-from backend.experiments.reproduction.demonstrations_results import BARS, rows_of
+from backend.experiments.reproduction.demonstrations.computing import FUNCTIONS
+from backend.experiments.reproduction.demonstrations.plan import DemonstrationsBudget, make_plan
+from backend.experiments.reproduction.demonstrations.results import BARS, rows_of
 from backend.experiments.reproduction.running import Tell, compute, write_results
-from backend.experiments.reproduction.tasks import Piece, Work
+from backend.experiments.reproduction.tasks import Task, Work
 from backend.learning.cards import Card, card_path, file_sha256
 
 
 def reproduce_demonstrations(
-    out: Path, budget: Budget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
+    out: Path, budget: DemonstrationsBudget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
 ) -> dict[str, Any]:
     """Compute what is missing under `out`/work, then write figures, results.json with its card, and report.html.
 
-    Stopped in any way and started again, it goes on with the first piece that is not stored. Raises RuntimeError if
+    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
     another run works in the same folder.
     """
-    from backend.experiments.reproduction.demonstrations_figures import pictures  # matplotlib is slow to load
-    from backend.experiments.reproduction.demonstrations_report import brief, write_report
+    from backend.experiments.reproduction.demonstrations.figures import pictures  # matplotlib is slow to load
+    from backend.experiments.reproduction.demonstrations.report import brief, write_report
 
     plan = make_plan(budget)
     work = Work(out / "work")
     with work.claimed():
-        run = compute(plan.pieces(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
+        run = compute(plan.tasks(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rows = rows_of(plan, work.load)
         told = brief(plan, rows, work.load)
         tell("drawing")
@@ -68,6 +69,6 @@ def reproduce_demonstrations(
     }
 
 
-def _name(piece: Piece) -> str:
-    whose = piece.params.get("style", piece.params.get("controller", ""))
-    return f"{piece.kind}, {whose} in the {piece.params['environment']}"
+def _name(task: Task) -> str:
+    whose = task.params.get("style", task.params.get("controller", ""))
+    return f"{task.kind}, {whose} in the {task.params['environment']}"

@@ -13,9 +13,18 @@ from typing import Any
 
 from backend.analysis.t_tests import TTest
 from backend.analysis.tested import told_p
-from backend.experiments.reproduction import thesis
-from backend.experiments.reproduction.enquery import MODELS, RECIPES, SOURCES, TEST_SETS, Plan, query_seed
-from backend.experiments.reproduction.enquery_results import FIRST, RAW, CurvePoint, Results, TableRow, nearest_cell
+from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, SOURCES, TEST_SETS
+from backend.experiments.reproduction.enquery.plan import EnqueryPlan, query_seed
+from backend.experiments.reproduction.enquery.results import (
+    FIRST,
+    RAW,
+    CurvePoint,
+    EnqueryResults,
+    TableRow,
+    nearest_cell,
+)
+from backend.experiments.reproduction.running import TEMPLATES
 from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
 from backend.explain.printed import Section, Shown, Table, page, shown_picture
@@ -24,11 +33,11 @@ from backend.learning.cards import DEPARTURES
 LOW_QUERIES = 15
 
 
-def write_report(path: Path, plan: Plan, results: Results, pictures: Sequence[Picture], run: Run) -> None:
+def write_report(path: Path, plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Picture], run: Run) -> None:
     """One HTML file with everything in it; figures are SVG."""
     html = page(
-        __package__,
-        "report.html",
+        TEMPLATES,
+        "enquery.html",
         run={"budget": plan.budget.name, "seed": plan.seed},
         brief=brief(plan, results),
         sections=sections(plan, results, pictures, path.parent / "figures"),
@@ -38,7 +47,7 @@ def write_report(path: Path, plan: Plan, results: Results, pictures: Sequence[Pi
     path.write_text(html, encoding="utf-8")
 
 
-def brief(plan: Plan, results: Results) -> list[str]:
+def brief(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     """The result in a few sentences."""
     told = []
     for recipe, rows in results.tables.items():
@@ -54,7 +63,7 @@ def brief(plan: Plan, results: Results) -> list[str]:
     return told
 
 
-def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: Path) -> list[Section]:
+def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Picture], folder: Path) -> list[Section]:
     """The report's parts in order."""
 
     def shown(*beginnings: str) -> list[Shown]:
@@ -107,7 +116,7 @@ def sections(plan: Plan, results: Results, pictures: Sequence[Picture], folder: 
     ]
 
 
-def explanations(plan: Plan, results: Results) -> list[str]:
+def explanations(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     """What accounts for the differences, as far as our own numbers show it."""
     told = []
     raw = _named(results.tables["thesis"], RAW)
@@ -160,7 +169,7 @@ def explanations(plan: Plan, results: Results) -> list[str]:
     return told
 
 
-def _diversity_explanation(results: Results) -> str:
+def _diversity_explanation(results: EnqueryResults) -> str:
     cell = nearest_cell(results.sweep, thesis.KAPPA, thesis.ENSEMBLE_STEPS)
     control = [other.diversity for other in results.sweep if other.kappa == 0.0 and other.steps == cell.steps]
     without = f" Without the term members that start alike already differ by {control[0]:.2f}." if control else ""
@@ -174,15 +183,15 @@ def _diversity_explanation(results: Results) -> str:
     )
 
 
-def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
+def facts(plan: EnqueryPlan, run: Run) -> list[tuple[str, str]]:
     """Command, seeds, durations."""
     budget = plan.budget
     scenes = plan.raw.params["scenes"]
     return [
         ("command", run.command),
         ("commit", run.commit),
-        ("this run", f"{run.computed} pieces computed in {_duration(run.seconds)} by {run.processes} process(es)"),
-        ("all pieces", f"{len(run.made)} pieces, {_duration(run.core_seconds)} of one core"),
+        ("this run", f"{run.computed} tasks computed in {_duration(run.seconds)} by {run.processes} process(es)"),
+        ("all tasks", f"{len(run.made)} tasks, {_duration(run.core_seconds)} of one core"),
         ("network heads", "-".join(str(width) for width in budget.heads)),
         ("base policy", _policy_words(plan)),
         ("table's scenes", f"{scenes['n']} reporting scenes of seed {scenes['seed']}"),
@@ -205,14 +214,14 @@ def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
 
 
 def kinds(run: Run) -> list[dict[str, Any]]:
-    """Pieces, seconds and commits by kind of work."""
+    """Tasks, seconds and commits by kind of work."""
     grouped: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
     for key, about in run.made.items():
         grouped[key.rpartition("-")[0]].append(about)
     return [
         {
             "kind": kind.replace("_", " "),
-            "pieces": len(abouts),
+            "tasks": len(abouts),
             "seconds": f"{sum(float(about['seconds']) for about in abouts):.0f}",
             "cpu_seconds": f"{sum(float(about['cpu_seconds']) for about in abouts):.0f}",
             "commits": ", ".join(sorted({_short(str(about["commit"])) for about in abouts})),
@@ -226,13 +235,13 @@ def _short(commit: str) -> str:
     return f"{name[:10]}{'-' + dirty if dirty else ''}"
 
 
-def _policy_words(plan: Plan) -> str:
+def _policy_words(plan: EnqueryPlan) -> str:
     if plan.budget.train:
         return "trained in this reproduction, with its own ensemble of four"
     return "the shipped one and its shipped ensemble of four"
 
 
-def _sweep_sentence(plan: Plan, results: Results) -> str:
+def _sweep_sentence(plan: EnqueryPlan, results: EnqueryResults) -> str:
     cell = nearest_cell(results.sweep, thesis.KAPPA, thesis.ENSEMBLE_STEPS)
     last = max(plan.budget.marks)
     final = {cell.kappa: cell for cell in results.sweep if cell.steps == last}
@@ -254,7 +263,7 @@ def _sweep_sentence(plan: Plan, results: Results) -> str:
     )
 
 
-def _accuracy_sentence(results: Results) -> str:
+def _accuracy_sentence(results: EnqueryResults) -> str:
     at = [p for p in results.curves if p.model == "mlp" and p.test_set == TEST_SETS[0]]
     count = min({p.answers for p in at}, key=lambda answers: abs(answers - LOW_QUERIES))
     told = {p.source: p for p in at if p.answers == count}
@@ -266,7 +275,7 @@ def _accuracy_sentence(results: Results) -> str:
     )
 
 
-def _crossing_sentence(results: Results) -> str:
+def _crossing_sentence(results: EnqueryResults) -> str:
     def words(count: int | None) -> str:
         return "never" if count is None else f"from {count} answers on"
 
@@ -277,7 +286,7 @@ def _crossing_sentence(results: Results) -> str:
     )
 
 
-def _accuracy_table(results: Results, test_set: str) -> Table:
+def _accuracy_table(results: EnqueryResults, test_set: str) -> Table:
     points = {(p.model, p.source, p.answers): p for p in results.curves if p.test_set == test_set}
     counts = sorted({answers for _, _, answers in points})
     columns = [(model, source) for model in MODELS for source in SOURCES]

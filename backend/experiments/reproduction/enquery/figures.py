@@ -14,18 +14,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 
-from backend.experiments.reproduction import thesis
-from backend.experiments.reproduction.enquery import (
-    CONDITIONS,
-    MODELS,
-    RECIPES,
-    SETUP,
-    TEST_SETS,
-    Plan,
-    stored_policies,
-    table_scenes,
+from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery.budgets import CONDITIONS, MODELS, RECIPES, SETUP, TEST_SETS
+from backend.experiments.reproduction.enquery.computing import stored_policies, table_scenes
+from backend.experiments.reproduction.enquery.plan import EnqueryPlan
+from backend.experiments.reproduction.enquery.results import (
+    FIRST,
+    RAW,
+    CurvePoint,
+    EnqueryResults,
+    Load,
+    SweepCell,
+    TableRow,
 )
-from backend.experiments.reproduction.enquery_results import FIRST, RAW, CurvePoint, Load, Results, SweepCell, TableRow
 from backend.explain.flow_field import COLUMNS, difference, drives_from, flow_field, spread_starts
 from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE, pair_figure, starts_figure
@@ -39,7 +40,7 @@ SOURCE_COLOURS = {"EnQ": DATA[0], "BL": DATA[1]}
 LONG_WAY_M = 6.0  # scenes shown have at least this far from start to goal: little can differ on a short way
 
 
-def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
+def pictures(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Picture]:
     """All figures of the report, in its order."""
     seen = drawn_scenes(plan)
     base = stored_policies(load(plan.base.key))[0]
@@ -83,7 +84,7 @@ def pictures(plan: Plan, load: Load, results: Results) -> list[Picture]:
     ]
 
 
-def drawn_scenes(plan: Plan) -> list[Scene]:
+def drawn_scenes(plan: EnqueryPlan) -> list[Scene]:
     """The table's first two scenes with a long way; the first two, where there are none."""
     scenes = table_scenes(plan.raw.params["scenes"])
     far = [s for s in scenes if math.dist((s.start.x, s.start.y), (s.goal.x, s.goal.y)) >= LONG_WAY_M]
@@ -129,7 +130,7 @@ def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
     return Picture("sweep", "Ensembles over kappa and training steps", caption, figure, rows)
 
 
-def accuracy_picture(results: Results) -> Picture:
+def accuracy_picture(results: EnqueryResults) -> Picture:
     """Figure 6.4: accuracy on both test sets against the number of answers."""
     points = results.curves
     with mpl.rc_context(STYLE):
@@ -182,7 +183,7 @@ def _curve(ax: Axes, line: Sequence[CurvePoint], colour: str, dashes: object, la
         ax.fill_between(x, *bounds, color=colour, alpha=0.13, linewidth=0)
 
 
-def table_picture(results: Results) -> Picture:
+def table_picture(results: EnqueryResults) -> Picture:
     """Table 6.2 as dots: one per alignment, with what was published beside."""
     with mpl.rc_context(STYLE):
         lines = math.ceil(len(results.tables) / 2)

@@ -1,4 +1,4 @@
-"""The numbers of chapter 2 from the finished pieces, and the bars they are held against."""
+"""The numbers of chapter 2 from the finished tasks, and the bars they are held against."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.demonstrations.judging import KINDS
-from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, Cell, Plan
-from backend.experiments.reproduction.tasks import Made
+from backend.experiments.reproduction.demonstrations.plan import CONTROLLERS, OURS, ControllerCell, DemonstrationsPlan
+from backend.experiments.reproduction.tasks import TaskResult
 
-Load = Callable[[str], Made]
+Load = Callable[[str], TaskResult]
 DEMONSTRATED = "demonstrations"
 MEASURES = {  # figure 2.3 e-g
     "relative_path_length": "relative path length",
@@ -52,7 +52,7 @@ FOLLOWING = ("frechet_m", "t_star", "followed_rate")  # together the bar on the 
 
 
 @dataclass(frozen=True)
-class Row:
+class ControllerRow:
     """One controller of one demonstrator in one environment, means over seeds; None where nothing can be said.
 
     values: keys of BARS and more of the unseen kinds. worst: of each of these, the worst seed. cpu_s: of its training.
@@ -75,15 +75,15 @@ class Row:
         return all(BARS[name].met(self.values[name]) is True for name in FOLLOWING)
 
 
-def rows_of(plan: Plan, load: Load) -> list[Row]:
+def rows_of(plan: DemonstrationsPlan, load: Load) -> list[ControllerRow]:
     """All rows, in the plan's order."""
-    grouped: dict[tuple[str, str, str], list[Cell]] = {}
+    grouped: dict[tuple[str, str, str], list[ControllerCell]] = {}
     for cell in plan.judged:
         grouped.setdefault((cell.environment, cell.style, cell.controller), []).append(cell)
     return [_row(plan, load, cells) for cells in grouped.values()]
 
 
-def _row(plan: Plan, load: Load, cells: Sequence[Cell]) -> Row:
+def _row(plan: DemonstrationsPlan, load: Load, cells: Sequence[ControllerCell]) -> ControllerRow:
     told = []
     for cell in cells:
         unseen = load(plan.unseen[cell].key).meta["unseen"]
@@ -98,7 +98,7 @@ def _row(plan: Plan, load: Load, cells: Sequence[Cell]) -> Row:
     trained = [load(plan.trained[cell].key).meta for cell in cells if cell in plan.trained]
     ready = [_ready_s(meta["curve"]) for meta in trained]
     first = cells[0]
-    return Row(
+    return ControllerRow(
         first.environment,
         first.style,
         first.controller,
@@ -120,7 +120,9 @@ def _over(values: Sequence[float | None], statistic: Callable[[list[float]], Any
     return float(statistic(known)) if known else None
 
 
-def measured(plan: Plan, load: Load, environment: str, style: str, controller: str, name: str) -> NDArray[Any]:
+def measured(
+    plan: DemonstrationsPlan, load: Load, environment: str, style: str, controller: str, name: str
+) -> NDArray[Any]:
     """A measure of figure 2.3 over all drives of all seeds; controller DEMONSTRATED: of the demonstrations."""
     source = OURS if controller == DEMONSTRATED else controller
     whose = "demonstrated" if controller == DEMONSTRATED else "driven"
@@ -128,18 +130,20 @@ def measured(plan: Plan, load: Load, environment: str, style: str, controller: s
     return np.concatenate([load(plan.judged[cell].key).arrays[f"{whose}_{name}"] for cell in cells])
 
 
-def curves_of(plan: Plan, load: Load, environment: str, style: str) -> dict[str, list[list[dict[str, Any]]]]:
+def curves_of(
+    plan: DemonstrationsPlan, load: Load, environment: str, style: str
+) -> dict[str, list[list[dict[str, Any]]]]:
     """Per variant that was trained, the learning curve of every seed."""
     curves: dict[str, list[list[dict[str, Any]]]] = {}
-    for cell, piece in plan.trained.items():
+    for cell, task in plan.trained.items():
         if (cell.environment, cell.style) == (environment, style):
-            curves.setdefault(cell.controller, []).append(load(piece.key).meta["curve"])
+            curves.setdefault(cell.controller, []).append(load(task.key).meta["curve"])
     return curves
 
 
-def first_cell(plan: Plan, environment: str, style: str, controller: str) -> Cell:
+def first_cell(plan: DemonstrationsPlan, environment: str, style: str, controller: str) -> ControllerCell:
     """The cell of the first seed, which figures show."""
-    return Cell(environment, style, controller, plan.budget.seeds[0])
+    return ControllerCell(environment, style, controller, plan.budget.seeds[0])
 
 
 SHOWN = (DEMONSTRATED, *CONTROLLERS)

@@ -10,10 +10,24 @@ import numpy as np
 from backend.demonstrations.controllers import BASELINES
 from backend.demonstrations.judging import KINDS
 from backend.demonstrations.td3_bc.configuration import DEPARTURES
-from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WITHOUT, Plan
-from backend.experiments.reproduction.demonstrations_results import BARS, MEASURES, NAMES, SHOWN, Load, Row, measured
-from backend.experiments.reproduction.enquery_report import kinds
-from backend.experiments.reproduction.running import told_time
+from backend.experiments.reproduction.demonstrations.plan import (
+    CONTROLLERS,
+    OURS,
+    VARIANTS,
+    WITHOUT,
+    DemonstrationsPlan,
+)
+from backend.experiments.reproduction.demonstrations.results import (
+    BARS,
+    MEASURES,
+    NAMES,
+    SHOWN,
+    ControllerRow,
+    Load,
+    measured,
+)
+from backend.experiments.reproduction.enquery.report import kinds
+from backend.experiments.reproduction.running import TEMPLATES, told_time
 from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
 from backend.explain.printed import Section, Shown, Table, page, shown_picture
@@ -30,10 +44,12 @@ _CONTROL = (
 _UNCONTROLLED = "Only the whole training was run; the budget `full` also leaves out its parts."
 
 
-def write_report(path: Path, plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Picture], run: Run) -> None:
+def write_report(
+    path: Path, plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load, drawn: Sequence[Picture], run: Run
+) -> None:
     """One HTML file with everything in it; figures are SVG."""
     html = page(
-        __package__,
+        TEMPLATES,
         "demonstrations.html",
         run={"budget": plan.budget.name, "seeds": ", ".join(map(str, plan.budget.seeds))},
         brief=brief(plan, rows, load),
@@ -44,7 +60,7 @@ def write_report(path: Path, plan: Plan, rows: Sequence[Row], load: Load, drawn:
     path.write_text(html, encoding="utf-8")
 
 
-def brief(plan: Plan, rows: Sequence[Row], load: Load) -> list[str]:
+def brief(plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load) -> list[str]:
     """The result in a few sentences, as the numbers have it."""
     ours = [row for row in rows if row.controller == OURS]
     told = []
@@ -61,7 +77,7 @@ def brief(plan: Plan, rows: Sequence[Row], load: Load) -> list[str]:
     return [*told, *_trained_in(ours), *_without(rows), *_measures_brief(plan, load)]
 
 
-def _trained_in(ours: Sequence[Row]) -> list[str]:
+def _trained_in(ours: Sequence[ControllerRow]) -> list[str]:
     """How long training took."""
     spent = [row.cpu_s for row in ours if row.cpu_s is not None]
     ready = [row.ready_s for row in ours]
@@ -74,7 +90,7 @@ def _trained_in(ours: Sequence[Row]) -> list[str]:
     ]
 
 
-def _without(rows: Sequence[Row]) -> list[str]:
+def _without(rows: Sequence[ControllerRow]) -> list[str]:
     """Whether the bar on the Frechet distance says anything: who has seen no demonstrations must miss it."""
     plain = [row for row in rows if row.controller == WITHOUT]
     if not plain:
@@ -92,7 +108,7 @@ def _without(rows: Sequence[Row]) -> list[str]:
     ]
 
 
-def _measures_brief(plan: Plan, load: Load) -> list[str]:
+def _measures_brief(plan: DemonstrationsPlan, load: Load) -> list[str]:
     """What the thesis says of ours beside the two baselines, counted."""
     told = []
     for name, title in MEASURES.items():
@@ -109,11 +125,13 @@ def _measures_brief(plan: Plan, load: Load) -> list[str]:
     ]
 
 
-def _whose(row: Row) -> str:
+def _whose(row: ControllerRow) -> str:
     return f"{row.style.replace('_', ' ')} in the {row.environment}"
 
 
-def sections(plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Picture], folder: Path) -> list[Section]:
+def sections(
+    plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load, drawn: Sequence[Picture], folder: Path
+) -> list[Section]:
     """The report's parts in order."""
 
     def shown(*beginnings: str) -> list[Shown]:
@@ -154,14 +172,14 @@ def sections(plan: Plan, rows: Sequence[Row], load: Load, drawn: Sequence[Pictur
     ]
 
 
-def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
+def facts(plan: DemonstrationsPlan, run: Run) -> list[tuple[str, str]]:
     """Command, budgets, durations."""
     budget = plan.budget
     return [
         ("command", run.command),
         ("commit", run.commit),
-        ("this run", f"{run.computed} pieces computed in {told_time(run.seconds)} by {run.processes} process(es)"),
-        ("all pieces", f"{len(run.made)} pieces, {told_time(run.core_seconds)} of one core"),
+        ("this run", f"{run.computed} tasks computed in {told_time(run.seconds)} by {run.processes} process(es)"),
+        ("all tasks", f"{len(run.made)} tasks, {told_time(run.core_seconds)} of one core"),
         ("updates", f"{budget.updates:,} per controller"),
         (
             "demonstrations",
@@ -171,7 +189,7 @@ def facts(plan: Plan, run: Run) -> list[tuple[str, str]]:
     ]
 
 
-def _bars_table(rows: Sequence[Row]) -> Table:
+def _bars_table(rows: Sequence[ControllerRow]) -> Table:
     heads = ["environment", "demonstrator", "controller", "seeds", *(bar.name for bar in BARS.values()), "CPU s"]
     return Table(
         "; ".join(f"{bar.name}: {'≥' if bar.at_least else '≤'} {bar.bound}" for bar in BARS.values()),
@@ -190,12 +208,12 @@ def _bars_table(rows: Sequence[Row]) -> Table:
     )
 
 
-def _with_worst(row: Row, name: str) -> str:
+def _with_worst(row: ControllerRow, name: str) -> str:
     value = _number(row.values[name])
     return f"{value} ({_number(row.worst[name])})" if row.seeds > 1 else value
 
 
-def _measures_table(plan: Plan, load: Load) -> Table:
+def _measures_table(plan: DemonstrationsPlan, load: Load) -> Table:
     found = []
     for environment in plan.budget.environments:
         for style in plan.budget.styles:
@@ -218,7 +236,7 @@ def _measures_table(plan: Plan, load: Load) -> Table:
     return Table("Means ± standard deviations over drives from demonstrated starts", heads, found)
 
 
-def _unseen_table(rows: Sequence[Row]) -> Table:
+def _unseen_table(rows: Sequence[ControllerRow]) -> Table:
     heads = ["environment", "demonstrator", "controller", *(f"random {kind}" for kind in KINDS)]
     return Table(
         "Success rates, means over seeds (worst seed); anywhere: start, goal and person",

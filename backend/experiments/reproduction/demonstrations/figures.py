@@ -15,8 +15,14 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from backend.demonstrations.judging import KINDS, PROFILE_POINTS
-from backend.experiments.reproduction.demonstrations import CONTROLLERS, OURS, VARIANTS, WITHOUT, Plan
-from backend.experiments.reproduction.demonstrations_results import (
+from backend.experiments.reproduction.demonstrations.plan import (
+    CONTROLLERS,
+    OURS,
+    VARIANTS,
+    WITHOUT,
+    DemonstrationsPlan,
+)
+from backend.experiments.reproduction.demonstrations.results import (
     DEMONSTRATED,
     MEASURES,
     NAMES,
@@ -41,7 +47,7 @@ CURVES = {
 }
 
 
-def pictures(plan: Plan, load: Load) -> list[Picture]:
+def pictures(plan: DemonstrationsPlan, load: Load) -> list[Picture]:
     """All figures of the report, in its order."""
     found = []
     for environment in plan.budget.environments:
@@ -52,14 +58,14 @@ def pictures(plan: Plan, load: Load) -> list[Picture]:
     return [*found, curves_picture(plan, load, first, plan.budget.ablated)]
 
 
-def _poses(plan: Plan, load: Load, environment: str, style: str, controller: str) -> NDArray[Any]:
+def _poses(plan: DemonstrationsPlan, load: Load, environment: str, style: str, controller: str) -> NDArray[Any]:
     """(drives, steps, 3) of the first seed."""
     source = OURS if controller == DEMONSTRATED else controller
     arrays = load(plan.judged[first_cell(plan, environment, style, source)].key).arrays
     return arrays["demonstrated_poses" if controller == DEMONSTRATED else "driven_poses"]
 
 
-def paths_picture(plan: Plan, load: Load, environment: str) -> Picture:
+def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
     """Figure 2.3 a-d: demonstrations and drives from their starts, a colour per position-orientation pair."""
     scenes, styles = demonstration_scenes(environment), plan.budget.styles
     room = scenes[0].room
@@ -108,7 +114,7 @@ def paths_picture(plan: Plan, load: Load, environment: str) -> Picture:
     )
 
 
-def measures_picture(plan: Plan, load: Load, environment: str) -> Picture:
+def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
     """Figure 2.3 e-g: path length, distance and area by controller, median and quartiles over drives."""
     styles = plan.budget.styles
     rows: Rows = []
@@ -149,7 +155,7 @@ def measures_picture(plan: Plan, load: Load, environment: str) -> Picture:
     )
 
 
-def unseen_picture(plan: Plan, load: Load, environment: str) -> Picture:
+def unseen_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
     """What figure 2.5 b-d shows in examples, counted: success where nothing was demonstrated."""
     styles = plan.budget.styles
     rows: Rows = []
@@ -202,7 +208,7 @@ def unseen_picture(plan: Plan, load: Load, environment: str) -> Picture:
     )
 
 
-def speeds_picture(plan: Plan, load: Load, environment: str) -> Picture:
+def speeds_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
     """Figure 2.5a: the speeds demonstrated near the person, and those driven."""
     limits = get_setup(environment).limits
     style = "slow_near_person" if "slow_near_person" in plan.budget.styles else plan.budget.styles[0]
@@ -249,7 +255,7 @@ def _legend_below(figure: Figure, ax: Axes) -> None:
     figure.legend(handles, labels, frameon=False, fontsize=7, ncols=len(labels), loc="outside lower center")
 
 
-def curves_picture(plan: Plan, load: Load, environment: str, style: str) -> Picture:
+def curves_picture(plan: DemonstrationsPlan, load: Load, environment: str, style: str) -> Picture:
     """What a controller can do after how much computing, with and without each part of the training."""
     curves = curves_of(plan, load, environment, style)
     rows: Rows = []

@@ -1,4 +1,4 @@
-"""What the thesis published, kept as data with its source. What we find lives in the pieces of work."""
+"""What the thesis published, kept as data with its source. What we find lives in the tasks."""
 
 from __future__ import annotations
 

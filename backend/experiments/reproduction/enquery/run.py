@@ -7,8 +7,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from backend.experiments.reproduction.enquery import FUNCTIONS, SETUP, Budget, Plan, Speed, make_plan
-from backend.experiments.reproduction.enquery_results import Results, TableRow, results_of
+from backend.experiments.reproduction.enquery.budgets import SETUP, EnqueryBudget
+from backend.experiments.reproduction.enquery.computing import FUNCTIONS
+from backend.experiments.reproduction.enquery.plan import EnqueryPlan, Speed, make_plan
+from backend.experiments.reproduction.enquery.results import EnqueryResults, TableRow, results_of
 from backend.experiments.reproduction.running import Tell, compute, write_results
 from backend.experiments.reproduction.tasks import Run, Work
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256
@@ -35,27 +37,33 @@ def measure_speed(heads: tuple[int, int]) -> Speed:
 
 
 def reproduce_enquery(
-    out: Path, budget: Budget, *, seed: int = 0, processes: int = 2, command: str = "", tell: Tell = lambda words: None
+    out: Path,
+    budget: EnqueryBudget,
+    *,
+    seed: int = 0,
+    processes: int = 2,
+    command: str = "",
+    tell: Tell = lambda words: None,
 ) -> dict[str, Any]:
     """Compute what is missing under `out`/work, then write figures, results.json and report.html.
 
-    Stopped in any way and started again, it goes on with the first piece that is not stored. Raises RuntimeError if
+    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
     another run works in the same folder, ValueError for a seed or number of processes that cannot be.
     """
-    from backend.experiments.reproduction.enquery_figures import pictures  # matplotlib is slow to load
-    from backend.experiments.reproduction.enquery_report import write_report
+    from backend.experiments.reproduction.enquery.figures import pictures  # matplotlib is slow to load
+    from backend.experiments.reproduction.enquery.report import write_report
 
     plan = make_plan(budget, seed, measure_speed(budget.heads))
     work = Work(out / "work")
     with work.claimed():
         run = compute(
-            plan.pieces(),
+            plan.tasks(),
             FUNCTIONS,
             work,
             command=command,
             processes=processes,
             tell=tell,
-            name=lambda piece: piece.kind.replace("_", " "),
+            name=lambda task: task.kind.replace("_", " "),
         )
         results = results_of(plan, work.load)
         tell("drawing")
@@ -76,14 +84,14 @@ def reproduce_enquery(
     }
 
 
-def _card(plan: Plan, results: Results, run: Run, file: Path) -> Card:
+def _card(plan: EnqueryPlan, results: EnqueryResults, run: Run, file: Path) -> Card:
     """What the numbers were made of and how, beside them like every other artefact's card."""
     scenes = plan.raw.params["scenes"]
-    begun = (plan.base, plan.ensemble, *(piece.needs[0] for piece in plan.sweep.values()))
+    begun = (plan.base, plan.ensemble, *(task.needs[0] for task in plan.sweep.values()))
     parents = {
-        piece.params["name"]: ", ".join(piece.params["sha256"]) for piece in begun if piece.kind.startswith("shipped")
+        task.params["name"]: ", ".join(task.params["sha256"]) for task in begun if task.kind.startswith("shipped")
     }
-    conditioned = [p.params for pieces in plan.alignments.values() for p in pieces if "conditioned" in p.params]
+    conditioned = [p.params for tasks in plan.alignments.values() for p in tasks if "conditioned" in p.params]
     if conditioned:
         parents[conditioned[0]["conditioned"]] = conditioned[0]["sha256"]
     heads = ["heads"] if plan.budget.heads == FAST_HEADS else []

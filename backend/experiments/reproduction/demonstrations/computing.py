@@ -1,0 +1,103 @@
+"""What each task of chapter 2 computes. Which there are: `plan.py`; the numbers made of them: `results.py`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.analysis.metrics import collision_rate, measure, success_rate, timeout_rate
+from backend.demonstrations.controllers import drive
+from backend.demonstrations.demonstration import Demonstration
+from backend.demonstrations.demonstrators import demonstrate
+from backend.demonstrations.judging import KINDS, judge_drives, speed_profile, unseen_scenes
+from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
+from backend.demonstrations.td3_bc.training import train_with_demonstrations
+from backend.experiments.reproduction.tasks import Function, TaskResult
+from backend.learning.policies.policy import Policy
+from backend.learning.scene_sets import Purpose
+from backend.simulation.demonstration_scenes import demonstration_scenes
+from backend.simulation.trajectory import Trajectory
+
+
+def demonstrations_of(params: Mapping[str, Any]) -> list[Demonstration]:
+    """What the programmed demonstrator draws: `per_pair` strokes of each pair, others for another seed."""
+    first = params["seed"] * params["per_pair"]
+    return [
+        demonstrate(params["style"], scene, first + k)
+        for scene in demonstration_scenes(params["environment"])
+        for k in range(params["per_pair"])
+    ]
+
+
+def config_of(params: Mapping[str, Any]) -> DemonstrationConfig:
+    """The configuration a task's JSON names; lists become tuples."""
+    changes: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in params["config"].items()}
+    return replace(DemonstrationConfig(), **changes)
+
+
+def controller(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """Train; the curve holds the CPU seconds until each checkpoint, its own measuring included."""
+    began = time.process_time()
+    seconds: list[float] = []
+
+    def note(_: float, metrics: dict[str, float]) -> None:
+        if "score" in metrics:
+            seconds.append(time.process_time() - began)
+
+    trained = train_with_demonstrations(demonstrations_of(params), config_of(params), note)
+    curve = [{**point, "cpu_s": spent} for point, spent in zip(trained.history, seconds, strict=True)]
+    content = trained.policy.without_critic().to_bytes()
+    return TaskResult({"curve": curve, "chosen": trained.chosen}, {"policy": np.frombuffer(content, dtype=np.uint8)})
+
+
+def _driver(params: Mapping[str, Any], needs: Sequence[TaskResult]) -> str | Policy:
+    return Policy.from_bytes(needs[0].arrays["policy"].tobytes()) if needs else str(params["controller"])
+
+
+def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """Drives from every demonstrated start, measured; the demonstrations measured beside them."""
+    demonstrations = demonstrations_of(params)
+    drives = drive(_driver(params, needs), [d.scene for d in demonstrations])
+    arrays = {**_shown(drives, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
+    return TaskResult({"judged": judge_drives(drives, demonstrations).as_dict()}, arrays)
+
+
+def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """Drives where nothing was demonstrated, in the reporting scenes of the seed, measured."""
+    pairs = demonstration_scenes(params["environment"])
+    found: dict[str, Any] = {}
+    for kind in KINDS:
+        scenes = unseen_scenes(pairs, kind, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
+        measured = measure(drive(_driver(params, needs), scenes))
+        found[kind] = {
+            "n": len(scenes),
+            "success_rate": success_rate(measured.outcome),
+            "collision_rate": collision_rate(measured.outcome),
+            "timeout_rate": timeout_rate(measured.outcome),
+            "min_human_distance_m": float(measured.min_human_distance.mean()),
+        }
+    return TaskResult({"unseen": found}, {})
+
+
+def _shown(drives: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
+    """What figures need of drives: poses padded with NaN, numbers of chapter 2, speed profiles."""
+    measured = measure(drives)
+    poses = np.full((len(drives), max(len(t.poses) for t in drives), 3), np.nan, dtype=np.float32)
+    for row, trajectory in zip(poses, drives, strict=True):
+        row[: len(trajectory.poses)] = trajectory.poses
+    return {
+        f"{name}_poses": poses,
+        f"{name}_outcome": measured.outcome,
+        f"{name}_relative_path_length": measured.relative_path_length,
+        f"{name}_min_human_distance": measured.min_human_distance,
+        f"{name}_path_area": measured.path_area,
+        f"{name}_speeds": np.stack([speed_profile(t) for t in drives]),
+    }
+
+
+FUNCTIONS: dict[str, Function] = {"controller": controller, "judged": judged, "unseen": unseen}
