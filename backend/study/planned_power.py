@@ -21,6 +21,7 @@ from backend.report.study_data import StudyData
 from backend.report.tidy_tables import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from backend.study.kinds.comparison import ComparisonStage
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.simulated.participant import Character
@@ -72,7 +73,7 @@ def plan_power(
     """Power of the protocol's declared analysis for each number of participants.
 
     condition, item, ranking: where the effect is; default the last condition, the first item, the first ranking by
-    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and BotError if a bot cannot
+    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and SimulationError if a bot cannot
     finish.
     """
     if not participants or min(participants) < 3:
@@ -119,7 +120,7 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
 
 def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
     """What a walked study asked: conditions, items rated under each of them, rankings, queries, comparisons."""
-    comparison = next((entry.comparison for entry in frozen.protocol.stages if entry.comparison), None)
+    comparison = frozen.protocol.stage_of(ComparisonStage)
     return PlannedDesign(
         conditions=tuple(found.conditions),
         items=tuple(one.item.key for one in found.items),

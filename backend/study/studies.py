@@ -11,10 +11,11 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
+from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.plan.planning import PlanError, make_plan
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.refusals import Refused
-from backend.study.session.versions import FIRST, protocol_row
+from backend.study.rows import FIRST, protocol_row
 
 TOKEN_BYTES = 24
 
@@ -68,8 +69,7 @@ def materials_of(
     """
     wanted = frozen.protocol.query_set
     if wanted is None and query_set is None:
-        drawn = next(entry.demonstrations for entry in frozen.protocol.stages if entry.demonstrations)
-        return {"query_set": None, "setup": drawn.environment}
+        return {"query_set": None, "setup": frozen.stage(DemonstrationsStage).environment}
     try:
         artefact = query_set or import_query_set(s, files, wanted or "")
         queries = queries_of(s, files, artefact.id)

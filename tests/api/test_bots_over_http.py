@@ -16,7 +16,7 @@ from backend.learning.preferences.oracles import path_length_m
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Job, Participant, Response, Session, Study, Trial
 from backend.study.protocol.freezing import freeze_text
-from backend.study.simulated.participant import BotError, Character, simulate_study
+from backend.study.simulated.participant import SimulationError, Character, simulate_study
 from backend.study.studies import create_study
 from tests.api.participant_services import logged, to_first_trial
 
@@ -77,7 +77,7 @@ def test_an_unknown_oracle_is_refused_before_anybody_joins(client, services, lin
 
 
 def test_a_bot_that_is_refused_says_why(client):
-    with pytest.raises(BotError, match="404"):
+    with pytest.raises(SimulationError, match="404"):
         simulate_study("", "nowhere", 1, client=client)
 
 

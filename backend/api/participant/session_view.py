@@ -12,20 +12,20 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.core.dependencies import Services, contact, public_url, stage_origin
 from backend.api.stage.admission import stage_token
 from backend.store.models import Participant, Session, utc_now
-from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
 from backend.study.personalising import training
-from backend.study.plan.planning import Step
-from backend.study.protocol.texts import local
+from backend.study.kinds import KINDS, Step, kind_of, read_plan
+from backend.study.grammar.texts import local
 from backend.study.refusals import Refused, log_refusal
 from backend.study.session import machine
 from backend.study.session.finding import acting, find_session
 from backend.study.session.versions import protocol_of
-from backend.study.simulated.bot_view import told_to_bots
+from backend.study.simulated.told import told_to_simulated
 
 
 def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
     frozen = protocol_of(s, session)
     view = machine.current(s, session)
+    plan = read_plan(session.plan)
     return {
         "token": token,
         "study_title": frozen.title(session.language),
@@ -33,10 +33,10 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "contact": frozen.protocol.contact or contact(request),
         "payment": local(frozen.protocol.payment, session.language) if frozen.protocol.payment else None,
         "code": s.get_one(Participant, session.participant_id).code,
-        "looks_around": any(step.get("view", "top_down") != "top_down" for step in session.plan),
+        "looks_around": any(step.view not in (None, "top_down") for step in plan),
         "step": view,
-        "next_kind": next_kind(session.plan, session.position),
-        "leads_to": leads_to(session.plan, session.position),
+        "next_kind": next_kind(plan, session.position),
+        "leads_to": leads_to(plan, session.position),
         "state": state_of(request, s, session, view),
         "expires_at": session.expires_at,
         "address": public_url(request) if view.kind == "appointment" else None,
@@ -45,21 +45,21 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
 
 def next_kind(plan: list[Step], position: int) -> str:
     """What kind of page follows, "other" where that depends on answers or there is none."""
-    following = next((step for step in plan[position + 1 :] if step["kind"] != "wait"), None)
-    return "other" if following is None or following.get("when") else str(following["kind"])
+    following = next((step for step in plan[position + 1 :] if not kind_of(step).goes_on), None)
+    return "other" if following is None or following.when else following.kind
 
 
 def leads_to(plan: list[Step], position: int) -> str | None:
     """The kind of what is done on the stage next, None where nothing more is."""
-    return next((step["kind"] for step in plan[position:] if step["kind"] in (*TRIAL_KINDS, *DRAWN_KINDS)), None)
+    return next((step.kind for step in plan[position:] if kind_of(step).shows != "page"), None)
 
 
 def state_of(request: Request, s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:
     """What `GET /api/session/{token}` answers."""
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
     if session.simulated:  # bots read no pages
-        state["step"] |= told_to_bots(s, session, view)
-    if view.kind in (*TRIAL_KINDS, *DRAWN_KINDS):
+        state["step"] |= told_to_simulated(s, session, view)
+    if view.kind in KINDS and KINDS[view.kind].shows != "page":
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state
 
@@ -83,10 +83,7 @@ def looking(services: Services, token: str) -> Iterator[tuple[DatabaseSession, S
 
 
 def _may_settle(s: DatabaseSession, session: Session) -> bool:
-    if session.state != "active" or machine.step_of(session)["kind"] != "wait":
-        return False
-    protocol = protocol_of(s, session).protocol
-    return training.outcome_of(s, session, protocol, utc_now()) is not None
+    return not machine.waits(s, session, now=utc_now())
 
 
 def _settle(services: Services, token: str) -> None:

@@ -43,7 +43,7 @@ def benchmark_study(
 
     simulate: all participants one after another over HTTP; its `server_s` holds the server's start. round_trip: whether
     the data set of an imported data set has the same files, byte by byte. put_in, found: what differs between the
-    conditions. Raises BotError, RuntimeError if the server does not start.
+    conditions. Raises SimulationError, RuntimeError if the server does not start.
     """
     cohort = replace(VIEWS_DIFFER, seed=seed)
     load = [round(value, 2) for value in os.getloadavg()]

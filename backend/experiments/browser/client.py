@@ -18,7 +18,8 @@ import httpx
 
 from backend.experiments.browser.hand import BrowserHand
 from backend.study.grammar.words import PLAYING
-from backend.study.simulated.participant import BotError, Character, HttpWay, State, walk_all
+from backend.study.simulated.participant import Character, SimulationError, State, walk_all
+from backend.study.simulated.http import HttpSessionClient
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -32,14 +33,14 @@ WATCHED_FIRST_S = 1.5  # into a drive, when its picture is taken
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A browser with 3D pictures. Raises BotError saying what is missing."""
+    """A browser with 3D pictures. Raises SimulationError saying what is missing."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        raise BotError("--browser needs playwright, which belongs to the test requirements") from None
+        raise SimulationError("--browser needs playwright, which belongs to the test requirements") from None
     executable = shutil.which("chromium")
     if executable is None:
-        raise BotError("--browser needs Chromium; scripts/setup_chromium.sh installs it")
+        raise SimulationError("--browser needs Chromium; scripts/setup_chromium.sh installs it")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable, args=FLAGS)
         try:
@@ -63,7 +64,7 @@ def walk_with_browser(
             BrowserWay(browser, client, recruiting_token, language=language, pictures=None if number else pictures)
             for number in range(in_browser)
         )
-        others = (HttpWay(client, recruiting_token) for _ in range(participants - in_browser))
+        others = (HttpSessionClient(client, recruiting_token) for _ in range(participants - in_browser))
         return walk_all(chain(seeing, others), character)
 
 
@@ -79,7 +80,7 @@ class BrowserWay:
         language: str = "en",
         pictures: Path | None = None,
     ) -> None:
-        self._http = HttpWay(client, recruiting_token, language)
+        self._http = HttpSessionClient(client, recruiting_token, language)
         self._url, self._link = str(client.base_url).rstrip("/"), recruiting_token
         self._language, self._pictures = language, pictures
         self._seen: set[str] = set()
@@ -128,7 +129,7 @@ class BrowserWay:
             self._picture(f"playing_{self._view()}")
         state = self._until(lambda trial: trial["phase"] != phase, f"{key}: drive {side.upper()} to end")
         if state["step"]["trial"]["phase"] == "ready":
-            raise BotError(f"{key}: drive {side.upper()} was interrupted in the browser")
+            raise SimulationError(f"{key}: drive {side.upper()} was interrupted in the browser")
         return state
 
     def drives(self) -> Any:
@@ -206,7 +207,7 @@ class BrowserWay:
             while self._screen() == before:
                 if self._page.locator("[data-missing]").count() or time.monotonic() > deadline:
                     self._picture(f"stuck_{key}")
-                    raise BotError(f"{key}: the page does not take {value!r}")
+                    raise SimulationError(f"{key}: the page does not take {value!r}")
                 self._page.wait_for_timeout(50)
 
     def _answer(self, item: Locator, given: Any) -> None:
@@ -236,7 +237,7 @@ class BrowserWay:
                 return state
             self._page.wait_for_timeout(1000 * LOOK_S)  # lets the page's own events through meanwhile
         self._picture("stuck")
-        raise BotError(f"waited {PATIENCE_MS / 1000:.0f} s for {waited_for}")
+        raise SimulationError(f"waited {PATIENCE_MS / 1000:.0f} s for {waited_for}")
 
     def _view(self) -> str:
         return str(self._http.state()["step"].get("view", "stage"))

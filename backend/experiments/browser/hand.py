@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backend.study.simulated.participant import BotError
+from backend.study.simulated.participant import SimulationError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Frame, Page
@@ -46,7 +46,7 @@ class BrowserHand:
         for frame in self._page.frames:
             if "/stage/" in frame.url:
                 return frame
-        raise BotError("the page has no stage")
+        raise SimulationError("the page has no stage")
 
     def ready(self) -> None:
         """Wait until the pen can be put down."""
@@ -93,7 +93,7 @@ class BrowserHand:
         self._turn_to(way[0])
         spots = self._in_sight_from(end, way)
         if not spots:
-            raise BotError(f"the path's end at {end[0]:.2f}, {end[1]:.2f} m cannot be seen together with what follows")
+            raise SimulationError(f"the path's end at {end[0]:.2f}, {end[1]:.2f} m cannot be seen together with what follows")
         return spots
 
     def walk(self, walk: Mapping[str, Any], under_way: Callable[[], None]) -> None:
@@ -151,13 +151,13 @@ class BrowserHand:
             self._page.mouse.move(x + right, y + down)
             self._page.mouse.up()
         if not self._in_sight(self._looks([place])[0]):
-            raise BotError(f"the place {place[0]:.2f}, {place[1]:.2f} m does not come into sight")
+            raise SimulationError(f"the place {place[0]:.2f}, {place[1]:.2f} m does not come into sight")
 
     def _corner(self) -> tuple[float, float]:
         """Of the stage in the page, pixels."""
         box = self._page.locator("#stage-frame iframe").bounding_box()
         if box is None:
-            raise BotError("the stage is not to be seen")
+            raise SimulationError("the stage is not to be seen")
         return box["x"], box["y"]
 
 

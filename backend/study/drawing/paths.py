@@ -18,9 +18,9 @@ from backend.study.drawing import walks
 from backend.study.grammar.words import View
 
 if TYPE_CHECKING:
+    from backend.study.kinds.demonstration import DemonstrationStep
     from backend.simulation.scene import Scene
 
-Step = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,11 @@ class Showing:
     walking: bool
 
 
-def scene_of(step: Step) -> Scene:
+def scene_of(step: DemonstrationStep) -> Scene:
     """The scene that a step's path is drawn in, the person standing."""
     from backend.simulation.demonstration_scenes import demonstration_scene  # numba comes with it
 
-    return demonstration_scene(step["environment"], step["pair"])
+    return demonstration_scene(step.environment, step.pair)
 
 
 def latest_stroke(s: DatabaseSession, session_id: str, step_key: str) -> StrokeRow | None:
@@ -46,12 +46,12 @@ def latest_stroke(s: DatabaseSession, session_id: str, step_key: str) -> StrokeR
     return s.scalars(mine.order_by(StrokeRow.attempt.desc()).limit(1)).first()
 
 
-def kept_strokes(s: DatabaseSession, session_id: str, step: Step) -> Sequence[StrokeRow]:
+def kept_strokes(s: DatabaseSession, session_id: str, step: DemonstrationStep) -> Sequence[StrokeRow]:
     """What the participant kept in the situation of that step, in order."""
     mine = select(StrokeRow).where(
         StrokeRow.session_id == session_id,
-        StrokeRow.environment == step["environment"],
-        StrokeRow.pair == step["pair"],
+        StrokeRow.environment == step.environment,
+        StrokeRow.pair == step.pair,
         StrokeRow.state == "kept",
     )
     return s.scalars(mine.order_by(StrokeRow.created_at)).all()
@@ -62,9 +62,9 @@ def playback_id(stroke: StrokeRow) -> str:
     return hashlib.sha256(f"{stroke.id}:{stroke.shown_since}".encode()).hexdigest()[:24]
 
 
-def is_walked(step: Step, stroke: StrokeRow) -> bool:
+def is_walked(step: DemonstrationStep, stroke: StrokeRow) -> bool:
     """Whether the participant still has to walk beside the stroke's drive."""
-    return walks.mode_of(step) == "walks" and stroke.walk is None
+    return step.person == "walks" and stroke.walk is None
 
 
 def met(stroke: StrokeRow | None) -> bool:
@@ -72,18 +72,18 @@ def met(stroke: StrokeRow | None) -> bool:
     return stroke is not None and stroke.state == "refused" and (stroke.walk or {}).get("source") == "walked"
 
 
-def showing(step: Step, stroke: StrokeRow | None) -> Showing | None:
+def showing(step: DemonstrationStep, stroke: StrokeRow | None) -> Showing | None:
     """What the stage drives now, None if nothing. Who walked themselves then watches from outside."""
     if stroke is None or stroke.shown_since is None or stroke.trajectory is None:
         return None
     walking = is_walked(step, stroke)
-    view = walks.beside_view(step) if walking else "top_down" if walks.mode_of(step) == "walks" else step["view"]
+    view = walks.beside_view(step) if walking else "top_down" if step.person == "walks" else step.view
     return Showing(stroke.trajectory, view, playback_id(stroke), walking)
 
 
-def state_of(s: DatabaseSession, session: Session, step: Step) -> dict[str, Any]:
+def state_of(s: DatabaseSession, session: Session, step: DemonstrationStep) -> dict[str, Any]:
     """What a page is told of a drawing: `phase` drawing, ready (drawn, waits to be driven), driving or watched."""
-    stroke = latest_stroke(s, session.id, step["key"])
+    stroke = latest_stroke(s, session.id, step.key)
     phase = "drawing"
     if stroke is not None and stroke.state in ("drawn", "watched"):
         phase = "driving" if stroke.shown_since is not None else "ready" if stroke.state == "drawn" else "watched"
@@ -97,25 +97,17 @@ def state_of(s: DatabaseSession, session: Session, step: Step) -> dict[str, Any]
         "stroke": stroke.id if going and stroke is not None else None,
         "duration_s": drive.duration_s if drive is not None else None,
         "playback_id": shown.playback_id if shown else None,
-        "may_skip": bool(step.get("optional")),
+        "may_skip": step.optional,
         "attempts": stroke.attempt if stroke is not None else 0,
     }
 
 
-def wanted(s: DatabaseSession, session: Session, step: Step) -> bool:
-    """Whether a step still asks for a path: further ones of a situation only until one of them was skipped."""
-    if not step.get("optional"):
-        return True
-    missing: int = step["number"] - 1 - kept_count(s, session.id, step)
-    return missing <= 0
-
-
-def kept_count(s: DatabaseSession, session_id: str, step: Step) -> int:
+def kept_count(s: DatabaseSession, session_id: str, step: DemonstrationStep) -> int:
     """How many paths were kept in the situation of that step."""
     counted = select(func.count(StrokeRow.id)).where(
         StrokeRow.session_id == session_id,
-        StrokeRow.environment == step["environment"],
-        StrokeRow.pair == step["pair"],
+        StrokeRow.environment == step.environment,
+        StrokeRow.pair == step.pair,
         StrokeRow.state == "kept",
     )
     return s.scalar(counted) or 0

@@ -22,13 +22,13 @@ from backend.store.models import Session, StrokeRow, TrajectoryRow
 from backend.study.drawing import walks
 from backend.study.drawing.paths import is_walked, latest_stroke, met, playback_id, scene_of
 from backend.study.drawing.walks import Walked
-from backend.study.grammar.words import DRAWN_KINDS, TOLERANCE_S
+from backend.study.grammar.words import TOLERANCE_S
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
+    from backend.study.kinds.demonstration import DemonstrationStep
     from backend.demonstrations.demonstration import Demonstration
 
-Step = dict[str, Any]
 MOST_POINTS = 4_000  # as client/sections.js
 MOST_ATTEMPTS = 60  # ours, per step: who needs more is better served by a pause
 POINTERS = frozenset({"mouse", "touch", "pen", "keys", "bot"})
@@ -51,7 +51,7 @@ class Attempt:
 # ---- a stroke comes in -----------------------------------------------------------------------------------------------
 
 
-def attempt_of(step: Step, given: Mapping[str, Any], *, simulated: bool) -> Attempt:
+def attempt_of(step: DemonstrationStep, given: Mapping[str, Any], *, simulated: bool) -> Attempt:
     """Turn what was sent into a demonstration, or say kindly why not; touches no table (about 0.1 s).
 
     Raises Refused for what is no stroke at all.
@@ -80,7 +80,7 @@ def add_stroke(
     s: DatabaseSession,
     files: ArtefactStore,
     session: Session,
-    step: Step,
+    step: DemonstrationStep,
     attempt: Attempt,
     *,
     request_id: str,
@@ -91,7 +91,7 @@ def add_stroke(
     known = _known(s, session, step, request_id)
     if known is not None:
         return known
-    before = latest_stroke(s, session.id, step["key"])
+    before = latest_stroke(s, session.id, step.key)
     if before is not None and before.state in ("drawn", "watched"):
         raise _refused(session, "drawn_already", "Keep the path that you drew, or take it back first.")
     stroke = _new(session, step, before, attempt.drawn, attempt.pointer, request_id, now)
@@ -109,17 +109,17 @@ def add_stroke(
     return stroke
 
 
-def _known(s: DatabaseSession, session: Session, step: Step, request_id: str) -> StrokeRow | None:
+def _known(s: DatabaseSession, session: Session, step: DemonstrationStep, request_id: str) -> StrokeRow | None:
     """The stroke that the same request made before."""
     known = s.scalars(select(StrokeRow).where(StrokeRow.request_id == request_id)).first()
-    if known is not None and (known.session_id != session.id or known.step_key != step["key"]):
+    if known is not None and (known.session_id != session.id or known.step_key != step.key):
         raise _refused(session, "request_id_used", "This request id belongs to another stroke.")
     return known
 
 
 def _new(
     session: Session,
-    step: Step,
+    step: DemonstrationStep,
     before: StrokeRow | None,
     drawn: dict[str, Any],
     pointer: str,
@@ -132,11 +132,11 @@ def _new(
         raise _refused(session, "too_many_strokes", f"At most {MOST_ATTEMPTS} paths can be tried here.")
     return StrokeRow(
         session_id=session.id,
-        step_key=step["key"],
+        step_key=step.key,
         attempt=number,
-        environment=step["environment"],
-        pair=step["pair"],
-        view=step["view"],
+        environment=step.environment,
+        pair=step.pair,
+        view=step.view,
         pointer=pointer,
         drawn=drawn,
         state="drawn",
@@ -149,7 +149,7 @@ def _new(
 # ---- watched, taken back, kept ---------------------------------------------------------------------------------------
 
 
-def drive(s: DatabaseSession, session: Session, step: Step, *, now: datetime) -> StrokeRow:
+def drive(s: DatabaseSession, session: Session, step: DemonstrationStep, *, now: datetime) -> StrokeRow:
     """Let the robot drive the drawn path (again)."""
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
@@ -162,7 +162,7 @@ def driven(
     s: DatabaseSession,
     files: ArtefactStore,
     session: Session,
-    step: Step,
+    step: DemonstrationStep,
     playback: str | None,
     walked: Walked | None = None,
     *,
@@ -172,7 +172,7 @@ def driven(
 
     walked: what the participant walked beside it, where they do; a drive that met them is refused, and its walk kept.
     """
-    stroke = latest_stroke(s, session.id, step["key"])
+    stroke = latest_stroke(s, session.id, step.key)
     if stroke is not None and met(stroke):
         return stroke  # told twice
     stroke = _current(s, session, step)
@@ -214,13 +214,13 @@ def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke
     _log(s, session, stroke, "stroke_walked", code=(walked.problem or {}).get("code"))
 
 
-def walk_again(s: DatabaseSession, session: Session, step: Step, *, request_id: str, now: datetime) -> StrokeRow:
+def walk_again(s: DatabaseSession, session: Session, step: DemonstrationStep, *, request_id: str, now: datetime) -> StrokeRow:
     """The same path once more, walked beside anew: a stroke of its own, so that the walk before stays stored."""
     known = _known(s, session, step, request_id)
     if known is not None:
         return known
-    before = latest_stroke(s, session.id, step["key"])
-    if before is None or not (met(before) or (before.state == "watched" and walks.mode_of(step) == "walks")):
+    before = latest_stroke(s, session.id, step.key)
+    if before is None or not (met(before) or (before.state == "watched" and step.person == "walks")):
         raise _refused(session, "nothing_walked", "There is no walk here yet.")
     if before.state == "watched":
         before.state, before.shown_since = "redone", None
@@ -233,12 +233,12 @@ def walk_again(s: DatabaseSession, session: Session, step: Step, *, request_id: 
     return stroke
 
 
-def interrupted(s: DatabaseSession, session: Session, step: Step, *, reason: str) -> bool:
+def interrupted(s: DatabaseSession, session: Session, step: DemonstrationStep, *, reason: str) -> bool:
     """A drive was not seen to its end (reload, hidden tab, lost picture): it can be begun again, nothing is lost.
 
     Returns whether anything was being driven.
     """
-    stroke = latest_stroke(s, session.id, step["key"])
+    stroke = latest_stroke(s, session.id, step.key)
     if stroke is None or stroke.shown_since is None:
         return False
     stroke.shown_since = None
@@ -246,7 +246,7 @@ def interrupted(s: DatabaseSession, session: Session, step: Step, *, reason: str
     return True
 
 
-def redraw(s: DatabaseSession, session: Session, step: Step) -> StrokeRow:
+def redraw(s: DatabaseSession, session: Session, step: DemonstrationStep) -> StrokeRow:
     """Take the drawn path back; it stays stored, marked."""
     stroke = _current(s, session, step)
     stroke.state, stroke.shown_since = "redone", None
@@ -254,10 +254,10 @@ def redraw(s: DatabaseSession, session: Session, step: Step) -> StrokeRow:
     return stroke
 
 
-def keep(s: DatabaseSession, session: Session, step: Step, value: Mapping[str, Any]) -> None:
+def keep(s: DatabaseSession, session: Session, step: DemonstrationStep, value: Mapping[str, Any]) -> None:
     """The answer to the step is being stored: mark its stroke as kept. Raises Refused for one that was not watched."""
     if value.get("skipped"):
-        stroke = latest_stroke(s, session.id, step["key"])
+        stroke = latest_stroke(s, session.id, step.key)
         if stroke is not None and stroke.state in ("drawn", "watched"):
             stroke.state, stroke.shown_since = "redone", None
         return
@@ -270,11 +270,9 @@ def keep(s: DatabaseSession, session: Session, step: Step, value: Mapping[str, A
     _log(s, session, stroke, "stroke_kept")
 
 
-def _current(s: DatabaseSession, session: Session, step: Step) -> StrokeRow:
+def _current(s: DatabaseSession, session: Session, step: DemonstrationStep) -> StrokeRow:
     """The stroke of the step that can be driven."""
-    if step["kind"] not in DRAWN_KINDS:
-        raise _refused(session, "not_current_step", "The session is at another step.")
-    stroke = latest_stroke(s, session.id, step["key"])
+    stroke = latest_stroke(s, session.id, step.key)
     if stroke is None or stroke.state not in ("drawn", "watched"):
         raise _refused(session, "nothing_drawn", "There is no path here yet.")
     return stroke

@@ -17,11 +17,11 @@ from backend.study.grammar.words import View
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
+    from backend.study.kinds.demonstration import DemonstrationStep
     from backend.demonstrations.demonstration import Demonstration
     from backend.simulation.scene import Scene
     from backend.simulation.walks import Walk
 
-Step = dict[str, Any]
 PLANNED = (("opposite", 0), ("opposite", 1), ("random", 2))  # mode and seed of the walks to choose from, ours
 LEAST_HZ = 20  # poses a second, issue 4; client/walk.js records 30
 MOST_POSES = 4_000
@@ -42,14 +42,9 @@ class Walked:
     problem: dict[str, Any] | None
 
 
-def mode_of(step: Mapping[str, Any]) -> str:
-    """`still`, `walks` or `recorded`; steps of plans that are older than walks stand still."""
-    return str(step.get("person", "still"))
-
-
-def beside_view(step: Mapping[str, Any]) -> View:
+def beside_view(step: DemonstrationStep) -> View:
     """The view in which the participant walks: from their own eyes."""
-    return "immersive" if step["view"] == "immersive" else "first_person"
+    return "immersive" if step.view == "immersive" else "first_person"
 
 
 def scene_with(scene: Scene, walk: Mapping[str, Any] | None) -> Scene:
@@ -79,12 +74,12 @@ def planned_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
     return tuple(found)
 
 
-def offered(step: Step) -> tuple[dict[str, Any], ...]:
+def offered(step: DemonstrationStep) -> tuple[dict[str, Any], ...]:
     """The walks that the participant chooses from before drawing, none where there is no choice."""
-    return planned_walks(step["environment"], step["pair"]) if mode_of(step) == "recorded" else ()
+    return planned_walks(step.environment, step.pair) if step.person == "recorded" else ()
 
 
-def chosen_walk(step: Step, given: Mapping[str, Any]) -> dict[str, Any] | None:
+def chosen_walk(step: DemonstrationStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
     """The walk that a stroke is drawn for, None where the person stands. Raises Refused for a choice there is not."""
     walks = offered(step)
     if not walks:
@@ -96,7 +91,7 @@ def chosen_walk(step: Step, given: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def walked_beside(
-    step: Step, scene: Scene, drawn: Mapping[str, Any], beside: str | None, given: Any, *, simulated: bool
+    step: DemonstrationStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, given: Any, *, simulated: bool
 ) -> Walked:
     """A recorded walk with the path it was walked beside: what they make together; touches no table (about 0.1 s).
 

@@ -5,6 +5,7 @@ What answers say is `learning.posterior`'s, what teaches most `learning.choosing
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,11 +18,11 @@ from backend.store.artefacts import ArtefactStore, load_artefact
 from backend.store.database import Database
 from backend.store.models import ProtocolVersion, Response, Session, Study, Trial
 from backend.store.query_sets import StoredQuery, queries_of
-from backend.study.plan.planning import Step
-from backend.study.protocol.blocks import Trials
-from backend.study.protocol.freezing import thaw
-from backend.study.protocol.stages import StageEntry
-from backend.study.session.versions import newest_number, protocol_row, row_of
+from backend.study.rows import newest_number, protocol_row, row_of
+
+if TYPE_CHECKING:
+    from backend.study.kinds.base import Acting
+    from backend.study.kinds.trial import TrialStep
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from backend.learning.preferences.posterior import Posterior
@@ -33,14 +34,14 @@ KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 @dataclass(frozen=True)
 class Asked:
-    """What a trial shows. `turned`: the query's second drive is A. `probe_of`: the trial that is asked again. `why`:
+    """What a trial shows. sides_swapped: the query's second trajectory is A. `probe_of`: the trial that is asked again. `why`:
     for the event log, None where the plan knew the query before.
     """
 
     query: str
     trajectory_a: str
     trajectory_b: str
-    turned: bool
+    sides_swapped: bool
     probe_of: str | None = None
     why: dict[str, Any] | None = None
 
@@ -62,44 +63,46 @@ class MeasuredQueries:
         return {query.id: i for i, query in enumerate(self.queries)}
 
 
-def asked_in(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> Asked:
+def asked_in(acting: Acting, step: TrialStep) -> Asked:
     """What the trial of that step shows."""
-    if "again" in step:
+    s, session = acting.s, acting.session
+    if step.again is not None:
         return _asked_again(s, session, step)
-    if "query" in step:
-        return Asked(step["query"], step["trajectory_a"], step["trajectory_b"], step["turned"])
+    if step.query is not None:
+        return Asked(step.query, str(step.trajectory_a), str(step.trajectory_b), step.sides_swapped)
     from backend.learning.queries.choosing import next_query
 
-    measured = measured_queries(s, files, row_of(s, session))
+    measured = measured_queries(s, acting.files, row_of(s, session))
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
-    used |= {one["query"] for one in session.plan if "query" in one}
+    used |= {query for one in acting.plan if (query := getattr(one, "query", None)) is not None}
     left = [i for i, query in enumerate(measured.queries) if query.id not in used]
     posterior = posterior_after(measured, answers_of(s, session))
     random = np.random.default_rng([session.seed, 31, session.position])
-    chosen = next_query(posterior, measured.differences[left], step["choose"], random)
+    how = step.choose or "random"
+    chosen = next_query(posterior, measured.differences[left], how, random)
     query = measured.queries[left[chosen.index]]
     sides = (query.trajectory_a, query.trajectory_b)
-    a, b = sides[::-1] if step["turned"] else sides
-    why = {"by": step["choose"], "bits": round(chosen.bits, 4), "answers": len(posterior.chosen), "of": len(left)}
-    return Asked(query.id, a, b, step["turned"], why=why)
+    a, b = sides[::-1] if step.sides_swapped else sides
+    why = {"by": how, "bits": round(chosen.bits, 4), "answers": len(posterior.chosen), "of": len(left)}
+    return Asked(query.id, a, b, step.sides_swapped, why=why)
 
 
-def _asked_again(s: DatabaseSession, session: Session, step: Step) -> Asked:
-    before = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step["again"])).one()
+def _asked_again(s: DatabaseSession, session: Session, step: TrialStep) -> Asked:
+    before = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step.again)).one()
     sides = (before.trajectory_a, before.trajectory_b)
-    a, b = sides[::-1] if step["role"] == "swap" else sides
-    return Asked(str(before.query_id), a, b, step["turned"], probe_of=before.id)
+    a, b = sides[::-1] if step.role == "swap" else sides
+    return Asked(str(before.query_id), a, b, step.sides_swapped, probe_of=before.id)
 
 
-def little_left(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step) -> bool:
+def little_left(acting: Acting, step: TrialStep) -> bool:
     """Does the protocol's stopping rule end the chosen queries here?"""
-    if step.get("stop") is None:
+    if step.stop is None:
         return False
     from backend.learning.queries.choosing import StoppingRule, best_information
 
-    rule = StoppingRule(**step["stop"])
-    answers = answers_of(s, session)
-    measured = measured_queries(s, files, row_of(s, session))
+    rule = StoppingRule(**step.stop.model_dump())
+    answers = answers_of(acting.s, acting.session)
+    measured = measured_queries(acting.s, acting.files, row_of(acting.s, acting.session))
     promised = [np.inf] * len(answers)  # only the last ones count
     for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
         used = {query for query, _ in answers[:after]}
@@ -159,7 +162,7 @@ _posteriors: dict[tuple[str, str, Answers], Posterior] = {}
 
 def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
     """The query set of a study's protocol, measured once per process."""
-    set_id, symmetry = study.protocol["materials"]["query_set"], thaw(study).protocol.symmetry
+    set_id, symmetry = study.protocol["materials"]["query_set"], study.protocol.get("symmetry", "none")
     known = _measured.get((set_id, symmetry))
     if known is None:
         from backend.learning.preferences.spans import seen_in
@@ -178,12 +181,14 @@ def prepare(database: Database, files: ArtefactStore) -> None:
     with database.session() as s:
         for study in s.scalars(select(Study).where(Study.state == "open")):
             row = protocol_row(s, study, newest_number(s, study))
-            if any(one.queries.choose != "random" for entry in thaw(row).protocol.stages for one in _trials(entry)):
+            if any(one["queries"].get("choose", "random") != "random" for one in _trials(row)):
                 measured_queries(s, files, row)
 
 
-def _trials(entry: StageEntry) -> list[Trials]:
-    return entry.block.trials if entry.block else []
+def _trials(row: Study | ProtocolVersion) -> Iterator[dict[str, Any]]:
+    """What the protocol asks in its blocks, as it is stored."""
+    for entry in row.protocol["stages"]:
+        yield from (entry.get("block") or {}).get("trials", [])
 
 
 _measured: dict[tuple[str, str], MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries

@@ -1,25 +1,27 @@
 """From a participant's answers to the comparison: starts the alignment, and turns its result into blind trials.
 
-The alignment itself is a job (`backend/jobs`); which step comes next is decided in `machine.py`.
+The alignment itself is a job (`backend/jobs`); what the session does meanwhile is `kinds/wait.py`'s.
 """
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from typing import TYPE_CHECKING, Any, Literal
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
-from backend.store.models import Artefact, Job, Participant, Response, Session, Study, TrajectoryRow, Trial
+from backend.store.models import Artefact, Job, Participant, Response, Session, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
 from backend.store.strokes import StrokeError, take_demonstrations
-from backend.study.plan.planning import Step
-from backend.study.protocol.schema import Protocol
-from backend.study.protocol.stages import TrainStage
+
+if TYPE_CHECKING:
+    from backend.study.kinds.base import Acting, Moment
+    from backend.study.kinds.comparison import ComparisonStep
 
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 SIMULATED_WAITS = 5  # ours: bots wait behind people
@@ -31,53 +33,67 @@ EVERY_PAIR = 4  # spec 02: situations of an environment
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
 
-def train_stage(protocol: Protocol) -> TrainStage:
-    """The protocol's train stage."""
-    return next(entry.train for entry in protocol.stages if entry.train)
+@dataclass(frozen=True)
+class Training:
+    """What a protocol says about learning from its own answers, gathered from the stages that say it.
+
+    scenes: of the comparison, 0 where there is none; opponents: of the own policy in it. rated: rollouts are rated one
+    by one. environments: that paths are drawn in, in the order of the stages.
+    """
+
+    job: Literal["align", "demonstrations"]
+    recipe: str
+    give_up_after_s: int
+    scenes: int
+    opponents: tuple[str, ...]
+    rated: bool
+    environments: tuple[str, ...]
+
+    @property
+    def learns_from(self) -> Literal["answers", "paths"]:
+        return "paths" if self.job == "demonstrations" else "answers"
 
 
-def start_training(
-    s: DatabaseSession, files: ArtefactStore, session: Session, study: Study, protocol: Protocol
-) -> None:
+def start_training(acting: Acting) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
     Recipe instant: two jobs, the second a refinement. None where there are too few answers, or where the participant
     did not consent to learning from theirs; the session's `personalisation` says so.
     """
-    stage = train_stage(protocol)
+    s, files, session, training = acting.s, acting.files, acting.session, acting.frozen.training
+    assert training is not None  # noqa: S101  a step begins it only where a stage says so
     if (s.get_one(Participant, session.participant_id).consents or {}).get("training") is False:
         session.personalisation = "no_consent"
         log_event(s, "personalisation", session_id=session.id, outcome="no_consent")
         return
     try:
-        if stage.job == "demonstrations":
-            _learn_from_paths(s, files, session, protocol)
+        if training.job == "demonstrations":
+            _learn_from_paths(acting, training)
             return
         snapshot = take_snapshot(s, files, session_id=session.id)
     except (SnapshotError, StrokeError) as problem:
         session.personalisation = "too_few_answers"
         log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
         return
-    comparison = next((entry.comparison for entry in protocol.stages if entry.comparison), None)
-    other = _policy_of_another(s, session) if comparison is not None and "other" in comparison.opponents else None
-    recipes: list[dict[str, str]] = [{"recipe": stage.recipe}]
-    if stage.recipe == "instant":
+    other = _policy_of_another(s, session) if "other" in training.opponents else None
+    recipes: list[dict[str, str]] = [{"recipe": training.recipe}]
+    if training.recipe == "instant":
         recipes.append({"recipe": "refine", "start": "conditioned"})
     for recipe in recipes:
         job = enqueue_job(
             s,
-            stage.job,
+            training.job,
             {
                 "snapshot": snapshot.id,
                 "setup": snapshot.setup,
-                "comparisons": comparison.scenes if comparison is not None else 0,
+                "comparisons": training.scenes,
                 "other": other,
-                "symmetry": protocol.symmetry,
+                "symmetry": acting.frozen.protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
                 **recipe,
             },
             priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
-            study_id=study.id,
+            study_id=session.study_id,
             session_id=session.id,
             created_by="study",
         )
@@ -112,15 +128,13 @@ def _policy_of_another(s: DatabaseSession, session: Session) -> str | None:
     return next(here, None)
 
 
-def _learn_from_paths(s: DatabaseSession, files: ArtefactStore, session: Session, protocol: Protocol) -> None:
+def _learn_from_paths(acting: Acting, training: Training) -> None:
     """One job per environment that was drawn in, in the order of the stages. StrokeError: nothing was kept in one."""
-    scenes = next((entry.comparison.scenes for entry in protocol.stages if entry.comparison), 0)
-    if any(entry.evaluation for entry in protocol.stages):
-        scenes = EVERY_PAIR
-    environments = dict.fromkeys(one.demonstrations.environment for one in protocol.stages if one.demonstrations)
+    s, files, session = acting.s, acting.files, acting.session
+    scenes = EVERY_PAIR if training.rated else training.scenes
     snapshots = [  # all of them before the first job: either every environment can be learned from, or none is
         take_demonstrations(s, files, study_id=session.study_id, environment=environment, session_id=session.id)
-        for environment in environments
+        for environment in training.environments
     ]
     for snapshot in snapshots:
         job = enqueue_job(
@@ -177,67 +191,70 @@ def progress_of(s: DatabaseSession, session: Session) -> float:
     return sum(furthest.values()) / len(furthest) if furthest else 0.0
 
 
-def outcome_of(s: DatabaseSession, session: Session, protocol: Protocol, now: datetime) -> str | None:
+def outcome_of(moment: Moment) -> str | None:
     """How the learning stands for somebody who waits: None means not ready and still worth waiting for. Of several
     recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
 
     Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_consent, no_scenes (a policy that
     passed the gate, but no scene in which both drives can be compared).
     """
-    if session.personalisation is not None:
-        return session.personalisation
+    s, session, training = moment.s, moment.session, moment.frozen.training
+    if session.personalisation is not None or training is None:
+        return session.personalisation or "too_few_answers"
     jobs = jobs_of(s, session)
     if not jobs:
         return "too_few_answers"
-    rated = any(entry.evaluation for entry in protocol.stages)
     of_snapshot: dict[str, list[str | None]] = {}
     for job in jobs:
-        of_snapshot.setdefault(job.params["snapshot"], []).append(_verdict(job, rated=rated))
+        of_snapshot.setdefault(job.params["snapshot"], []).append(_verdict(job, rated=training.rated))
     verdicts = ["shown" if "shown" in each else None if None in each else each[-1] for each in of_snapshot.values()]
     if None not in verdicts:
         return "shown" if "shown" in verdicts else verdicts[-1]
     last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
     began = min(job.created_at for job in jobs)
     since = max(began, last) if last else began
-    patience = timedelta(seconds=train_stage(protocol).give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
-    if now - since <= patience:
+    patience = timedelta(seconds=training.give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
+    if moment.now - since <= patience:
         return None
     return "shown" if "shown" in verdicts else "late"
 
 
-def make_comparisons(s: DatabaseSession, session: Session, now: datetime) -> int:
-    """The comparison trials from the job's drives; sides as the plan's lot says. Returns how many there are."""
+def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep]]) -> int:
+    """The comparison trials from the job's rollouts; sides as the plan's lot says. Returns how many there are.
+
+    planned: the plan's comparisons with their index.
+    """
+    s, session = acting.s, acting.session
     job = ready_job(s, session)
     result: dict[str, Any] = (job.result or {}) if job is not None else {}
-    planned: list[tuple[int, Step]] = [(i, step) for i, step in enumerate(session.plan) if step["kind"] == "comparison"]
     made = {"base": iter(result.get("comparisons", [])), "other": iter(result.get("yoked", []))}
     count = 0
     for index, step in planned:
-        against = step.get("against", "base")
-        drives = next(made[against], None)
-        if drives is None:
+        against = step.against
+        rollouts = next(made[against], None)
+        if rollouts is None:
             continue
         count += 1
-        rival = s.get(TrajectoryRow, drives[against])
+        rival = s.get(TrajectoryRow, rollouts[against])
         policies = {"own": result["policy"], against: rival.made_by if rival is not None else None}
         if job is not None and job.kind == PATHS_JOB:
             policies["base"] = "dwa"  # which is no artefact
-        a, b = ("own", against) if step["turned"] else (against, "own")
+        a, b = ("own", against) if step.sides_swapped else (against, "own")
         arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
         if against == "other":
             arms["other"] = "b" if a == "own" else "a"
         s.add(
             Trial(
                 session_id=session.id,
-                step_key=step["key"],
+                step_key=step.key,
                 index=index,
-                block=step["stage"],
+                block=step.stage,
                 kind="comparison",
-                view=step["view"],
-                trajectory_a=drives[a],
-                trajectory_b=drives[b],
-                arms={**arms, "look_alike": drives["look_alike"]},
-                phase_since=now,
+                view=step.view,
+                trajectory_a=rollouts[a],
+                trajectory_b=rollouts[b],
+                arms={**arms, "look_alike": rollouts["look_alike"]},
+                phase_since=acting.now,
             )
         )
     s.flush()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sqlalchemy import Row, select
@@ -17,7 +17,9 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.study.plan.counterbalancing import Place, design_of, next_row
-from backend.study.protocol.schema import Assignment, Protocol
+
+if TYPE_CHECKING:
+    from backend.study.protocol.schema import Assignment, Protocol
 
 STANDINGS = ("completed", "active", "lapsed", "expired", "withdrawn", "screened_out", "excluded")
 """How somebody stands: done; under way; not heard of for longer than the lease; and the ways of being out."""

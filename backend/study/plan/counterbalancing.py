@@ -10,20 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from math import factorial, prod
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backend.study.protocol.blocks import BlockStage, Condition
-from backend.study.protocol.demonstration_stages import EvaluationStage
-from backend.study.protocol.schema import Protocol
-from backend.study.protocol.stages import stage_keys
+from backend.study.grammar.conditions import Condition, Ordered
+
+if TYPE_CHECKING:
+    from backend.study.protocol.schema import Protocol
 
 MOST_ROWS = 5040  # ours: 7!; a protocol with more orders than that can never be balanced
-
-
-Ordered = BlockStage | EvaluationStage
-"""What has conditions in an order: a block, or an evaluation with its three controllers."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +79,8 @@ class Design:
 
 def design_of(protocol: Protocol) -> Design:
     """The places of a protocol; none where nothing has conditions. ValueError: more than `MOST_ROWS`."""
-    keyed = zip(stage_keys(protocol.stages), protocol.stages, strict=True)
-    ordered = ((key, entry.block or entry.evaluation) for key, entry in keyed)
-    blocks = {key: block for key, block in ordered if block and (block.each or block.one_of)}
+    keyed = protocol.keyed_stages
+    blocks = {key: one for key, one in keyed if isinstance(one, Ordered) and (one.each or one.one_of)}
     scheme = protocol.assignment.scheme
     count = prod(len(block.groups) * _how_many(len(block.conditions(0)), scheme) for block in blocks.values())
     if count > MOST_ROWS:  # counted before they are made: ten conditions have 3.6 million

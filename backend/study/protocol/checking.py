@@ -9,22 +9,21 @@ from backend.study.grammar.error_words import meant
 from backend.study.grammar.questionnaires import Questionnaire
 from backend.study.grammar.skipping import ItemWhen, When, problems_with
 from backend.study.grammar.source import Problem, Source
+from backend.study.kinds.comparison import ComparisonStage
+from backend.study.kinds.comprehension import ComprehensionStage
+from backend.study.kinds.wait import TrainStage
 from backend.study.plan.counterbalancing import design_of
-from backend.study.protocol.blocks import BlockStage, Queries
-from backend.study.protocol.named import questionnaires_of
+from backend.study.plan.queries import Needs
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.stages import ComprehensionStage, stage_keys
-
-ASKING = ("questionnaire", "comprehension", "block", "demonstrations")  # stages that ask something
-ONCE = ("consent", "train", "comparison", "evaluation")
-
+from backend.study.protocol.stages import STAGES, stage_keys
 
 def problems_across(
     protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source
 ) -> Iterator[Problem]:
     """Everything that no single key can know. questionnaires: those that could be read."""
     yield from _order(protocol, source)
-    yield from _blocks(protocol, source)
+    for index, entry in enumerate(protocol.stages):
+        yield from entry.stage.problems(("stages", index, entry.kind), protocol.all_stages, source)
     yield from _conditions(protocol, source)
     yield from _references(protocol, questionnaires, source)
     yield from _checks(protocol, questionnaires, source)
@@ -44,12 +43,12 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         yield source.problem(("stages",), "needs a consent stage before anything is asked")
     if kinds[-1] != "debriefing" or kinds.count("debriefing") != 1:
         yield source.problem(("stages",), "must end with its one debriefing stage")
-    for once in ONCE:
+    for once in dict.fromkeys(entry.kind for entry in protocol.stages if entry.stage.once):
         if kinds.count(once) > 1:
             again = len(kinds) - 1 - kinds[::-1].index(once)
             yield at(again, f"stands {kinds.count(once)} times; a protocol has at most one {once} stage")
     for index, kind in enumerate(kinds):
-        if kind in ASKING and index < first("consent") < len(kinds):
+        if protocol.stages[index].stage.asks and index < first("consent") < len(kinds):
             yield at(index, "stands before the consent stage; nothing may be asked before it")
         if kind == "appointment" and index < first("consent"):
             yield at(index, "stands before the consent stage; nobody can be asked to come back before they consented")
@@ -57,16 +56,17 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield at(index, f"is followed by {kinds[index + 1]}; the next appointment needs something to do")
         elif kind == "appointment" and not _met_by_everybody(protocol, index + 1):
             yield at(index, "is followed by stages with 'when' only; the next appointment needs one for everybody")
-    if "block" not in kinds and "demonstrations" not in kinds:
-        yield source.problem(("stages",), "needs at least one block of trials, or demonstrations")
-    if "block" in kinds and protocol.query_set is None:
-        yield source.problem(("query_set",), "is needed: it is what the block's queries are drawn from")
+    if not any(entry.stage.teaches for entry in protocol.stages):
+        asking = ", ".join(kind for kind, stage in STAGES.items() if stage.teaches)
+        yield source.problem(("stages",), f"needs something to be judged or shown: at least one of {asking}")
+    if protocol.needs != Needs() and protocol.query_set is None:
+        yield source.problem(("query_set",), "is needed: it is what the trajectories that are shown are drawn from")
     if "evaluation" in kinds:
         if first("evaluation") < first("train") or "demonstrations" not in kinds:
             yield at(first("evaluation"), "needs demonstrations and a train stage before it: it shows what was learned")
         if kinds[first("evaluation") - 1] == "appointment":
             yield at(first("evaluation"), "needs a page before it, so that the new appointment begins with words")
-    learning = next((entry.train for entry in protocol.stages if entry.train), None)
+    learning = protocol.stage_of(TrainStage)
     if learning is not None:
         taught_by = "block" if learning.job == "align" else "demonstrations"
         if first("train") < first(taught_by):
@@ -76,7 +76,7 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         for index, kind in enumerate(kinds):
             if kind in (taught_by, "comparison") and kinds[:index].count("appointment") != own:
                 yield at(index, "stands in another appointment than train, which learns from and shows its own only")
-        compared = next((entry.comparison for entry in protocol.stages if entry.comparison), None)
+        compared = protocol.stage_of(ComparisonStage)
         other = "base" if learning.job == "align" else "dwa"
         if compared is not None and compared.arms[0] != other:
             here = ("stages", first("comparison"), "comparison", "arms")
@@ -85,7 +85,7 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
     for index, entry in enumerate(protocol.stages):
-        if entry.when is not None and entry.kind in ("consent", "train", "comparison", "appointment", "debriefing"):
+        if entry.when is not None and entry.stage.for_everybody:
             yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")
 
 
@@ -97,48 +97,6 @@ def _met_by_everybody(protocol: Protocol, begins: int) -> bool:
         if entry.when is None:
             return True
     return False
-
-
-def _blocks(protocol: Protocol, source: Source) -> Iterator[Problem]:
-    showing = sum(1 if not entry.block.each else 2 for entry in protocol.stages if entry.block)  # two mean several
-    for index, entry in enumerate(protocol.stages):
-        if not isinstance(entry.stage, BlockStage):
-            continue
-        here: yaml_source.Path = ("stages", index, "block")
-        regular = 0
-        for t, one in enumerate(entry.stage.trials):
-            queries, at = one.queries, (*here, "trials", t, "queries")
-            probes = queries.probes
-            regular += queries.count * (queries.role == "regular")
-            if probes.repeat + probes.swap > queries.count or (queries.role == "learning" and probes.trials):
-                yield source.problem(
-                    (*at, "probes"), "asks for more probes than there are regular queries to ask again"
-                )
-            yield from _chosen(queries, at, several=showing > 1, source=source)
-        if not regular:
-            yield source.problem((*here, "trials"), "has learning trials only; add queries of role regular")
-        if entry.stage.attention_checks > regular > 0:
-            yield source.problem(
-                (*here, "attention_checks"), f"is more than the {regular} regular queries of the block"
-            )
-
-
-def _chosen(queries: Queries, here: yaml_source.Path, *, several: bool, source: Source) -> Iterator[Problem]:
-    """Where queries may follow the answers: not in practice, not where several blocks must show the same ones."""
-    if queries.choose == "random":
-        if queries.stop is not None:
-            yield source.problem((*here, "stop"), "needs queries that are chosen by disagreement or information")
-        return
-    if queries.role == "learning":
-        yield source.problem((*here, "choose"), "must be random for learning trials; their answers teach nothing")
-    if several:
-        yield source.problem(
-            (*here, "choose"),
-            "must be random, because this protocol's blocks show the same queries; keep one block in one view, or "
-            "choose: random",
-        )
-    if queries.stop is not None and queries.stop.at_least > queries.count:
-        yield source.problem((*here, "stop", "at_least"), f"is more than the {queries.count} queries there are")
 
 
 def _conditions(protocol: Protocol, source: Source) -> Iterator[Problem]:
@@ -175,7 +133,7 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
                 yield source.problem((*here, "questionnaire"), told)
             else:
                 yield from _answers(entry.when, questionnaires, here, source)
-        for name, path in questionnaires_of(entry):
+        for name, path in entry.stage.questionnaires():
             used = questionnaires[name].items if name in questionnaires else []
             at = ("stages", index, entry.kind, *path)
             seen: list[ItemWhen] = []  # the items of a screen share its condition
@@ -189,7 +147,7 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
                     yield source.problem(at, told + meant(about.questionnaire, list(asked)))
                 else:
                     yield from _answers(about, questionnaires, at, source)
-        for name, _ in questionnaires_of(entry):
+        for name, _ in entry.stage.questionnaires():
             asked.setdefault(name, index)
     for q, quota in enumerate(protocol.quotas):
         if quota.questionnaire not in asked:
@@ -210,7 +168,7 @@ def _answers(
 def _checks(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source) -> Iterator[Problem]:
     """Comprehension checks have right answers, and nothing else has."""
     for index, entry in enumerate(protocol.stages):
-        for name, path in questionnaires_of(entry):
+        for name, path in entry.stage.questionnaires():
             if name not in questionnaires:
                 continue
             here = ("stages", index, entry.kind, *path)

@@ -7,7 +7,6 @@ of a protocol (plans, pages) lives elsewhere.
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,17 +15,23 @@ from typing import Any
 from backend.store.models import ProtocolVersion, Study, protocol_digest
 from backend.study.grammar.error_words import meant, parsed
 from backend.study.grammar.questionnaires import Questionnaire
+from backend.study.grammar.texts import local, variant
 from backend.study.grammar.source import Problem, ProtocolError, Source
+from backend.study.kinds.comparison import ComparisonStage
+from backend.study.kinds.consent import ConsentStage
+from backend.study.kinds.demonstration import DemonstrationsStage
+from backend.study.kinds.evaluation import EvaluationStage
+from backend.study.kinds.wait import TrainStage
+from backend.study.personalising.training import Training
 from backend.study.protocol.checking import problems_across
-from backend.study.protocol.named import all_questionnaires, all_texts
+from backend.study.protocol.naming import all_questionnaires, all_texts
 from backend.study.protocol.reading import Read, Reader, checked_length, checked_size
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.stages import ConsentStage
-from backend.study.protocol.texts import filled, local, variant
+from backend.study.protocol.stages import T, stage_keys
+from backend.study.protocol.texts import filled
 
 PROTOCOLS = Path(__file__).resolve().parents[3] / "study_protocols"
 DATASETS = PROTOCOLS.parent / "datasets"
-POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
 Content = tuple[str, tuple[tuple[str, Any], ...]]
 """YAML and the files that it names."""
 
@@ -61,10 +66,42 @@ class FrozenProtocol:
             return first[2:].strip(), rest.strip()
         return self.title(language), content.strip()
 
+    def stage(self, kind: type[T]) -> T:
+        """The stage of that class; one that every protocol has, or that a step of it was planned by."""
+        found = self.protocol.stage_of(kind)
+        assert found is not None, f"the protocol has no {kind.__name__}"  # noqa: S101
+        return found
+
+    def stage_text(self, key: str) -> str:
+        """Name of a stage's text, by the stage's key."""
+        stages = self.protocol.stages
+        return next(name for name, _ in stages[stage_keys(stages).index(key)].stage.texts())
+
     @property
     def consent(self) -> ConsentStage:
         """The protocol's consent stage; every protocol has one."""
-        return next(entry.consent for entry in self.protocol.stages if entry.consent)
+        return self.stage(ConsentStage)
+
+    @property
+    def training(self) -> Training | None:
+        """What it says about learning from its own answers."""
+        train = self.protocol.stage_of(TrainStage)
+        comparison = self.protocol.stage_of(ComparisonStage)
+        drawn = self.protocol.stages_of(DemonstrationsStage)
+        return train and Training(
+            job=train.job,
+            recipe=train.recipe,
+            give_up_after_s=train.give_up_after_s,
+            scenes=comparison.scenes if comparison else 0,
+            opponents=comparison.opponents if comparison else (),
+            rated=self.protocol.stage_of(EvaluationStage) is not None,
+            environments=tuple(dict.fromkeys(one.environment for one in drawn)),
+        )
+
+    @property
+    def learns_from(self) -> str:
+        """What participants are told that the robot learns from: answers or paths."""
+        return self.training.learns_from if self.training else "answers"
 
     def consent_hash(self, language: str) -> str:
         """sha256 of the consent text exactly as it is shown in that language."""

@@ -1,4 +1,4 @@
-"""A protocol for experimenters: its stages in words, how long it takes. What participants see is `pages.py`'s."""
+"""A protocol for experimenters: its stages in words, how long it takes. What participants see is the kinds' own."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from backend.study.grammar.texts import local, variant
+from backend.study.kinds import Step
+from backend.study.kinds.base import PAGE_S, Pace
 from backend.study.plan.counterbalancing import design_of
-from backend.study.plan.planning import make_plan
-from backend.study.plan.queries import placeholders
-from backend.study.protocol.blocks import BlockBreak, BlockStage
-from backend.study.protocol.demonstration_stages import CONTROLLERS, DemonstrationsStage, EvaluationStage
+from backend.study.plan.planning import example_queries, make_plan
 from backend.study.protocol.freezing import FrozenProtocol
-from backend.study.protocol.named import questionnaires_of, texts_of
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.stages import ComparisonStage, StageEntry, stage_keys
-from backend.study.protocol.texts import filled, local, variant
+from backend.study.protocol.stages import StageEntry, stage_keys
+from backend.study.protocol.texts import filled
 
-SECONDS_PER_DRIVE = 35  # ours: 6 m at about 0.2 m/s, and a press on the button
-SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
+SECONDS_ALONE = 35.0  # ours: a rollout of 6 m at about 0.2 m/s, and a press on the button
 
 
 @dataclass(frozen=True)
@@ -48,10 +46,10 @@ def _summary(key: str, entry: StageEntry, protocol: Protocol, files: dict[str, s
         data["when"] = entry.when.model_dump(mode="json", by_alias=True, exclude_none=True)
     texts = [
         (language, filled(files.get(variant(name, language), files.get(name, "")), protocol))
-        for name in dict.fromkeys(name for name, _ in texts_of(entry))
+        for name in dict.fromkeys(name for name, _ in entry.stage.texts())
         for language in protocol.languages
     ]
-    used = dict.fromkeys(name for name, _ in questionnaires_of(entry))
+    used = dict.fromkeys(name for name, _ in entry.stage.questionnaires())
     return StageSummary(key, entry.kind, tuple(_facts(data)), tuple(texts), tuple(used))
 
 
@@ -67,34 +65,15 @@ def _facts(data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
         yield prefix.replace("_", " "), shown if not isinstance(data, str) else data
 
 
-def expected_minutes(protocol: Protocol, *, seconds_per_drive: float = 9.0) -> float:
-    """How long all appointments take by the protocol: two drives with letters and a choice per trial, half a minute per
-    page, stages with `when` as if everybody met them, comprehension checks once.
+def expected_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0) -> float:
+    """How long all appointments take by the protocol: two trajectories with letters and a choice per trial, half a
+    minute per page, stages with `when` as if everybody met them, comprehension checks once.
 
-    seconds_per_drive: of the study room's queries, spec 07 (9.8 s and less). Half a minute for a page is ours.
+    seconds_per_trajectory: of the study room's queries, spec 07 (9.8 s and less).
     """
-    per_trial = 2 * (seconds_per_drive + 2.0) + 5.0
-    trials = pages = resting_s = drawing_s = 0
-    for entry in protocol.stages:
-        stage = entry.stage
-        if isinstance(stage, BlockStage):
-            conditions = len(stage.conditions(0))
-            trials += conditions * sum(one.queries.count + one.queries.probes.trials for one in stage.trials)
-            pages += conditions * len(stage.before + stage.after) + (conditions - 1) * len(stage.between)
-        elif isinstance(stage, DemonstrationsStage):
-            drawing_s += stage.pairs * stage.per_pair * SECONDS_PER_PATH
-        elif isinstance(stage, ComparisonStage):
-            trials += stage.pairs
-        elif isinstance(stage, EvaluationStage):
-            drawn = [one.demonstrations for one in protocol.stages if one.demonstrations]
-            drawing_s += sum(one.pairs for one in drawn) * len(CONTROLLERS) * SECONDS_PER_DRIVE
-            pages += len(drawn) * len(CONTROLLERS)
-        elif isinstance(stage, BlockBreak):
-            resting_s += stage.at_least_s
-            pages += 1
-        else:
-            pages += 1
-    return round((trials * per_trial + pages * 30.0 + resting_s + drawing_s) / 60.0, 1)
+    pace = Pace(page_s=PAGE_S, trial_s=2 * (seconds_per_trajectory + 2.0) + 5.0, single_s=SECONDS_ALONE)
+    stages = protocol.all_stages
+    return round(sum(stage.seconds(pace, stages) for stage in stages) / 60.0, 1)
 
 
 def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None) -> dict[str, Any]:
@@ -106,24 +85,24 @@ def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None)
     languages = frozen.protocol.languages
     if language is not None and language not in languages:
         raise ValueError(f"language = {language!r}: must be one of {', '.join(languages)}")
-    steps = make_plan(frozen.protocol, seed, placeholders(frozen.protocol))
+    steps = make_plan(frozen.protocol, seed, example_queries(frozen.protocol))
     return {
         "protocol": frozen.protocol.protocol,
         "minutes": expected_minutes(frozen.protocol),
         "orders": len(design_of(frozen.protocol).rows),
         "steps": [
-            {"key": step["key"], "kind": step["kind"], "told": _told(frozen, step, language or languages[0])}
+            {"key": step.key, "kind": step.kind, "told": _told(frozen, step, language or languages[0])}
             for step in steps
         ],
     }
 
 
-def _told(frozen: FrozenProtocol, step: dict[str, Any], language: str) -> str:
-    words = [str(step[name]) for name in ("role", "view") if name in step]
-    if "text" in step and step["kind"] != "comprehension":
-        words.append(frozen.text(step["text"], language)[0])
-    elif "questionnaire" in step:
-        words.append(local(frozen.questionnaires[step["questionnaire"]].title, language))
-    if "when" in step:
-        words.append(f"(when {step['when']['questionnaire']}.{step['when']['item']})")
+def _told(frozen: FrozenProtocol, step: Step, language: str) -> str:
+    words = [str(word) for word in (getattr(step, "role", None), step.view) if word is not None]
+    if step.title_of is not None:
+        what, name = step.title_of
+        title = frozen.text(name, language)[0] if what == "text" else local(frozen.questionnaires[name].title, language)
+        words.append(title)
+    if step.when is not None:
+        words.append(f"(when {step.when.questionnaire}.{step.when.item})")
     return " ".join(words)

@@ -14,10 +14,11 @@ from backend.study.grammar import source as yaml_source
 from backend.study.grammar.error_words import meant, parsed
 from backend.study.grammar.questionnaires import Item, ItemBlock, Questionnaire
 from backend.study.grammar.skipping import problems_within
+from backend.study.grammar.texts import variant
 from backend.study.grammar.source import Problem, ProtocolError, Source
-from backend.study.protocol.named import all_texts
+from backend.study.protocol.naming import all_texts
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.texts import text_numbers, variant
+from backend.study.protocol.texts import text_numbers
 
 _BRACES = re.compile(r"\{(\w+)\}")
 MOST_STAGES = 100  # (ours) the shipped ones have up to 10
@@ -93,9 +94,8 @@ class Reader:
         if self.protocol.payment:
             problems += self.localized(self.protocol.payment, ("payment",), self.source)
         for index, entry in enumerate(self.protocol.stages):
-            for purpose, text in (entry.consent.purposes if entry.consent else {}).items():
-                here = ("stages", index, "consent", "purposes", purpose)
-                problems += self.localized(text, here, self.source)
+            for text, path in entry.stage.local_texts():
+                problems += self.localized(text, ("stages", index, entry.kind, *path), self.source)
         return problems
 
     def localized(self, text: dict[str, str], path: yaml_source.Path, source: Source) -> list[Problem]:

@@ -1,5 +1,5 @@
-"""What a study protocol may say as a whole. Its stages are in `schema_stages.py`, questionnaires in
-`schema_questionnaires.py`; reading files and checks across keys live in `protocol.py`.
+"""What a study protocol may say as a whole. What each of its stages may say is its kind's (`kinds/`, `block.py`), what
+questionnaires may is `grammar/questionnaires.py`'s; reading files is `freezing.py`'s, checks across keys `checking.py`'s.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from pydantic import Field
 
 from backend.report.analysis_plan import AnalysisPlan
 from backend.study.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
-from backend.study.protocol.stages import StageEntry
+from backend.study.kinds import Stage
+from backend.study.plan.queries import Needs, Sample
+from backend.study.protocol.stages import StageEntry, T, stage_keys
 
 
 class Assignment(Part):
@@ -27,16 +29,6 @@ class Assignment(Part):
     seed: int = Field(0, ge=0)
     lease_hours: float = Field(24.0, gt=0, le=24 * 365)  # ours
     excluded: Literal["keep_place", "free_place"] = "keep_place"
-
-
-class Sample(Part):
-    """Which queries of the set a participant may get. different_scenes: no scene twice. longest_s, shortest_s: of both
-    drives.
-    """
-
-    different_scenes: bool = False
-    longest_s: float | None = Field(None, gt=0)
-    shortest_s: float | None = Field(None, gt=0)
 
 
 class DeviceGate(Part):
@@ -98,6 +90,28 @@ class Protocol(Part):
     screen_out: ScreenOut | None = Field(None, description="default: a page in the product's own words")
     analysis: AnalysisPlan | None = Field(None, description="what the report tests, declared before the data")
     stages: list[StageEntry] = Field(min_length=1)
+
+    def stages_of(self, kind: type[T]) -> list[T]:
+        """The stages of that class, in order."""
+        return [entry.stage for entry in self.stages if isinstance(entry.stage, kind)]
+
+    def stage_of(self, kind: type[T]) -> T | None:
+        """The first stage of that class, None where there is none."""
+        return next(iter(self.stages_of(kind)), None)
+
+    @property
+    def needs(self) -> Needs:
+        """What one participant needs of the query set."""
+        return sum((entry.stage.needs() for entry in self.stages), Needs())
+
+    @property
+    def keyed_stages(self) -> list[tuple[str, Stage]]:
+        """The stages with their names in plans."""
+        return list(zip(stage_keys(self.stages), self.all_stages, strict=True))
+
+    @property
+    def all_stages(self) -> list[Stage]:
+        return [entry.stage for entry in self.stages]
 
 
 def json_schema(of: type[Part] = Protocol) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from backend.store.events import log_event
 from backend.store.models import Session
 from backend.study.links import as_issued, token_hash
 from backend.study.refusals import Refused, log_refusal
+from backend.study.session import states
 
 
 def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = True) -> Session:
@@ -68,5 +69,5 @@ def _expire(db: Database, session_id: str) -> None:
     with db.transaction() as s:
         session = s.get(Session, session_id, with_for_update=True)
         if session is not None and session.state in ("active", "paused"):
-            session.state = "expired"
+            states.change(session, "expire", "clock")
             log_event(s, "session_expired", session_id=session_id)

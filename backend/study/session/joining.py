@@ -14,6 +14,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
 from backend.study.links import CODE_LETTERS, token_hash
+from backend.study.kinds import stored
 from backend.study.plan.assignment import assign, people_taken
 from backend.study.plan.planning import PlanError, make_plan, session_seed
 from backend.study.refusals import Refused
@@ -85,7 +86,7 @@ def join_study(
         language=language if language in frozen.protocol.languages else frozen.protocol.languages[0],
         simulated=simulated,
         seed=seed,
-        plan=plan,
+        plan=stored(plan),
         device=fit,
         assignment=assignment,
         protocol_number=number,
@@ -96,7 +97,7 @@ def join_study(
     s.add(session)
     s.flush()
     log_event(s, "joined", study_id=study.id, session_id=session.id, simulated=simulated, language=session.language)
-    log_event(s, "step_entered", study_id=study.id, session_id=session.id, step=plan[0]["key"])
+    log_event(s, "step_entered", study_id=study.id, session_id=session.id, step=plan[0].key)
     return session, token
 
 

@@ -11,9 +11,10 @@ from backend.store.events import log_event
 from backend.store.models import Participant, ProblemReport, Session
 from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
-from backend.study.grammar.words import TRIAL_KINDS
 from backend.study.personalising import training
 from backend.study.session.versions import protocol_of
+from backend.study.kinds import kind_of
+from backend.study.session import states
 from backend.study.session.view import refused, require_active, step_of
 from backend.study.session.watching import interrupted
 
@@ -26,7 +27,7 @@ def pause(s: DatabaseSession, session: Session, *, now: datetime) -> None:
         return
     require_active(session, now)
     interrupted(s, session, reason="paused", now=now)
-    session.state = "paused"
+    states.change(session, "pause", "participant")
     log_event(s, "paused", session_id=session.id)
 
 
@@ -36,7 +37,7 @@ def resume(s: DatabaseSession, session: Session, *, now: datetime) -> None:
         return
     if session.state != "paused":
         require_active(session, now)
-    session.state = "active"
+    states.change(session, "resume", "participant")
     log_event(s, "resumed", session_id=session.id)
 
 
@@ -52,13 +53,14 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     participant.withdrawn_at = now
     others = select(Session).where(Session.participant_id == participant.id, Session.state.in_(("active", "paused")))
     for one in s.scalars(others):
-        one.state = "withdrawn"  # a later appointment, too
-    session.state = "withdrawn"
+        states.change(one, "withdraw", "participant")  # a later appointment, too
+    if session.state != "withdrawn":
+        states.change(session, "withdraw", "participant")
     for job in training.jobs_of(s, session):
         if job.state not in (*ENDED, "cancelling"):
             cancel_job(s, job.id, by="withdrawal")
     set_aside_snapshots(s, participant.id)
-    log_event(s, "withdrawn", session_id=session.id, step=step_of(session)["key"])
+    log_event(s, "withdrawn", session_id=session.id, step=step_of(session).key)
 
 
 def change_language(s: DatabaseSession, session: Session, language: str) -> None:
@@ -71,11 +73,11 @@ def change_language(s: DatabaseSession, session: Session, language: str) -> None
         allowed = ", ".join(languages)
         raise refused(session, 422, "bad_value", f"must be one of {allowed}", field="language", value=language[:20])
     step = step_of(session)
-    if session.state == "active" and step["kind"] in TRIAL_KINDS:
-        raise refused(session, 409, "in_trial", "The language can be changed after this pair.", step=step["key"])
+    if session.state == "active" and kind_of(step).shows == "trajectories":
+        raise refused(session, 409, "in_trial", "The language can be changed after this pair.", step=step.key)
     if language == session.language:
         return
-    log_event(s, "language_changed", session_id=session.id, step=step["key"], before=session.language, after=language)
+    log_event(s, "language_changed", session_id=session.id, step=step.key, before=session.language, after=language)
     session.language = language
 
 
@@ -85,4 +87,4 @@ def report_problem(s: DatabaseSession, session: Session, text: str) -> None:
     if not text or len(text) > LONGEST_PROBLEM:
         raise refused(session, 422, "bad_value", f"Please write 1 to {LONGEST_PROBLEM} characters.", field="text")
     s.add(ProblemReport(session_id=session.id, text=text))
-    log_event(s, "problem_reported", session_id=session.id, step=step_of(session)["key"])
+    log_event(s, "problem_reported", session_id=session.id, step=step_of(session).key)

@@ -1,13 +1,12 @@
-"""The state machine of a session: the only writer of its position and of answers.
+"""The state machine of a session: the only writer of its position and of answers. Knows no kind of step by name.
 
-Every function runs inside a writing transaction with the session locked (`sessions.acting`). What is shown is
-`steps.py`'s, how drives are watched `watching.py`'s, which step comes next `routing.py`'s, pausing and leaving
-`leaving.py`'s; they are reached from here, the one door for pages, stage and HTTP, which live above.
+Every function runs inside a writing transaction with the session locked (`finding.acting`). What is shown is `view.py`'s,
+how trajectories are watched `watching.py`'s, pausing and leaving `leaving.py`'s, what each step is and means its kind's
+(`kinds/`); they are reached from here, the one door for pages, stage and HTTP, which live above.
 """
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -18,29 +17,24 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
-from backend.store.models import Participant, Response, Session, Study, Trial
-from backend.study.drawing import strokes
-from backend.study.grammar.words import DRAWN_KINDS, TOLERANCE_S, TRIAL_KINDS
-from backend.study.personalising import next_query, training
-from backend.study.plan.planning import Step
-from backend.study.protocol.freezing import FrozenProtocol
+from backend.store.models import Response, Session, Trial
+from backend.study.grammar.words import TOLERANCE_S, Side
+from backend.study.kinds import Step, begin, kind_of
+from backend.study.kinds.base import Acting, Moment, Page, timed_out
 from backend.study.refusals import Refused
-from backend.study.session import appointments, evaluating, routing
-from backend.study.session.answers import checked_value, timed_out
+from backend.study.session import states
 from backend.study.session.finding import find_session
 from backend.study.session.leaving import change_language, pause, report_problem, resume, withdraw
 from backend.study.session.versions import protocol_of
 from backend.study.session.view import (
     Playback,
-    Side,
     StepView,
     current,
+    drawing_of,
     not_current,
     playing,
     refused,
     require_active,
-    set_phase,
-    set_position,
     step_of,
     trial_of,
 )
@@ -61,6 +55,7 @@ __all__ = [
     "Submitted",
     "change_language",
     "current",
+    "drawing_of",
     "find_session",
     "interrupted",
     "pause",
@@ -74,6 +69,7 @@ __all__ = [
     "submit",
     "trajectory_seen",
     "trial_of",
+    "waits",
     "watch_again",
     "withdraw",
 ]
@@ -110,33 +106,24 @@ def submit(
         log_event(s, "duplicate_request", session_id=session.id, trial_id=known.trial_id, step=step_key)
         return Submitted(known.id, duplicate=True)
     require_active(session, now)
-    step = step_of(session)
-    if step["key"] != step_key:
+    acting = Acting(s, session, protocol_of(s, session), now, files)
+    step = acting.step
+    if step.key != step_key:
         raise not_current(s, session, step_key)
-    frozen = protocol_of(s, session)
-    trial = trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
-    decision_s = _decision_s(session, trial, value, now) if trial is not None else None
-    if trial is None:
-        _check_can_be_answered(s, session, step, value, now)
-    try:
-        stored = checked_value(frozen, step, value, lambda name: routing.answer_to(s, session, name))
-    except Refused as wrong:
-        wrong.session_id, wrong.study_id = session.id, session.study_id
-        wrong.details["step"] = step_key
-        raise
-    if step["kind"] == "consent":
-        stored["text_hash"] = frozen.consent_hash(session.language)
-        s.get_one(Participant, session.participant_id).consents = stored.get("purposes", {})
-    elif step["kind"] in DRAWN_KINDS:
-        strokes.keep(s, session, step, stored)
-    elif step["kind"] == "guess":
-        stored |= _about_last_comparison(s, session, stored["choice"])
-    kinds = {"trial": "preference"}
+    kind = kind_of(step)
+    trial = trial_of(s, session) if kind.shows == "trajectories" else None
+    if trial is not None:
+        decision_s: float | None = _decision_s(session, trial, value, now)
+    else:
+        decision_s = None
+        _check_can_be_answered(acting, step, value)
+    stored = _checked(acting, step, value)
+    stored |= kind.keep(step, acting, stored)
     response = Response(
         session_id=session.id,
         trial_id=trial.id if trial is not None else None,
         step_key=step_key,
-        kind=kinds.get(step["kind"], step["kind"]),
+        kind=kind.response_kind,
         value=stored,
         request_id=request_id,
         client_time=client_time,
@@ -146,7 +133,7 @@ def submit(
     )
     s.add(response)
     if trial is not None:
-        set_phase(s, trial, trial.phase, "answered", now)
+        states.set_phase(s, trial, "answer", "participant", now)
     s.flush()
     log_event(
         s,
@@ -158,13 +145,27 @@ def submit(
         response=response.id,
     )
     session.started_at = session.started_at or now
-    study = s.get_one(Study, session.study_id)
-    reason = routing.ends_here(s, session, study, frozen.protocol, step, stored)
+    reason = kind.ends(step, acting, stored)
     if reason is not None:
-        _screen_out(s, session, frozen, reason, now)
+        ending = acting.frozen.protocol.screen_out
+        states.end(acting, "screen_out", completion_code=ending.completion_code if ending else "random", because=reason)
     else:
-        _move(s, files, session, routing.next_position(s, files, session), now)
+        _move(acting, _next_position(acting))
     return Submitted(response.id, duplicate=False)
+
+
+def _checked(acting: Acting, step: Step, value: Any) -> dict[str, Any]:
+    """The answer as it is stored. Raises BadValue, which names the session."""
+    session = acting.session
+    page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to)
+    try:
+        if not isinstance(value, dict):
+            raise Refused(422, "bad_value", "must be an object", field="value", value=value)
+        return kind_of(step).check(step, value, page)
+    except Refused as wrong:
+        wrong.session_id, wrong.study_id = session.id, session.study_id
+        wrong.details["step"] = step.key
+        raise
 
 
 def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: datetime) -> float:
@@ -184,22 +185,16 @@ def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: d
     return round(elapsed, 3)
 
 
-def _check_can_be_answered(
-    s: DatabaseSession, session: Session, step: Step, value: Mapping[str, Any], now: datetime
-) -> None:
-    """Raise Refused for steps that go on by themselves, breaks that are not over, and half-filled pages before time."""
-    if step["kind"] == "wait":
-        raise refused(session, 409, "still_waiting", "This step goes on by itself.")
-    if step["kind"] in ("debriefing", "appointment"):
-        raise refused(session, 409, "finished", "This session is finished.")
-    least = step.get("at_least_s", 0)
-    if timed_out(value) and step.get("time_limit_s") is not None:
-        least = step["time_limit_s"]
+def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any]) -> None:
+    """Raise Refused for steps that nobody answers, breaks that are not over, and half-filled pages before time."""
+    s, session = acting.s, acting.session
+    kind_of(step).check_time(step, acting, value)
+    least = step.least_s(timed_out=timed_out(value))
     if not least or session.simulated:
         return
     before = select(Response.created_at).where(Response.session_id == session.id)
     since = s.scalars(before.order_by(Response.created_at.desc()).limit(1)).first() or session.created_at
-    elapsed = (now - since).total_seconds()
+    elapsed = (acting.now - since).total_seconds()
     if elapsed < least - TOLERANCE_S:
         told = f"This takes {least} s and began {elapsed:.0f} s ago."
         raise refused(session, 409, "too_early", told, elapsed_s=round(elapsed, 2), needed_s=least)
@@ -216,100 +211,46 @@ def _consent_in_force(s: DatabaseSession, session: Session) -> str | None:
     return s.scalars(given).first()
 
 
-def _about_last_comparison(s: DatabaseSession, session: Session, choice: str) -> dict[str, Any]:
-    """What a guess is about: the pair just seen, and whether the drive named came from the participant's answers."""
-    last = s.scalars(
-        select(Trial)
-        .where(Trial.session_id == session.id, Trial.kind == "comparison")
-        .order_by(Trial.index.desc())
-        .limit(1)
-    ).first()
-    return {"about": last.step_key, "right": (last.arms or {})["own"] == choice} if last is not None else {}
+def _next_position(acting: Acting) -> int:
+    """The index of the step after the current one; passed over is what its kind passes over, then what is not asked."""
+    to = acting.session.position + 1
+    step = acting.plan[to]
+    return acting.first_asked(kind_of(step).passed_over(step, to, acting))
 
 
-def _screen_out(s: DatabaseSession, session: Session, frozen: FrozenProtocol, reason: str, now: datetime) -> None:
-    """End the session kindly for somebody whom the study cannot go on with."""
-    page = frozen.protocol.screen_out
-    session.completion_code = _code(page.completion_code if page else "random", session)
-    session.state, session.finished_at, session.ended_because = "screened_out", now, reason
-    log_event(s, "screened_out", session_id=session.id, outcome=reason, step=step_of(session)["key"])
-
-
-def _code(wanted: str, session: Session) -> str:
-    """The completion code. One for everybody is worth money: a session that need not watch never gets it."""
-    return secrets.token_hex(4).upper() if wanted == "random" or session.simulated else wanted
-
-
-def _move(s: DatabaseSession, files: ArtefactStore, session: Session, to: int, now: datetime) -> None:
+def _move(acting: Acting, to: int) -> None:
     """Advance to step `to` if nobody else has moved the session, and do what arriving there means."""
-    passed = set_position(s, session, to)
-    step = step_of(session)
-    log_event(s, "step_entered", session_id=session.id, step=step["key"])
-    protocol = protocol_of(s, session).protocol
-    if step["kind"] == "trial":
-        _make_trial(s, files, session, step, now)
-    elif step["kind"] == "evaluation":
-        evaluating.make_trial(s, session, step, now)
-    if any(one.get("then") == "train" for one in passed):
-        training.start_training(s, files, session, s.get_one(Study, session.study_id), protocol)
-    if step["kind"] == "wait":
-        settle(s, files, session, now=now)
-    elif step["kind"] == "appointment":
-        begins = routing.first_asked(s, session, session.position + 1)
-        following = appointments.make_next(s, session, step, begins, now)
-        if step_of(following)["kind"] == "trial":
-            _make_trial(s, files, following, step_of(following), now)
-    elif step["kind"] == "debriefing":
-        wanted = next(entry.debriefing.completion_code for entry in protocol.stages if entry.debriefing)
-        session.completion_code = _code(wanted, session)
-        session.state, session.finished_at = "completed", now
-        log_event(s, "session_completed", session_id=session.id)
-
-
-def _make_trial(s: DatabaseSession, files: ArtefactStore, session: Session, step: Step, now: datetime) -> None:
-    asked = next_query.asked_in(s, files, session, step)
-    trial = Trial(
-        session_id=session.id,
-        step_key=step["key"],
-        index=session.position,
-        block=step["block"],
-        kind="query",
-        role=step["role"],
-        view=step["view"],
-        query_id=asked.query,
-        probe_of=asked.probe_of,
-        turned=asked.turned,
-        trajectory_a=asked.trajectory_a,
-        trajectory_b=asked.trajectory_b,
-        phase_since=now,
-    )
-    s.add(trial)
-    s.flush()
-    if asked.why is not None:
-        log_event(s, "query_chosen", session_id=session.id, trial_id=trial.id, query=asked.query, **asked.why)
+    left = acting.plan[acting.session.position : to]
+    states.set_position(acting.s, acting.session, to)
+    log_event(acting.s, "step_entered", session_id=acting.session.id, step=acting.step.key)
+    begun = dict.fromkeys(step.then for step in left if step.then is not None)
+    for what in begun:
+        begin(what, acting)
+    acting.arrive()
+    _settle(acting)
 
 
 def settle(s: DatabaseSession, files: ArtefactStore, session: Session, *, now: datetime) -> bool:
-    """Let a waiting session go on once its job has ended or is late. Returns whether it moved.
+    """Let a session go on that stands at a step which goes on by itself. Returns whether it moved.
 
     Call it whenever somebody looks at a waiting session; between two such looks nothing needs to happen.
     """
-    if session.state != "active" or step_of(session)["kind"] != "wait":
+    return session.state == "active" and _settle(Acting(s, session, protocol_of(s, session), now, files))
+
+
+def _settle(acting: Acting) -> bool:
+    if acting.session.state != "active":
         return False
-    protocol = protocol_of(s, session).protocol
-    outcome = training.outcome_of(s, session, protocol, now)
-    if outcome is None:
+    to = kind_of(acting.step).settle(acting.step, acting)
+    if to is None:
         return False
-    shown = training.make_comparisons(s, session, now) if outcome == "shown" else 0
-    session.personalisation = outcome
-    log_event(s, "personalisation", session_id=session.id, outcome=outcome, comparisons=shown)
-    _move(s, files, session, _after_wait(s, session, shown), now)
+    _move(acting, acting.first_asked(to))
     return True
 
 
-def _after_wait(s: DatabaseSession, session: Session, shown: int) -> int:
-    """Where a waiting session goes: to the first comparison or drive to be rated, past all of them and the guess if
-    there is none."""
-    past = ("comparison", "guess") if not shown else ()
-    after = (i for i in range(session.position + 1, len(session.plan)) if session.plan[i]["kind"] not in past)
-    return routing.first_asked(s, session, next(after))
+def waits(s: DatabaseSession, session: Session, *, now: datetime) -> bool:
+    """Whether the session would stay where it is if it were let go on now: `settle`, without changing anything."""
+    if session.state != "active" or not kind_of(step_of(session)).goes_on:
+        return True
+    moment = Moment(s, session, protocol_of(s, session), now)
+    return kind_of(moment.step).waits(moment.step, moment)

@@ -1,24 +1,12 @@
-"""Which protocol a session runs on: the study's own, or a later version. Making versions is `revising.py`'s."""
+"""The protocol that a session runs on, read. Which row holds it is `rows.py`'s, making versions `protocol/revising.py`'s."""
 
 from __future__ import annotations
 
-from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.store.models import ProtocolVersion, Session, Study
+from backend.store.models import Session, Study
 from backend.study.protocol.freezing import FrozenProtocol, thaw
-
-FIRST = 1  # number of the study's own protocol
-
-
-def protocol_row(s: DatabaseSession, study: Study, number: int) -> Study | ProtocolVersion:
-    """The row that holds that protocol of the study."""
-    return study if number == FIRST else s.get_one(ProtocolVersion, (study.id, number))
-
-
-def row_of(s: DatabaseSession, session: Session) -> Study | ProtocolVersion:
-    """The row that holds the protocol of a session, with `protocol["materials"]`."""
-    return protocol_row(s, s.get_one(Study, session.study_id), session.protocol_number)
+from backend.study.rows import newest_number, protocol_row, row_of
 
 
 def protocol_of(s: DatabaseSession, session: Session) -> FrozenProtocol:
@@ -30,9 +18,3 @@ def newest_protocol(s: DatabaseSession, study: Study) -> tuple[int, FrozenProtoc
     """Number and content of the protocol that whoever joins now gets."""
     number = newest_number(s, study)
     return number, thaw(protocol_row(s, study, number))
-
-
-def newest_number(s: DatabaseSession, study: Study) -> int:
-    """Number of the newest protocol, 1 where there is only the study's own."""
-    numbers = select(ProtocolVersion.number).where(ProtocolVersion.study_id == study.id)
-    return s.scalars(numbers.order_by(ProtocolVersion.number.desc()).limit(1)).first() or FIRST

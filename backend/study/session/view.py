@@ -1,32 +1,29 @@
-"""What a session shows now: its step, its trial, which drive plays; and the checks that all changes share.
+"""What a session shows now: its step, its trial, which trajectory plays; and the checks that all changes share.
 
-Every change runs inside a writing transaction with the session locked (`sessions.acting`) and checks what it changes
-with a compare-and-set, so that two servers cannot both advance a session.
+Every change runs inside a writing transaction with the session locked (`finding.acting`); what may change into what is
+`states.py`'s.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal, cast
+from typing import Any
 
-from sqlalchemy import CursorResult, func, select, update
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
-from sqlalchemy.orm.attributes import set_committed_value
 
-from backend.store.models import Response, Session, TrajectoryRow, Trial
-from backend.study.drawing import paths
-from backend.study.grammar.words import DRAWN_KINDS, LABEL_S, PLAYING, SINGLE_KINDS, TRIAL_KINDS
-from backend.study.plan.planning import Step
+from backend.store.models import Response, Session, TrajectoryRow, Trial, utc_now
+from backend.study.grammar.words import LABEL_S, PLAYING, Side
+from backend.study.kinds import KINDS, Step, kind_of, read_step
+from backend.study.kinds.base import Moment, Page
+from backend.study.kinds.debriefing import code_and_way_back
+from backend.study.kinds.demonstration import DemonstrationStep
+from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.refusals import Refused
-from backend.study.session import appointments, routing
-from backend.study.session.pages import drawing_payload, ending_payload, payload_of, trial_payload
+from backend.study.session import appointments
 from backend.study.session.versions import protocol_of
-
-Side = Literal["a", "b"]
-
 
 @dataclass(frozen=True)
 class StepView:
@@ -48,7 +45,7 @@ class StepView:
 
 @dataclass(frozen=True)
 class Playback:
-    """A drive that has to be played now."""
+    """A trajectory that has to be played now."""
 
     trajectory: str
     label: str
@@ -58,14 +55,21 @@ class Playback:
 
 def step_of(session: Session) -> Step:
     """The plan's current step."""
-    step: Step = session.plan[session.position]
-    return step
+    return read_step(session.plan[session.position])
+
+
+def drawing_of(session: Session, step_key: str | None = None) -> DemonstrationStep:
+    """The current step, which must be one at which a path is drawn. Raises Refused."""
+    step = step_of(session)
+    if isinstance(step, DemonstrationStep) and step_key in (None, step.key):
+        return step
+    raise refused(session, 409, "not_current_step", "The session is at another step.")
 
 
 def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) -> Trial | None:
     """The trial of a step, of the current one unless told. Asked for once in a transaction: its session is locked."""
     known: dict[tuple[str, str], Trial] = s.info.setdefault("trials", {})
-    key = (session.id, step_key or step_of(session)["key"])
+    key = (session.id, step_key or step_of(session).key)
     if key not in known:
         found = s.scalars(select(Trial).where(Trial.session_id == key[0], Trial.step_key == key[1])).first()
         if found is None:
@@ -75,7 +79,7 @@ def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) 
 
 
 def playback_id(trial: Trial, side: Side) -> str:
-    """Names one showing of one drive; another one after every restart. Says nothing about who watches what."""
+    """Names one showing of one trajectory; another one after every restart. Says nothing about who watches what."""
     shown = f"{trial.id}:{trial.restarts}:{side}" + (f":{trial.replays}" if trial.replays else "")
     return hashlib.sha256(shown.encode()).hexdigest()[:24]
 
@@ -85,8 +89,13 @@ def playing(trial: Trial | None) -> Playback | None:
     if trial is None or trial.phase not in PLAYING:
         return None
     side: Side = "a" if trial.phase == "playing_a" else "b"
-    trajectory = trial.trajectory_a if side == "a" else trial.trajectory_b
-    return Playback(trajectory, side.upper() if label_s(trial) else "", trial.view, playback_id(trial, side))
+    letter = side.upper() if label_s(trial) else ""
+    return Playback(trajectory_on(trial, side), letter, trial.view, playback_id(trial, side))
+
+
+def trajectory_on(trial: Trial, side: Side) -> str:
+    """Which trajectory the trial shows as A or as B."""
+    return trial.trajectory_a if side == "a" else trial.trajectory_b
 
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
@@ -99,43 +108,32 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
         return StepView("screened_out", "screened_out", index, total, payload)
     if not appointments.is_open(session, now):
         return StepView("too_soon", "too_soon", index, total, appointments.window_of(session))
-    step = step_of(session)
-    if step["kind"] in DRAWN_KINDS:
-        shown = paths.state_of(s, session, step)
-        return StepView(step["kind"], step["key"], index, total, drawing_payload(step), shown)
-    if step["kind"] in TRIAL_KINDS:
-        trial, payload = trial_of(s, session), trial_payload(step)
-    else:
-        frozen = protocol_of(s, session)
-        trial, payload = (
-            None,
-            payload_of(
-                frozen,
-                step,
-                session.language,
-                completion_code=session.completion_code,
-                earlier=lambda name: routing.answer_to(s, session, name),
-            ),
-        )
-        if step["kind"] == "appointment":
-            payload |= appointments.next_of(s, session)
-    return StepView(
-        kind=step["kind"],
-        key=step["key"],
-        index=index,
-        total=total,
-        payload=payload,
-        trial=_trial_state(s, trial) if trial is not None else None,
-    )
+    moment = Moment(s, session, protocol_of(s, session), now or utc_now())
+    step, kind = moment.step, kind_of(moment.step)
+    page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to)
+    payload = kind.payload(step, page) | kind.payload_now(step, moment)
+    trial = trial_of(s, session) if kind.shows == "trajectories" else None
+    state = _trial_state(s, trial) if trial is not None else kind.state(step, moment)
+    return StepView(step.kind, step.key, index, total, payload, state)
+
+
+def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str | None) -> dict[str, Any]:
+    """The payload of the page for somebody whom the study cannot go on with; no title where its words are the
+    catalogue's."""
+    ending = frozen.protocol.screen_out
+    if ending is None:
+        return {"title": None, "text": None} | code_and_way_back(completion_code, None)
+    return Page(frozen, language).titled(ending.text) | code_and_way_back(completion_code, ending.return_url)
 
 
 def _progress(s: DatabaseSession, session: Session) -> tuple[int, int]:
     """How many steps of this appointment lie behind, and how many there will be as far as the answers tell."""
     answered = s.scalar(select(func.count(Response.id)).where(Response.session_id == session.id)) or 0
-    end = appointments.end_of(session)
-    left = [step for step in session.plan[session.position + 1 : end] if routing.may_come(s, session, step)]
-    waits = session.state == "active" and step_of(session)["kind"] == "wait"  # no step of its own to be counted
-    return answered, answered + (not waits) + len(left)
+    moment = Moment(s, session, protocol_of(s, session), utc_now())
+    end = appointments.end_of(moment.plan, session.appointment)
+    left = [step for step in moment.plan[session.position + 1 : end] if moment.may_come(step)]
+    uncounted = session.state == "active" and kind_of(moment.step).goes_on
+    return answered, answered + (not uncounted) + len(left)
 
 
 def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
@@ -153,13 +151,18 @@ def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
 
 
 def label_s(trial: Trial) -> float:
-    """How long the letter stands before a drive of the trial: one that is shown alone has none."""
-    return 0.0 if trial.kind in SINGLE_KINDS else LABEL_S
+    """How long the letter stands before a trajectory of the trial: one that is shown alone has none."""
+    return 0.0 if shown_alone(trial) else LABEL_S
+
+
+def shown_alone(trial: Trial) -> bool:
+    """Whether the trial shows one trajectory, not two."""
+    return any(kind.trajectories == 1 and kind.name == trial.kind for kind in KINDS.values())
 
 
 def duration_s(s: DatabaseSession, trial: Trial, side: Side) -> float:
-    """How long a drive of the trial takes."""
-    trajectory = trial.trajectory_a if side == "a" else trial.trajectory_b
+    """How long a trajectory of the trial takes."""
+    trajectory = trajectory_on(trial, side)
     if trajectory not in _durations_s:
         _durations_s[trajectory] = s.get_one(TrajectoryRow, trajectory).duration_s
     return _durations_s[trajectory]
@@ -191,7 +194,7 @@ def current_trial(s: DatabaseSession, session: Session, step_key: str, now: date
     """The trial of the current step, which must be that one."""
     require_active(session, now)
     step = step_of(session)
-    if step["key"] != step_key or step["kind"] not in TRIAL_KINDS:
+    if step.key != step_key or kind_of(step).shows != "trajectories":
         raise not_current(s, session, step_key)
     trial = trial_of(s, session)
     assert trial is not None  # noqa: S101  made when the step was entered
@@ -208,37 +211,6 @@ def not_current(s: DatabaseSession, session: Session, step_key: str) -> Refused:
     if not any(step["key"] == step_key for step in session.plan):
         return refused(session, 404, "unknown_step", "This session has no such step.", asked=step_key[:80])
     return refused(session, 409, "not_current_step", "The session is at another step.", step=step_key)
-
-
-def set_phase(s: DatabaseSession, trial: Trial, before: str, after: str, now: datetime) -> None:
-    """Change a trial's phase if nobody else has."""
-    s.flush()
-    _compare_and_set(
-        s,
-        trial,
-        update(Trial).where(Trial.id == trial.id, Trial.phase == before).values(phase=after, phase_since=now),
-    )
-    set_committed_value(trial, "phase", after)
-    set_committed_value(trial, "phase_since", now)
-
-
-def set_position(s: DatabaseSession, session: Session, to: int) -> Sequence[Step]:
-    """Advance to step `to` if nobody else has moved the session. Returns the steps that were left."""
-    passed = session.plan[session.position : to]
-    _compare_and_set(
-        s,
-        session,
-        update(Session).where(Session.id == session.id, Session.position == session.position).values(position=to),
-    )
-    set_committed_value(session, "position", to)
-    return passed
-
-
-def _compare_and_set(s: DatabaseSession, row: Session | Trial, statement: Any) -> None:
-    changed = cast("CursorResult[Any]", s.execute(statement.execution_options(synchronize_session=False)))
-    if changed.rowcount != 1:
-        session_id = row.id if isinstance(row, Session) else row.session_id
-        raise Refused(409, "moved", "The session went on in the meantime.", session_id=session_id)
 
 
 def refused(

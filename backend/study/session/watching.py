@@ -1,4 +1,4 @@
-"""How the drives of a trial are watched: start, seen, interrupted, watched again. The server's clock decides.
+"""How the trajectories of a trial are watched: start, seen, interrupted, watched again. The server's clock decides.
 
 Only a session that was created as simulated may be faster. What is answered then is `machine.py`'s.
 """
@@ -12,18 +12,20 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
 from backend.study.drawing import strokes
-from backend.study.grammar.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
-from backend.study.protocol.blocks import Viewing
+from backend.study.grammar.words import PLAYING, TOLERANCE_S, Side
+from backend.study.kinds import kind_of
+from backend.study.kinds.demonstration import DemonstrationStep
+from backend.study.kinds.trial import Viewing
+from backend.study.session.states import set_phase
 from backend.study.session.view import (
     Playback,
-    Side,
     current_trial,
     duration_s,
     label_s,
     playback_id,
     playing,
     refused,
-    set_phase,
+    shown_alone,
     step_of,
     trial_of,
 )
@@ -31,25 +33,25 @@ from backend.study.session.view import (
 
 def viewing_of(session: Session) -> Viewing:
     """The view rules of the current step."""
-    return Viewing.model_validate(step_of(session).get("viewing", {}))
+    return getattr(step_of(session), "viewing", Viewing())
 
 
 def start_trial(
     s: DatabaseSession, session: Session, step_key: str, *, request_id: str | None, now: datetime
 ) -> Playback | None:
-    """Play the next unseen drive: A, or B where only B was interrupted. None: it plays already (a double click)."""
+    """Play the next unseen trajectory: A, or B where only B was interrupted. None: it plays already (a double click)."""
     trial = current_trial(s, session, step_key, now)
     if trial.phase in PLAYING:
         return None
     if trial.phase != "ready":
-        raise refused(session, 409, "not_ready", "Both drives were shown already.", trial, phase=trial.phase)
-    set_phase(s, trial, "ready", "playing_b" if trial.a_seen_at is not None else "playing_a", now)
+        raise refused(session, 409, "not_ready", "Both were shown already.", trial, phase=trial.phase)
+    set_phase(s, trial, "go_on" if trial.a_seen_at is not None else "start", "participant", now)
     log_event(s, "trial_started", session_id=session.id, trial_id=trial.id, phase=trial.phase, request=request_id)
     return playing(trial)
 
 
 def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: datetime) -> Playback | None:
-    """Play both drives once more, where the protocol allows it. Before the choice, as often as `viewing.replays`."""
+    """Play both once more, where the protocol allows it. Before the choice, as often as `viewing.replays`."""
     trial = current_trial(s, session, step_key, now)
     allowed = viewing_of(session).replays
     if trial.phase != "choosing" or trial.replays >= allowed:
@@ -57,7 +59,7 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
         raise refused(session, 409, "no_replay", told, trial, phase=trial.phase, replays=trial.replays, allowed=allowed)
     trial.replays += 1
     trial.a_seen_at = trial.b_seen_at = None
-    set_phase(s, trial, "choosing", "playing_a", now)
+    set_phase(s, trial, "watch_again", "participant", now)
     log_event(s, "watched_again", session_id=session.id, trial_id=trial.id, replays=trial.replays)
     return playing(trial)
 
@@ -65,27 +67,27 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
 def trajectory_seen(
     s: DatabaseSession, session: Session, step_key: str, side: Side, playback: str | None, *, now: datetime
 ) -> Playback | None:
-    """A drive was watched to its end, by the server's clock too. After A this plays B; None: nothing more to play."""
+    """A trajectory was watched to its end, by the server's clock too. After A this plays B; None: nothing more to play."""
     trial = current_trial(s, session, step_key, now)
     if (trial.a_seen_at if side == "a" else trial.b_seen_at) is not None:
         return None  # told twice
     if trial.phase != f"playing_{side}":
-        raise refused(session, 409, "not_playing", f"Drive {side.upper()} is not playing.", trial, phase=trial.phase)
+        raise refused(session, 409, "not_playing", f"{side.upper()} is not playing.", trial, phase=trial.phase)
     if playback != playback_id(trial, side) and not (session.simulated and playback is None):
-        raise refused(session, 409, "other_playback", "This is not the drive that is being shown.", trial, side=side)
+        raise refused(session, 409, "other_playback", "This is not what is being shown.", trial, side=side)
     _check_watched(s, session, trial, side, now)
     if side == "a":
         trial.a_seen_at = now
-        set_phase(s, trial, "playing_a", "choosing" if trial.kind in SINGLE_KINDS else "playing_b", now)
+        set_phase(s, trial, "seen_alone" if shown_alone(trial) else "seen", "participant", now)
     else:
         trial.b_seen_at = now
-        set_phase(s, trial, "playing_b", "choosing", now)
+        set_phase(s, trial, "seen", "participant", now)
     log_event(s, "trajectory_seen", session_id=session.id, trial_id=trial.id, side=side)
     return playing(trial)
 
 
 def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Side, now: datetime) -> None:
-    """Raise Refused if the label and the drive cannot have been seen yet. Simulated sessions need not watch."""
+    """Raise Refused if the label and the trajectory cannot have been seen yet. Simulated sessions need not watch."""
     if session.simulated:
         return
     assert trial.phase_since is not None  # noqa: S101  set with every phase
@@ -96,7 +98,7 @@ def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Sid
             session,
             409,
             "too_early",
-            f"Drive {side.upper()} takes {needed:.1f} s and began {elapsed:.1f} s ago.",
+            f"{side.upper()} takes {needed:.1f} s and began {elapsed:.1f} s ago.",
             trial,
             side=side,
             elapsed_s=round(elapsed, 2),
@@ -105,7 +107,7 @@ def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Sid
 
 
 def restart_trajectory(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
-    """The drive that plays was not seen to its end (hidden tab): it has to be started again; A stays seen.
+    """The trajectory that plays was not seen to its end (hidden tab): it has to be started again; A stays seen.
 
     Returns whether anything was playing.
     """
@@ -113,18 +115,19 @@ def restart_trajectory(s: DatabaseSession, session: Session, *, reason: str, now
 
 
 def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
-    """The checkpoint rule: an unfinished trial whose drives were not both seen starts over, as often as it happens.
+    """The checkpoint rule: an unfinished trial whose trajectories were not both seen starts over, as often as it happens.
 
-    For reloads, lost connections, another tab, a server that came back. In the phase `choosing` both drives were seen
+    For reloads, lost connections, another tab, a server that came back. In the phase `choosing` both were seen
     to the end; nothing is repeated then, so that a reload is no second look.
     """
     return _interrupt(s, session, reason, now, keep_seen=False)
 
 
 def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime, *, keep_seen: bool) -> bool:
-    if step_of(session)["kind"] in DRAWN_KINDS:
-        return strokes.interrupted(s, session, step_of(session), reason=reason)
-    trial = trial_of(s, session) if step_of(session)["kind"] in TRIAL_KINDS else None
+    step = step_of(session)
+    if isinstance(step, DemonstrationStep):
+        return strokes.interrupted(s, session, step, reason=reason)
+    trial = trial_of(s, session) if kind_of(step).shows == "trajectories" else None
     if trial is None or session.state not in ("active", "paused"):
         return False
     half_seen = trial.phase == "ready" and trial.a_seen_at is not None and not keep_seen
@@ -134,7 +137,7 @@ def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime,
     if not keep_seen:
         trial.a_seen_at = None
     trial.restarts += 1
-    set_phase(s, trial, before, "ready", now)
+    set_phase(s, trial, "interrupt", "study", now)
     log_event(
         s,
         "trial_interrupted",

@@ -1,6 +1,7 @@
-"""Bots in this process: through the real state machine and tables, without a server. For power and benchmarks.
+"""Simulated participants in this process: through the real state machine and tables, without a server.
 
-What bots answer lives in `bots.py`; over HTTP or here, the same seed leaves the same data.
+For power and benchmarks. What they answer lives in `participant.py`; over HTTP or here, the same seed leaves the same
+data.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
-from backend.study.simulated.bot_view import told_to_bots
-from backend.study.simulated.participant import BotError, Character, State, walk_all
+from backend.study.simulated.told import told_to_simulated
+from backend.study.simulated.participant import SimulationError, Character, State, walk_all
 
 
 def walk_in_process(
@@ -36,28 +37,28 @@ def walk_in_process(
     *,
     without_jobs: bool = False,
 ) -> dict[str, Any]:
-    """Walk `participants` bots one after another through the study; returns what `bots.walk_all` does.
+    """Walk `participants` of them one after another through the study; returns what `participant.walk_all` does.
 
-    In a study with a train stage a worker must run; without_jobs: its jobs are cancelled instead, and bots go on
-    without comparisons. Raises BotError if the machine refuses a bot something, LearningError for an unknown oracle.
+    In a study with a train stage a worker must run; without_jobs: its jobs are cancelled instead, and they go on
+    without comparisons. Raises SimulationError if the machine refuses something, LearningError for an unknown oracle.
     """
-    drives: dict[str, Trajectory] = {}
-    ways = (_InProcess(database, files, study, drives, without_jobs) for _ in range(participants))
-    return walk_all(ways, character or Character())
+    known: dict[str, Trajectory] = {}
+    clients = (_InProcess(database, files, study, known, without_jobs) for _ in range(participants))
+    return walk_all(clients, character or Character())
 
 
 class _InProcess:
-    """A bot's session by direct calls, each in its own transaction, as a request would."""
+    """A session by direct calls, each in its own transaction, as a request would."""
 
     def __init__(
         self,
         database: Database,
         files: ArtefactStore,
         study: Study,
-        drives: dict[str, Trajectory],
+        known: dict[str, Trajectory],
         without_jobs: bool,
     ) -> None:
-        self._database, self._files, self._study, self._drives = database, files, study, drives
+        self._database, self._files, self._study, self._known = database, files, study, known
         self._without_jobs, self._token = without_jobs, ""
 
     def join(self, told: Mapping[str, Any]) -> str:
@@ -68,7 +69,7 @@ class _InProcess:
                 )
                 return s.get_one(Participant, session.participant_id).code
         except Refused as refused:
-            raise BotError(f"the study refused a bot: {refused.message}") from refused
+            raise SimulationError(f"the study refused a simulated participant: {refused.message}") from refused
 
     def come_back(self) -> State:
         self._token = next_token(self._token)
@@ -86,26 +87,25 @@ class _InProcess:
     def start(self, key: str) -> State:
         return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
 
-    def seen(self, key: str, side: str, playback_id: str) -> State:
-        watched: machine.Side = "a" if side == "a" else "b"
-        return self._do("seen", lambda s, x: machine.trajectory_seen(s, x, key, watched, playback_id, now=utc_now()))
+    def seen(self, key: str, side: machine.Side, playback_id: str) -> State:
+        return self._do("seen", lambda s, x: machine.trajectory_seen(s, x, key, side, playback_id, now=utc_now()))
 
-    def drives(self) -> tuple[Trajectory, Trajectory]:
-        with acting(self._database, self._token, request="drives", now=utc_now()) as (s, session):
+    def trajectories(self) -> tuple[Trajectory, Trajectory]:
+        with acting(self._database, self._token, request="trajectories", now=utc_now()) as (s, session):
             trial = machine.trial_of(s, session)
             if trial is None:
-                raise BotError("the current step is no trial")
+                raise SimulationError("the current step is no trial")
             shown = trial.trajectory_a, trial.trajectory_b
         for trajectory in shown:
-            if trajectory not in self._drives:
-                self._drives[trajectory] = load_trajectory(self._files, trajectory)
-        return self._drives[shown[0]], self._drives[shown[1]]
+            if trajectory not in self._known:
+                self._known[trajectory] = load_trajectory(self._files, trajectory)
+        return self._known[shown[0]], self._known[shown[1]]
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         problems: list[dict[str, Any] | None] = []
 
         def act(s: DatabaseSession, session: Session) -> None:
-            step, now = machine.step_of(session), utc_now()
+            step, now = machine.drawing_of(session), utc_now()
             attempt = strokes.attempt_of(step, stroke, simulated=True)
             problems.append(attempt.problem)
             strokes.add_stroke(
@@ -118,10 +118,10 @@ class _InProcess:
         problems: list[dict[str, Any] | None] = []
 
         def act(s: DatabaseSession, session: Session) -> None:
-            step = machine.step_of(session)
+            step = machine.drawing_of(session)
             stroke = paths.latest_stroke(s, session.id, key)
             if stroke is None:
-                raise BotError(f"{key}: nothing was drawn to walk beside")
+                raise SimulationError(f"{key}: nothing was drawn to walk beside")
             scene = paths.scene_of(step)
             walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
             problems.append(walked.problem)
@@ -144,7 +144,7 @@ class _InProcess:
             with acting(self._database, self._token, request=request, now=utc_now()) as (s, session):
                 done = act(s, session)
                 view = machine.current(s, session)
-                told = view.as_dict() | told_to_bots(s, session, view)
+                told = view.as_dict() | told_to_simulated(s, session, view)
                 return {"state": session.state, "step": told, "duplicate": done if isinstance(done, bool) else False}
         except Refused as refused:
-            raise BotError(f"the machine refused {request!r}: {refused.code}, {refused.message}") from refused
+            raise SimulationError(f"the machine refused {request!r}: {refused.code}, {refused.message}") from refused

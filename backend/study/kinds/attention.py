@@ -1,0 +1,39 @@
+"""Kind of step `attention`: a page among the trials that says which letter to press; a preference has no wrong answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from backend.study.grammar.words import Side
+from backend.study.kinds.base import Kind, Moment, Page, Step, Simulated
+from backend.study.kinds.trial import checked_side
+
+
+class AttentionStep(Step):
+    """Planned by blocks (`attention_checks`). instructed: the letter that the page says."""
+
+    kind: Literal["attention"]
+    instructed: Side
+    number: int
+
+
+class Attention(Kind[AttentionStep]):
+    name = "attention"
+    step = AttentionStep
+
+    def payload(self, step: AttentionStep, page: Page) -> dict[str, Any]:
+        return {"instructed": step.instructed}
+
+    def check(self, step: AttentionStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
+        side = checked_side(value)
+        return {"choice": side, "instructed": step.instructed, "passed": side == step.instructed}
+
+    def told(self, step: AttentionStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        return {"instructed": step.instructed}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        return {"choice": step["instructed"]}
+
+
+KIND = Attention()

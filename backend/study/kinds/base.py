@@ -1,0 +1,463 @@
+"""What every kind of step is made of: its stage in the protocol, its step in the plan, and what it does in a session.
+
+A kind's own file fills these in and ends with `KIND = ...`; `kinds/__init__.py` finds it there. Nothing here, and
+nothing in the session machine, knows a kind by name. Kinds know no protocol as a whole: they are handed what they need.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from backend.store.artefacts import ArtefactStore
+from backend.store.models import Response, Session, Trial
+from backend.study.grammar.conditions import Condition
+from backend.study.grammar.parts import Part
+from backend.study.grammar.skipping import Earlier, When
+from backend.study.grammar.source import Path, Problem, Source
+from backend.study.grammar.words import Side, View
+from backend.study.plan.queries import DrawnQueries, Needs
+from backend.study.refusals import Refused
+
+if TYPE_CHECKING:
+    from backend.report.cohorts import MadeUpPerson
+    from backend.simulation.trajectory import Trajectory
+    from backend.study.protocol.freezing import FrozenProtocol
+
+PAGE_S = 30.0  # ours: how long a page is read
+
+# ---- in the protocol -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What people take, seconds: a page; a trial of two trajectories with letters and a choice; one trajectory alone."""
+
+    page_s: float
+    trial_s: float
+    single_s: float
+
+
+@dataclass
+class Planning:
+    """What a stage is planned with. key: the stage's own; stages: all of the protocol; conditions: in this
+    participant's order, none where the stage has none; view: of the block before; drawn: this participant's queries.
+    """
+
+    key: str
+    stages: Sequence[Stage]
+    conditions: Sequence[Condition]
+    view: View
+    drawn: DrawnQueries
+    random: np.random.Generator
+
+    def of(self, stage: type[T]) -> list[T]:
+        """The protocol's stages of that class."""
+        return [one for one in self.stages if isinstance(one, stage)]
+
+
+class Stage(Part):
+    """Base of what a protocol says about one of its stages. Class variables are what other stages must know of it."""
+
+    asks: ClassVar[bool] = False
+    """Asks something of the participant, so it stands after the consent."""
+    teaches: ClassVar[bool] = False
+    """Is what a study is made for: a protocol needs one such stage at least."""
+    once: ClassVar[bool] = False
+    """Stands at most once in a protocol."""
+    for_everybody: ClassVar[bool] = False
+    """Cannot stand beside `when`."""
+    sets_view: ClassVar[bool] = False
+    """What follows without a view of its own is shown in this stage's."""
+    begins: ClassVar[Literal["train"] | None] = None
+    """What the answer before it begins (`Kind.begun`)."""
+
+    def plan(self, at: Planning) -> list[Step]:
+        """This participant's steps, in order."""
+        raise NotImplementedError
+
+    def own_name(self) -> str | None:
+        """What the stage is called in plans; default its kind."""
+        return None
+
+    def needs(self) -> Needs:
+        """What it needs of the query set."""
+        return Needs()
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        """How long it takes, breaks included."""
+        return pace.page_s
+
+    def numbers(self) -> dict[str, int]:
+        """What it adds to the numbers that texts may name in braces (`protocol/texts.py`); `pairs_per_block` is a
+        maximum, all others are sums.
+        """
+        return {}
+
+    def texts(self) -> Iterator[tuple[str, Path]]:
+        """(name of a markdown text, where in the stage it is named)."""
+        text = getattr(self, "text", None)
+        if text is not None:
+            yield text, ("text",)
+
+    def questionnaires(self) -> Iterator[tuple[str, Path]]:
+        """(name of a questionnaire, where in the stage it is named)."""
+        yield from ()
+
+    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
+        """Texts per language that stand in the protocol file itself, and where in the stage."""
+        yield from ()
+
+    def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        """What its numbers cannot be together, or beside the other stages. here: its place in the file."""
+        yield from ()
+
+
+T = TypeVar("T", bound=Stage)
+
+
+class BlockPart(Part):
+    """Base of a page in a block's `before`, `after` or `between`."""
+
+    def step(self, prefix: str, place: str, condition: Condition, where: Mapping[str, Any]) -> Step:
+        """Its step under one condition. prefix: of the condition's keys; place: `before_1` and so on."""
+        raise NotImplementedError
+
+    def texts(self, conditions: Sequence[Condition]) -> Iterator[tuple[str, str]]:
+        """(name of a markdown text, field that names it), one per condition that it differs in."""
+        text = getattr(self, "text", None)
+        if text is not None:
+            for name in sorted({condition.filled(text) for condition in conditions}):
+                yield name, "text"
+
+    def questionnaires(self) -> Iterator[tuple[str, str]]:
+        """(name of a questionnaire, field that names it)."""
+        yield from ()
+
+# ---- in the plan -----------------------------------------------------------------------------------------------------
+
+
+class Step(BaseModel):
+    """Base of a step in a participant's plan. key: unique in the plan; stage: the stage's; block: the condition's name.
+
+    `when`: not everybody meets it. `then`: what its answer begins. Plans are stored as JSON with what was set alone;
+    what older plans say that nobody reads any more is passed over.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
+
+    kind: str
+    key: str
+    stage: str
+    block: str | None = None
+    view: View | None = None
+    when: When | None = None
+    then: Literal["train"] | None = None
+
+    def least_s(self, *, timed_out: bool) -> int:
+        """How long its page must stand before it can be answered. timed_out: half filled, because its time is over."""
+        return 0
+
+    @property
+    def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
+        """The text or questionnaire whose title names the step to experimenters, where there is one."""
+        return None
+
+    @property
+    def sort(self) -> tuple[str, ...]:
+        """What tells it from steps that look otherwise: a preview shows one of each sort."""
+        return (self.stage, self.block or "", self.kind)
+
+    def as_stored(self) -> dict[str, Any]:
+        """The step as the session's plan holds it."""
+        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+
+S = TypeVar("S", bound=Step)
+
+# ---- in a session ----------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Page:
+    """What a step's texts are made from. earlier: answers by which items are left out; None: none is."""
+
+    frozen: FrozenProtocol
+    language: str
+    completion_code: str | None = None
+    earlier: Earlier | None = None
+
+    def titled(self, text: str) -> dict[str, Any]:
+        """Title and text of a markdown file, as pages are given them."""
+        title, body = self.frozen.text(text, self.language)
+        return {"title": title, "text": body}
+
+
+@dataclass
+class Moment:
+    """A session at this moment, inside a transaction. frozen: the protocol it runs on."""
+
+    s: DatabaseSession
+    session: Session
+    frozen: FrozenProtocol
+    now: datetime
+
+    @cached_property
+    def plan(self) -> list[Step]:
+        from backend.study.kinds import read_plan  # the kinds are found after this file is read
+
+        return read_plan(self.session.plan)
+
+    @property
+    def step(self) -> Step:
+        return self.plan[self.session.position]
+
+    def answer_to(self, questionnaire: str) -> Mapping[str, Any] | None:
+        """The participant's newest answers to that questionnaire, in whichever appointment; None: not answered."""
+        keys = [step.key for step in self.plan if getattr(step, "questionnaire", None) == questionnaire]
+        given = (
+            select(Response.value)
+            .join(Session, Session.id == Response.session_id)
+            .where(Session.participant_id == self.session.participant_id, Response.step_key.in_(keys))
+            .order_by(Response.created_at.desc())
+        )
+        return self.s.scalars(given).first()
+
+    def is_asked(self, step: Step) -> bool:
+        """Whether this person is asked that step, now that they come to it."""
+        from backend.study.kinds import kind_of
+
+        return (step.when is None or self._is_met(step.when)) and kind_of(step).is_asked(step, self)
+
+    def may_come(self, step: Step) -> bool:
+        """Whether a later step counts as ahead: not what an answer has ruled out, or what its kind does not count."""
+        from backend.study.kinds import kind_of
+
+        ruled_out = step.when and self.answer_to(step.when.questionnaire) is not None and not self._is_met(step.when)
+        return not ruled_out and kind_of(step).may_come(step, self)
+
+    def first_asked(self, index: int) -> int:
+        """The index of the first step from there on that this person is asked."""
+        while not self.is_asked(self.plan[index]):
+            index += 1
+        return index
+
+    def _is_met(self, when: When) -> bool:
+        return when.fits((self.answer_to(when.questionnaire) or {}).get(when.item))
+
+    def query_shown(self, step_key: str) -> str | None:
+        """The query of a step's trial, None where there is no trial or it is of none."""
+        found = select(Trial.query_id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
+        return self.s.scalars(found).first()
+
+    def has_trial(self, step_key: str) -> bool:
+        """Whether a trial was made for that step."""
+        found = select(Trial.id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
+        return self.s.scalars(found).first() is not None
+
+    def refused(self, code: str, message: str, *, status: int = 409, **details: Any) -> Refused:
+        """A refusal that names the session."""
+        return Refused(
+            status, code, message, session_id=self.session.id, study_id=self.session.study_id, **details
+        )
+
+
+@dataclass
+class Acting(Moment):
+    """The same, while it is being changed: the session is locked."""
+
+    files: ArtefactStore
+
+    def arrive(self) -> None:
+        """What coming to the current step means."""
+        from backend.study.kinds import kind_of
+
+        kind_of(self.step).arrive(self.step, self)
+
+
+class Simulated(Protocol):
+    """What a simulated participant is made of, as kinds use it (`simulated/participant.py`)."""
+
+    random: np.random.Generator
+    person: MadeUpPerson | None
+
+    def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
+        """Watch the trial's trajectories, `ab` or `a`, and return both."""
+        ...
+
+    def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side: ...
+    def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
+
+
+class BadValue(Refused):
+    """A value that is no answer; names the field and what would work."""
+
+    def __init__(self, field: str, value: Any, message: str) -> None:
+        super().__init__(422, "bad_value", message, field=field, value=value)
+
+
+def timed_out(value: Mapping[str, Any]) -> bool:
+    """Whether the page says that the protocol's time for the step was over."""
+    return value.get("timed_out") is True
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a kind's own table in the export. type: text, number, whole or yes_no."""
+
+    name: str
+    type: Literal["text", "number", "whole", "yes_no"]
+    meaning: str
+
+
+@dataclass(frozen=True)
+class AnswerTable:
+    """A table of its own that a kind's answers fill in the export, beside their row in `responses`.
+
+    row: what one row is, in words. Who answered, in which session and condition, stands in every such table anyway.
+    """
+
+    name: str
+    row: str
+    columns: tuple[Column, ...]
+
+
+@dataclass(frozen=True)
+class Rated:
+    """An answer as the report reads it: one rating of one item. points: of a scale 1 to points; None: any number."""
+
+    item: str
+    words: str
+    value: float
+    points: int | None
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+class Kind(Generic[S]):
+    """One kind of step. What is left as it is here is right for a page that is read and confirmed."""
+
+    name: ClassVar[str]
+    step: ClassVar[type[Step]]
+    stages: ClassVar[Mapping[str, type[Stage]]] = {}
+    """Keys under the protocol's `stages` that plan steps of this kind (others, too, may)."""
+    block_parts: ClassVar[Mapping[str, type[BlockPart]]] = {}
+    """Keys in a block's `before`, `after` and `between`."""
+    shows: ClassVar[Literal["page", "trajectories", "paper"]] = "page"
+    """trajectories: a trial on the stage; paper: something is drawn there."""
+    trajectories: ClassVar[int] = 2
+    """How many a trial of it shows, one after the other."""
+    previewed: ClassVar[bool] = False
+    """A protocol's preview shows an example query on the stage."""
+    goes_on: ClassVar[bool] = False
+    """Nobody answers it: the session goes on by itself (`settle`), and its progress does not count it."""
+    answer: ClassVar[str] = ""
+    """What its stored answers are called, as `responses.kind`; default its name."""
+    table: ClassVar[AnswerTable | None] = None
+    begun: ClassVar[Mapping[str, Callable[[Acting], None]]] = {}
+    """What happens when a step whose `then` says so was answered."""
+
+    @property
+    def response_kind(self) -> str:
+        return self.answer or self.name
+
+    # what its page is given
+
+    def payload(self, step: S, page: Page) -> dict[str, Any]:
+        """What the template is given: texts in the participant's language, never which trajectory is whose."""
+        return {}
+
+    def payload_now(self, step: S, moment: Moment) -> dict[str, Any]:
+        """What of that only a running session knows."""
+        return {}
+
+    def state(self, step: S, moment: Moment) -> dict[str, Any] | None:
+        """How far its trial or drawing is; trials' own is `session/view.py`'s."""
+        return None
+
+    # whether somebody meets it
+
+    def is_asked(self, step: S, moment: Moment) -> bool:
+        """Whether this person is asked, now that they come to it."""
+        return True
+
+    def may_come(self, step: S, moment: Moment) -> bool:
+        """Whether a later step counts as ahead, for the progress."""
+        return True
+
+    def passed_over(self, step: S, index: int, acting: Acting) -> int:
+        """Index of the step to go on with instead of this one at `index`; the same where it is asked."""
+        return index
+
+    # arriving, answering, leaving
+
+    def arrive(self, step: S, acting: Acting) -> None:
+        """What happens when the session comes to it."""
+
+    def settle(self, step: S, acting: Acting) -> int | None:
+        """Index of the step to go on with by itself; None: not yet, or never."""
+        return None
+
+    def waits(self, step: S, moment: Moment) -> bool:
+        """Whether `settle` would find nothing to go on with yet."""
+        return True
+
+    def check_time(self, step: S, moment: Moment, value: Mapping[str, Any]) -> None:
+        """Raise Refused for a step that nobody answers."""
+
+    def check(self, step: S, value: dict[str, Any], page: Page) -> dict[str, Any]:
+        """The answer to store. Raises BadValue. Default: read, nothing to answer."""
+        return {}
+
+    def keep(self, step: S, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
+        """What storing the answer means beside the row; returns what the row holds besides."""
+        return {}
+
+    def ends(self, step: S, moment: Moment, stored: Mapping[str, Any]) -> str | None:
+        """Why the study ends for somebody with that answer."""
+        return None
+
+    # simulated participants
+
+    def told(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """What a simulated participant is told beside what pages show; nobody else is."""
+        return {}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        """A simulated participant's answer. step: as the API tells it, with what `told` adds."""
+        return {}
+
+    # data
+
+    def rows(self, value: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        """The rows of `table` that one stored answer fills."""
+        yield from ()
+
+    def rated(self, value: Mapping[str, Any]) -> Iterator[Rated]:
+        """The answer as ratings, for the report."""
+        yield from ()
+
+
+def make_trial(acting: Acting, step: Step, *, kind: str, trajectory_a: str, trajectory_b: str, **rest: Any) -> Trial:
+    """The trial of the step that the session has come to."""
+    trial = Trial(
+        session_id=acting.session.id,
+        step_key=step.key,
+        index=acting.session.position,
+        kind=kind,
+        view=step.view,
+        trajectory_a=trajectory_a,
+        trajectory_b=trajectory_b,
+        phase_since=acting.now,
+        **rest,
+    )
+    acting.s.add(trial)
+    acting.s.flush()
+    return trial

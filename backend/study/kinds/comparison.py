@@ -1,0 +1,116 @@
+"""Kind of step `comparison`: the own policy against the base policy or another's in a new scene, blind.
+
+The trials are made when the policy is there (`personalising/training.py`); comparisons without one are passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+from pydantic import AliasChoices, Field, field_validator
+
+from backend.study.grammar.words import View
+from backend.study.kinds.base import Kind, Moment, Pace, Page, Planning, Stage, Step, Simulated
+from backend.study.kinds.guess import GuessStep
+from backend.study.kinds.trial import Viewing, checked_side
+
+
+class ComparisonStage(Stage):
+    """Base policy and own policy in `scenes` new scenes, blind, sides drawn by lot in each; then, if `guess`, which
+    trajectory of the last pair came from the participant's own answers. Who drew paths sees `dwa`, the dynamic window
+    approach (spec 02), in place of `base`.
+
+    `other` as a third arm: in `scenes` further scenes the own policy against that of another participant, the one whose
+    alignment was ready last (yoked). Who prefers the own one there does not merely like what everybody likes.
+    """
+
+    once = True
+    for_everybody = True
+
+    arms: tuple[Literal["base", "dwa", "own", "other"], ...] = ("base", "own")
+    scenes: int = Field(3, ge=1, le=10)
+    blind: Literal[True] = True
+    view: View | None = Field(None, description="default: the view of the block before")
+    guess: bool = True
+
+    @field_validator("arms")
+    @classmethod
+    def _can_be(cls, arms: tuple[str, ...]) -> tuple[str, ...]:
+        if arms not in (("base", "own"), ("base", "own", "other"), ("dwa", "own")):
+            raise ValueError("must be [base, own], [base, own, other] or [dwa, own]")
+        return arms
+
+    @property
+    def opponents(self) -> tuple[str, ...]:
+        """What the own policy is compared with, `scenes` times each."""
+        return tuple(arm for arm in self.arms if arm != "own")
+
+    @property
+    def pairs(self) -> int:
+        """How many comparisons there are."""
+        return self.scenes * len(self.opponents)
+
+    def plan(self, at: Planning) -> list[Step]:
+        against = [opponent for opponent in self.opponents for _ in range(self.scenes)]
+        if len(self.opponents) > 1:
+            against = [against[i] for i in at.random.permutation(len(against))]
+        shown: list[Step] = [
+            ComparisonStep.model_validate(
+                {
+                    "key": f"{at.key}.{number}",
+                    "kind": "comparison",
+                    "stage": at.key,
+                    "view": self.view or at.view,
+                    "number": number,
+                    "of": len(against),
+                    "sides_swapped": bool(at.random.integers(2)),
+                    **({"against": opponent} if opponent == "other" else {}),
+                }
+            )
+            for number, opponent in enumerate(against, 1)
+        ]
+        return [*shown, GuessStep(kind="guess", key=f"{at.key}.guess", stage=at.key)] if self.guess else shown
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return self.pairs * pace.trial_s
+
+    def numbers(self) -> dict[str, int]:
+        return {"comparison_pairs": self.pairs}
+
+
+class ComparisonStep(Step):
+    """sides_swapped: the own policy's trajectory is shown as A. against: base (also where it is DWA) or other."""
+
+    kind: Literal["comparison"]
+    number: int
+    of: int
+    sides_swapped: bool = Field(validation_alias=AliasChoices("sides_swapped", "turned"))
+    against: Literal["base", "other"] = "base"
+
+
+class Comparison(Kind[ComparisonStep]):
+    name = "comparison"
+    step = ComparisonStep
+    stages = {"comparison": ComparisonStage}
+    shows = "trajectories"
+    previewed = True
+
+    def payload(self, step: ComparisonStep, page: Page) -> dict[str, Any]:
+        shown = {"role": "regular", "view": step.view, "number": step.number, "of": step.of}
+        return shown | Viewing().model_dump()
+
+    def is_asked(self, step: ComparisonStep, moment: Moment) -> bool:
+        return moment.has_trial(step.key)
+
+    def check(self, step: ComparisonStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
+        return {"choice": checked_side(value)}
+
+    def told(self, step: ComparisonStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        return {"query": None}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
+
+
+KIND = Comparison()

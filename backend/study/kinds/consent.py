@@ -1,0 +1,87 @@
+"""Kind of step `consent`: sentences to tick, and purposes that may be agreed to or not beside the study itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from backend.store.models import Participant
+from backend.study.grammar.parts import FileName, Localized, Version
+from backend.study.grammar.source import Path
+from backend.study.grammar.texts import local
+from backend.study.kinds.base import Acting, BadValue, Moment, Page, Planning, Stage, Step, Simulated
+from backend.study.kinds.text_page import TextPage, TextStep
+
+POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
+_POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
+
+
+class ConsentStage(Stage):
+    """Consent. Lines `- [ ] ...` at the end of the text are points that are ticked one by one.
+
+    purposes: what may be agreed to or not beside the study itself, each with its sentence. `training`: learning models
+    from the answers; `open_data`: publishing them. Who does not agree takes part all the same.
+    """
+
+    once = True
+    for_everybody = True
+
+    text: FileName
+    version: Version
+    purposes: dict[Literal["training", "open_data"], Localized] = {}
+
+    def plan(self, at: Planning) -> list[Step]:
+        return [ConsentStep(kind="consent", key=at.key, stage=at.key, text=self.text)]
+
+    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
+        for purpose, text in self.purposes.items():
+            yield text, ("purposes", purpose)
+
+
+class ConsentStep(TextStep):
+    kind: Literal["consent"]
+
+
+class Consent(TextPage[ConsentStep]):
+    name = "consent"
+    step = ConsentStep
+    stages = {"consent": ConsentStage}
+
+    def payload(self, step: ConsentStep, page: Page) -> dict[str, Any]:
+        shown = super().payload(step, page)
+        consent, text = page.frozen.consent, shown["text"]
+        return shown | {
+            "text": _POINT_LINES.sub("", text).strip(),
+            "points": [match.group(1).strip() for match in POINT.finditer(text)],
+            "purposes": [{"key": key, "text": local(said, page.language)} for key, said in consent.purposes.items()],
+            "version": consent.version,
+        }
+
+    def check(self, step: ConsentStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
+        version, asked = page.frozen.consent.version, page.frozen.consent.purposes
+        if value.get("given") is not True:
+            raise BadValue("value.given", value.get("given"), "must be true; who does not agree leaves the study")
+        if str(value.get("version", version)) != version:
+            raise BadValue("value.version", value.get("version"), f"must be {version}, the version that was shown")
+        purposes = value.get("purposes") or {}
+        if not isinstance(purposes, dict) or not set(purposes) <= set(asked):
+            allowed = ", ".join(asked) or "none"
+            raise BadValue("value.purposes", None, f"must be an object with true or false for {allowed}")
+        # what was not ticked was not agreed to
+        agreed = {"purposes": {key: purposes.get(key) is True for key in asked}} if asked else {}
+        return {"given": True, "version": version, **agreed}
+
+    def keep(self, step: ConsentStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
+        acting.s.get_one(Participant, acting.session.participant_id).consents = stored.get("purposes", {})
+        return {"text_hash": acting.frozen.consent_hash(acting.session.language)}
+
+    def told(self, step: ConsentStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        # so that what simulated participants answered may be learned from
+        return {"purposes": [purpose["key"] for purpose in payload["purposes"]]}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        return {"given": True, "purposes": dict.fromkeys(step.get("purposes", ()), True)}
+
+
+KIND = Consent()

@@ -1,0 +1,56 @@
+"""Kind of step `debriefing`: the last page, with the completion code and the way back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from backend.study.grammar.parts import Address, Code, FileName
+from backend.study.kinds.base import Acting, Moment, Page, Planning, Stage, Step
+from backend.study.kinds.text_page import TextPage, TextStep
+from backend.study.session import states
+
+
+class DebriefingStage(Stage):
+    """The last page. completion_code: `random`, or one code for everybody. return_url: may hold `{code}`."""
+
+    for_everybody = True
+
+    text: FileName
+    completion_code: Code = "random"
+    return_url: Address | None = None
+
+    def plan(self, at: Planning) -> list[Step]:
+        return [DebriefingStep(kind="debriefing", key=at.key, stage=at.key, text=self.text)]
+
+
+class DebriefingStep(TextStep):
+    kind: Literal["debriefing"]
+
+
+class Debriefing(TextPage[DebriefingStep]):
+    name = "debriefing"
+    step = DebriefingStep
+    stages = {"debriefing": DebriefingStage}
+
+    def payload(self, step: DebriefingStep, page: Page) -> dict[str, Any]:
+        return super().payload(step, page) | code_and_way_back(
+            page.completion_code, page.frozen.stage(DebriefingStage).return_url
+        )
+
+    def check_time(self, step: DebriefingStep, moment: Moment, value: Mapping[str, Any]) -> None:
+        raise moment.refused("finished", "This session is finished.")
+
+    def arrive(self, step: DebriefingStep, acting: Acting) -> None:
+        states.end(acting, "complete", completion_code=acting.frozen.stage(DebriefingStage).completion_code)
+
+
+def code_and_way_back(completion_code: str | None, url: str | None) -> dict[str, Any]:
+    """What the last page tells of both, whoever it is shown to."""
+    return {
+        "completion_code": completion_code,
+        "return_url": url.replace("{code}", completion_code or "") if url else None,
+    }
+
+
+KIND = Debriefing()

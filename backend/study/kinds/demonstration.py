@@ -1,0 +1,147 @@
+"""Kind of step `demonstration`: a path is drawn on the floor, driven by the robot at once, and kept or drawn again.
+
+What becomes of strokes and of walks beside them is `drawing/`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field, model_validator
+
+from backend.study.drawing import paths, strokes, walks
+from backend.study.grammar.words import PersonMode, View
+from backend.study.kinds.base import Acting, BadValue, Kind, Moment, Pace, Page, Planning, Stage, Step, Simulated
+
+if TYPE_CHECKING:
+    from backend.simulation.scene import Scene
+
+SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
+
+
+class DemonstrationsStage(Stage):
+    """Paths are drawn in `pairs` situations of an environment (spec 02), `per_pair` in each and up to `up_to`.
+
+    Situations come in an order drawn by lot, the first `pairs` of the environment's four.
+    """
+
+    asks = True
+    teaches = True
+    sets_view = True
+
+    environment: Literal["corridor", "room"]
+    pairs: int = Field(4, ge=1, le=4)
+    per_pair: int = Field(3, ge=1, le=10)  # spec 02: three to five
+    up_to: int | None = Field(None, ge=1, le=10, description="default: per_pair, so that nothing is left open")
+    view: View = "top_down"
+    person: PersonMode = Field(
+        "still",
+        description="still: stands; walks: the participant walks in first person while the robot drives the path; "
+        "recorded: the participant first chooses one of three walks that were planned by a program",
+    )
+
+    @model_validator(mode="after")
+    def _counts_fit(self) -> DemonstrationsStage:
+        if self.up_to is not None and self.up_to < self.per_pair:
+            raise ValueError(f"up_to = {self.up_to} must be at least per_pair = {self.per_pair}")
+        if self.person == "recorded" and self.view != "top_down":
+            raise ValueError(
+                f"view = {self.view!r} must be top_down with person: recorded: the walk is shown on the floor"
+            )
+        return self
+
+    @property
+    def most_per_pair(self) -> int:
+        return self.up_to or self.per_pair
+
+    def plan(self, at: Planning) -> list[Step]:
+        """One step per path that is drawn, situation by situation; those beyond `per_pair` can be left out."""
+        return [
+            DemonstrationStep.model_validate(
+                {
+                    "key": f"{at.key}.{pair + 1}.{number}",
+                    "kind": "demonstration",
+                    "stage": at.key,
+                    "environment": self.environment,
+                    "pair": pair,
+                    "view": self.view,
+                    **({"person": self.person} if self.person != "still" else {}),
+                    "place": place,
+                    "places": self.pairs,
+                    "number": number,
+                    "of": self.per_pair if number <= self.per_pair else self.most_per_pair,
+                    "optional": number > self.per_pair,
+                }
+            )
+            for place, pair in enumerate((int(i) for i in at.random.permutation(self.pairs)), 1)
+            for number in range(1, self.most_per_pair + 1)
+        ]
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return self.pairs * self.per_pair * SECONDS_PER_PATH
+
+    def numbers(self) -> dict[str, int]:
+        return {"places": self.pairs, "paths": self.pairs * self.per_pair}
+
+
+class DemonstrationStep(Step):
+    """One path. pair: the environment's situation, from 0; place: which of this participant's; number, of: of its paths.
+    person: steps of plans that are older than walks stand still.
+    """
+
+    kind: Literal["demonstration"]
+    environment: str
+    pair: int
+    view: View
+    person: PersonMode = "still"
+    place: int
+    places: int
+    number: int
+    of: int
+    optional: bool = False
+
+
+class Demonstration(Kind[DemonstrationStep]):
+    name = "demonstration"
+    step = DemonstrationStep
+    stages = {"demonstrations": DemonstrationsStage}
+    shows = "paper"
+
+    def payload(self, step: DemonstrationStep, page: Page) -> dict[str, Any]:
+        shown = {name: getattr(step, name) for name in ("view", "place", "places", "number", "of", "optional")}
+        offered = len(walks.PLANNED) if step.person == "recorded" else 0
+        return shown | {"person": step.person, "walks": offered}
+
+    def state(self, step: DemonstrationStep, moment: Moment) -> dict[str, Any]:
+        return paths.state_of(moment.s, moment.session, step)
+
+    def is_asked(self, step: DemonstrationStep, moment: Moment) -> bool:
+        """Further paths of a situation only until one of them was skipped."""
+        return not step.optional or step.number - 1 <= paths.kept_count(moment.s, moment.session.id, step)
+
+    def may_come(self, step: DemonstrationStep, moment: Moment) -> bool:
+        return not step.optional
+
+    def check(self, step: DemonstrationStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
+        """Which stroke is kept, or that a further path is not wanted."""
+        if value.get("skipped") is True and step.optional:
+            return {"skipped": True}
+        if not isinstance(value.get("stroke"), str):
+            raise BadValue("value.stroke", value.get("stroke"), "must be the id of the stroke that is kept")
+        return {"stroke": value["stroke"][:32]}
+
+    def keep(self, step: DemonstrationStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
+        strokes.keep(acting.s, acting.session, step, stored)
+        return {}
+
+    def told(self, step: DemonstrationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        scene = paths.scene_of(step)
+        offered: list[Scene] = [walks.scene_with(scene, walk) for walk in walks.offered(step)]
+        return {"scenes": [one.as_dict() for one in offered or [scene]]}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        return participant.draw(step)
+
+
+KIND = Demonstration()

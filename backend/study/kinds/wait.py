@@ -1,0 +1,98 @@
+"""Kind of step `wait`: what the answers taught is being learned; the session goes on by itself. The stage is `train`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Literal
+
+from pydantic import Field
+
+from backend.store.events import log_event
+from backend.study.grammar.parts import Part, Slug
+from backend.study.grammar.source import Path
+from backend.study.kinds.base import Acting, Kind, Moment, Page, Planning, Stage, Step
+from backend.study.kinds.comparison import ComparisonStage, ComparisonStep
+from backend.study.kinds.guess import GuessStep
+from backend.study.kinds.questionnaire import QuestionnaireStep
+from backend.study.personalising import training
+
+
+class Meanwhile(Part):
+    """What the participant does while the job runs."""
+
+    questionnaire: Slug
+
+
+class TrainStage(Stage):
+    """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
+
+    job: `align` learns from choices between trajectories, `demonstrations` from drawn paths, one controller per
+    environment. recipe (of `align`): `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs
+    behind it and takes its place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
+    """
+
+    once = True
+    for_everybody = True
+    begins = "train"
+
+    job: Literal["align", "demonstrations"] = "align"
+    on: Literal["own_answers"] = "own_answers"
+    recipe: Literal["instant", "refine", "thesis"] = "instant"
+    meanwhile: Meanwhile | None = Field(None, alias="while")
+    give_up_after_s: int = Field(120, ge=1, le=1800)  # DESIGN.md, sketch of a protocol
+
+    def plan(self, at: Planning) -> list[Step]:
+        steps: list[Step] = []
+        if self.meanwhile:
+            used = self.meanwhile.questionnaire
+            steps.append(QuestionnaireStep.of(f"{at.key}.{used}", used, stage=at.key))
+        if at.of(ComparisonStage):  # otherwise there is nothing to wait for
+            steps.append(WaitStep(kind="wait", key=f"{at.key}.wait", stage=at.key))
+        return steps
+
+    def questionnaires(self) -> Iterator[tuple[str, Path]]:
+        if self.meanwhile:
+            yield self.meanwhile.questionnaire, ("while", "questionnaire")
+
+
+class WaitStep(Step):
+    """Planned by the stages `train` and `evaluation`."""
+
+    kind: Literal["wait"]
+
+
+class Wait(Kind[WaitStep]):
+    name = "wait"
+    step = WaitStep
+    stages = {"train": TrainStage}
+    goes_on = True
+    begun = {"train": training.start_training}
+
+    def payload(self, step: WaitStep, page: Page) -> dict[str, Any]:
+        return {"learns_from": page.frozen.learns_from}
+
+    def may_come(self, step: WaitStep, moment: Moment) -> bool:
+        return False
+
+    def check_time(self, step: WaitStep, moment: Moment, value: Mapping[str, Any]) -> None:
+        raise moment.refused("still_waiting", "This step goes on by itself.")
+
+    def waits(self, step: WaitStep, moment: Moment) -> bool:
+        return training.outcome_of(moment) is None
+
+    def settle(self, step: WaitStep, acting: Acting) -> int | None:
+        """Once the job has ended or is late: to the first comparison or rollout to be rated, past all that needs a
+        trial and the guess if there is none."""
+        outcome = training.outcome_of(acting)
+        if outcome is None:
+            return None
+        planned = [(i, step) for i, step in enumerate(acting.plan) if isinstance(step, ComparisonStep)]
+        shown = training.make_comparisons(acting, planned) if outcome == "shown" else 0
+        acting.session.personalisation = outcome
+        log_event(acting.s, "personalisation", session_id=acting.session.id, outcome=outcome, comparisons=shown)
+        past = () if shown else (ComparisonStep, GuessStep)
+        after = range(acting.session.position + 1, len(acting.plan))
+        return next(i for i in after if not isinstance(acting.plan[i], past))
+
+
+KIND = Wait()
