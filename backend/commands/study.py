@@ -126,7 +126,8 @@ def simulate(
     from backend.learning.preferences.oracles import ResponseModel
     from backend.report.made_up_cohorts import read_cohort
     from backend.store.models import Study
-    from backend.study.simulated.participant import Character, simulate_study
+    from backend.study.simulated.http import simulate_study
+    from backend.study.simulated.participant import Character
 
     if browser > participants:
         raise ValueError(f"--browser {browser}: there are only {participants} participants")

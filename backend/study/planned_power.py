@@ -73,8 +73,8 @@ def plan_power(
     """Power of the protocol's declared analysis for each number of participants.
 
     condition, item, ranking: where the effect is; default the last condition, the first item, the first ranking by
-    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and SimulationError if a bot cannot
-    finish.
+    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and SimulationError if one
+    cannot finish.
     """
     if not participants or min(participants) < 3:
         raise PowerError(f"participants = {list(participants)}: at least one number, each at least 3")

@@ -23,8 +23,9 @@ from backend.store.export import answers_of, export_study
 from backend.store.models import Study
 from backend.study.planned_power import plan_power
 from backend.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text
+from backend.study.simulated.http import simulate_study
 from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character, simulate_study
+from backend.study.simulated.participant import Character
 from backend.study.studies import create_study
 from tests.study.walking import twenty_queries
 

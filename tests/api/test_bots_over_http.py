@@ -16,7 +16,8 @@ from backend.learning.preferences.oracles import path_length_m
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Job, Participant, Response, Session, Study, Trial
 from backend.study.protocol.freezing import freeze_text
-from backend.study.simulated.participant import SimulationError, Character, simulate_study
+from backend.study.simulated.http import simulate_study
+from backend.study.simulated.participant import Character, SimulationError
 from backend.study.studies import create_study
 from tests.api.participant_services import logged, to_first_trial
 

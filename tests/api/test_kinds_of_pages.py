@@ -15,8 +15,7 @@ from backend.api.core.dependencies import Services
 from backend.api.participant.session_view import leads_to, next_kind
 from backend.settings import Settings
 from backend.store.models import Session
-from backend.study.plan.planning import make_plan
-from backend.study.plan.queries import placeholders
+from backend.study.plan.planning import example_queries, make_plan
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.studies import create_study
 from tests.study import walking
@@ -180,7 +179,7 @@ def test_a_page_tells_what_comes_next_and_shows_pairs_only_before_pairs() -> Non
     told = {}
     for name in ("demonstration_study", "quick_preference_study"):
         frozen = freeze_text((PROTOCOLS / f"{name}.yaml").read_text())
-        plan = make_plan(frozen.protocol, 0, placeholders(frozen.protocol))
+        plan = make_plan(frozen.protocol, 0, example_queries(frozen.protocol))
         told |= {
             (name, step["key"]): (next_kind(plan, k), leads_to(plan, k))
             for k, step in enumerate(plan)

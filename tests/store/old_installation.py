@@ -109,7 +109,7 @@ class Returning(Walker):
         elif view.kind == "evaluation":
             play = self.do(machine.start_trial, view.key, request_id=None, now=self.now)
             self.later(view.trial["duration_a_s"] + 3)
-            self.do(machine.drive_seen, view.key, "a", play.playback_id, now=self.now)
+            self.do(machine.trajectory_seen, view.key, "a", play.playback_id, now=self.now)
             self.submit(view.key, {})
         elif view.trial is not None:
             if view.trial["phase"].startswith("playing"):  # the page of then is gone
@@ -154,7 +154,7 @@ class Returning(Walker):
         if state["phase"] != "watched":
             with acting(self.database, self.token, request="driven", now=self.now) as (s, session):
                 strokes.driven(
-                    s, self.files, session, machine.step_of(session), state["playback_id"], None, now=self.now
+                    s, self.files, session, machine.drawing_of(session), state["playback_id"], None, now=self.now
                 )
         self.submit(key, {"stroke": state["stroke"]})
         return True
@@ -162,7 +162,7 @@ class Returning(Walker):
     def _stroke(self, key: str, given: dict[str, Any]) -> None:
         self.requests += 1
         with acting(self.database, self.token, request="stroke", now=self.now) as (s, session):
-            step = machine.step_of(session)
+            step = machine.drawing_of(session)
             attempt = strokes.attempt_of(step, given, simulated=False)
             name = f"{session.id}-later-{self.requests}"
             strokes.add_stroke(s, self.files, session, step, attempt, request_id=name, client_time=None, now=self.now)

@@ -18,7 +18,7 @@ STAGES = [
             "each": VIEWS,
             "before": [{"instruction": {"text": "instruction.md"}}],
             "trials": [
-                {"queries": {"count": 1, "role": "learning"}},
+                {"queries": {"count": 1, "role": "practice"}},
                 {"queries": {"count": 2, "probes": {"repeat": 1, "swap": 1}}},
             ],
             "after": [{"questionnaire": {"use": "rating"}}],
@@ -56,4 +56,4 @@ def test_bots_finish_it_and_leave_every_sort_of_row(tmp_path, database, files, t
     for probe in probes:
         before = by_id[probe.probe_of]
         assert (before.query_id, before.block, before.role) == (probe.query_id, probe.block, "regular")
-        assert (before.turned == probe.turned) == (probe.role == "repeat")
+        assert (before.sides_swapped == probe.sides_swapped) == (probe.role == "repeat")

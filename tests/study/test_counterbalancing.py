@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from sqlalchemy import select
 
 from backend.store.models import Participant, Session, utc_now
+from backend.study.kinds import stored
 from backend.study.plan.assignment import assignment_table
 from backend.study.plan.counterbalancing import design_of, next_row, orders
 from backend.study.plan.planning import make_plan, session_seed
@@ -61,19 +62,24 @@ def test_places_stay_even_whoever_comes_and_fill_again_whoever_leaves(rows, seed
 # ---- plans -----------------------------------------------------------------------------------------------------------
 
 
+def planned(*asked):
+    """A plan as it is stored."""
+    return stored(make_plan(*asked))
+
+
 def test_all_conditions_ask_the_same_queries_with_the_same_sides_in_their_own_order(tmp_path):
     protocol = small_protocol(tmp_path, [CROSSED]).protocol
-    plan = make_plan(protocol, 5, QUERIES)
-    shown = {view: [(t["query"], t["turned"]) for t in trials(plan) if t["view"] == view] for view in VIEWS}
+    plan = planned(protocol, 5, QUERIES)
+    shown = {view: [(t["query"], t["sides_swapped"]) for t in trials(plan) if t["view"] == view] for view in VIEWS}
     assert len({frozenset(asked) for asked in shown.values()}) == 1
-    many = [make_plan(protocol, seed, QUERIES) for seed in range(6)]
+    many = [planned(protocol, seed, QUERIES) for seed in range(6)]
     assert any([t["query"] for t in trials(plan)[:3]] != [t["query"] for t in trials(plan)[3:6]] for plan in many)
     assert {t["block"] for t in trials(plan)} == set(VIEWS)
 
 
 def test_a_block_may_ask_other_queries_in_every_condition(tmp_path):
     block = {"block": {**CROSSED["block"], "same_queries": False}}
-    plan = make_plan(small_protocol(tmp_path, [block]).protocol, 5, QUERIES)
+    plan = planned(small_protocol(tmp_path, [block]).protocol, 5, QUERIES)
     assert len({t["query"] for t in trials(plan)}) == 9
 
 
@@ -92,7 +98,7 @@ def test_factors_are_crossed_and_one_of_separates_people(tmp_path):
     protocol = small_protocol(tmp_path, [block], assignment={"scheme": "latin_square"}).protocol
     design = design_of(protocol)
     assert len(design.rows) == 4 * 2
-    plan = make_plan(protocol, 1, QUERIES, design.rows[-1])
+    plan = planned(protocol, 1, QUERIES, design.rows[-1])
     assert [t["block"] for t in trials(plan)][::2] == [
         "immersive-machine",
         "top_down-robot",
@@ -114,7 +120,7 @@ def test_transitivity_asks_all_three_pairs_of_three_drives_beside_the_regular_qu
         for scene in range(3)
         for pair, (a, b) in enumerate([("x", "y"), ("y", "z")])
     ]
-    plan = make_plan(protocol, 3, [*QUERIES, *few])
+    plan = planned(protocol, 3, [*QUERIES, *few])
     for view in VIEWS:
         here = [t for t in trials(plan) if t["view"] == view]
         probes = [t for t in here if t["role"] == "transitivity"]

@@ -15,6 +15,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
 from backend.study.drawing import paths, strokes
+from backend.study.kinds import stored
 from backend.study.links import next_token
 from backend.study.plan.counterbalancing import design_of
 from backend.study.plan.planning import make_plan
@@ -64,7 +65,7 @@ def keep_a_path(walker: Walker) -> None:
     key = walker.view.key
     along = [k / 80 for k in range(81)]
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
-        step = machine.step_of(session)
+        step = machine.drawing_of(session)
         side = -0.75 if paths.scene_of(step).person.pose.y > 0 else 0.75
         given = {
             "points": [[-3.2 + 6.4 * u, side * 4 * u * (1 - u)] for u in along],
@@ -78,7 +79,7 @@ def keep_a_path(walker: Walker) -> None:
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        strokes.driven(s, walker.files, session, machine.step_of(session), state["playback_id"], now=walker.now)
+        strokes.driven(s, walker.files, session, machine.drawing_of(session), state["playback_id"], now=walker.now)
     walker.submit(key, {"stroke": state["stroke"]})
 
 
@@ -157,7 +158,7 @@ def test_the_six_orders_are_filled_evenly_and_reversed_in_the_second_environment
     orders = []
     for place in design_of(protocol).rows:
         for seed in (0, 1):
-            plan = make_plan(protocol, seed, [], place)
+            plan = stored(make_plan(protocol, seed, [], place))
             asked = [step for step in plan if step.get("questionnaire") == "drawing_rating"]
             met = [step["block"] for step in asked]
             assert len({step["environment"] for step in asked[:3]}) == 1

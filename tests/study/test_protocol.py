@@ -12,7 +12,9 @@ import yaml
 
 from backend.analysis.scales import SCALES
 from backend.study.grammar.questionnaires import Questionnaire
-from backend.study.grammar.words import STAGE_KINDS
+from backend.study.kinds import kind_of, read_step
+from backend.study.kinds.base import Page
+from backend.study.kinds.wait import TrainStage
 from backend.study.protocol.freezing import (
     PROTOCOLS,
     ProtocolError,
@@ -23,14 +25,19 @@ from backend.study.protocol.freezing import (
 )
 from backend.study.protocol.outline import describe_stages, expected_minutes
 from backend.study.protocol.schema import DeviceGate, json_schema
-from backend.study.protocol.stages import StageEntry
+from backend.study.protocol.stages import STAGES, StageEntry
 from backend.study.refusals import Refused
 from backend.study.session.devices import device_problems, fitted
-from backend.study.session.pages import payload_of
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
 INFORMATION = {"key": "information", "kind": "information", "stage": "information"}
+
+
+def page_of(frozen, step, language):
+    """What the page of a step is given; also of steps as plans of before held them."""
+    found = read_step({"key": "page", **step})
+    return kind_of(found).payload(found, Page(frozen, language))
 
 
 def broken(tmp_path: Path, old: str, new: str) -> dict:
@@ -210,7 +217,7 @@ def test_the_numbers_in_a_text_are_the_protocols():
     """Whoever asks fewer pairs in less time does not promise their participants the old numbers."""
     changed = freeze_text(QUICK.read_text().replace("count: 15", "count: 4").replace("minutes: 12", "minutes: 7"))
     for language, told in (("en", "There are 4 such pairs"), ("de", "Es gibt 4 solche Paare")):
-        information = " ".join(payload_of(changed, INFORMATION, language)["text"].split())
+        information = " ".join(page_of(changed, INFORMATION, language)["text"].split())
         assert told in information
         assert "7 Minut" in information or "7 minutes" in information
         assert "{" not in information
@@ -236,10 +243,10 @@ def test_every_stage_is_readable_in_both_languages():
     for stage in stages:
         assert stage.kind not in ("information", "consent", "debriefing") or len(stage.texts) == 2
     for language in ("en", "de"):
-        consent = payload_of(frozen, {"kind": "consent", "stage": "consent"}, language)
+        consent = page_of(frozen, {"kind": "consent", "stage": "consent"}, language)
         assert len(consent["points"]) == 4
         assert "[ ]" not in consent["text"]
-        items = payload_of(
+        items = page_of(
             frozen, {"kind": "questionnaire", "stage": "train", "questionnaire": "interface_items"}, language
         )
         assert sum(len(block["items"]) for block in items["blocks"]) == 10  # spec 07: ten items
@@ -252,13 +259,13 @@ def test_the_minutes_told_to_participants_fit_the_protocol():
 
 def test_schema_and_words_agree():
     keys = {field.alias or name for name, field in StageEntry.model_fields.items()}
-    assert {*STAGE_KINDS, "when"} == keys
+    assert {*STAGES, "when"} == keys
     assert "stages" in json_schema()["properties"]
 
 
 def test_only_true_and_false_are_booleans():
     """YAML 1.1 reads `on:` as True, which would make our own keys unreadable."""
-    assert freeze(QUICK).protocol.stages[5].train.on == "own_answers"
+    assert freeze(QUICK).stage(TrainStage).on == "own_answers"
 
 
 def test_the_published_schema_is_the_schema_and_the_reference_names_every_key():

@@ -21,11 +21,11 @@ from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
 from backend.store.query_sets import query_sets_here
 from backend.store.worth_money import REMOVED
-from backend.study.plan.planning import Step, make_plan
-from backend.study.plan.queries import placeholders
+from backend.study.kinds import kind_of
+from backend.study.kinds.base import Page
+from backend.study.plan.planning import Step, example_queries, make_plan
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.session.machine import StepView
-from backend.study.session.pages import payload_of
 from backend.study.session.versions import newest_protocol
 
 if TYPE_CHECKING:
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from app.views import View
 
 EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's own and completion code will
-ON_STAGE = ("trial", "comparison")
 
 router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
 
@@ -58,9 +57,8 @@ class QueryPreview:
 def preview_steps(frozen: FrozenProtocol) -> list[Step]:
     """One step of every sort that a session has, in its order: the first of each stage, condition, kind and role."""
     steps: dict[tuple[str, ...], Step] = {}
-    for step in make_plan(frozen.protocol, 0, placeholders(frozen.protocol)):
-        sort = (step["stage"], step.get("block", ""), step["kind"], step.get("questionnaire", ""), step.get("role", ""))
-        steps.setdefault(sort, step)
+    for step in make_plan(frozen.protocol, 0, example_queries(frozen.protocol)):
+        steps.setdefault(step.sort, step)
     return list(steps.values())
 
 
@@ -68,7 +66,7 @@ def first_steps(frozen: FrozenProtocol) -> dict[str, int]:
     """Stage -> number (from 1) of its first step in the preview."""
     numbers: dict[str, int] = {}
     for number, step in enumerate(preview_steps(frozen), 1):
-        numbers.setdefault(step["stage"], number)
+        numbers.setdefault(step.stage, number)
     return numbers
 
 
@@ -143,9 +141,9 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
         language = wish if (wish := lab_language(request)) in languages else languages[0]
     step = steps[number - 1]
     query_set = frozen.protocol.query_set
-    shown = step["kind"] in ON_STAGE and query_set is not None
+    shown = kind_of(step).previewed and query_set is not None
     query = example_query(services_of(request).files, query_set or "") if shown else None
-    payload = payload_of(frozen, step, language, completion_code=EXAMPLE_CODE)
+    payload = kind_of(step).payload(step, Page(frozen, language, EXAMPLE_CODE))
     if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE):
         payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
     return page(
@@ -153,15 +151,15 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
         "lab/preview.html",
         language=language,
         step=StepView(
-            kind=step["kind"],
-            key=step["key"],
+            kind=step.kind,
+            key=step.key,
             index=number - 1,
             total=len(steps),
             payload=payload,
         ),
         next_kind=next_kind(steps, number - 1),
         leads_to=leads_to(steps, number - 1),
-        stage_name=step["stage"],
+        stage_name=step.stage,
         number=number,
         steps=steps,
         languages=languages,
@@ -171,7 +169,14 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
         back=back,
         here=request.url.path.rsplit("/", 1)[0],
         lab=services_of(request).texts.get(lab_language(request)),
-        stage_token=services_of(request).replays.grant(QueryPreview(*query, view=step["view"])) if query else None,
-        drives=[round(one.duration_s, 1) for one in query] if query else [0.0, 0.0] if step["kind"] in ON_STAGE else [],
+        stage_token=services_of(request).replays.grant(QueryPreview(*query, view=step.view or "top_down"))
+        if query
+        else None,
+        drives=[round(one.duration_s, 1) for one in query] if query else [0.0, 0.0] if kind_of(step).previewed else [],
         csrf=request.state.sign_in.csrf,
     )
+
+
+def _granted(request: Request, query: tuple[Trajectory, Trajectory], step: Step) -> str:
+    """The token of a stage that shows the example query in the step's view."""
+    return services_of(request).replays.grant(QueryPreview(*query, view=step.view or "top_down"))

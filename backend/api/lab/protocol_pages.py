@@ -25,7 +25,8 @@ from backend.store.worth_money import REMOVED, is_worth_money, yaml_without
 from backend.study.protocol.freezing import ProtocolError, thaw
 from backend.study.protocol.outline import describe_stages, expected_minutes
 from backend.study.protocol.revising import revise_study, revision_of, versions_of
-from backend.study.session.versions import newest_protocol, protocol_row
+from backend.study.rows import protocol_row
+from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])

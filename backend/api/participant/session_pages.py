@@ -25,12 +25,14 @@ from backend.api.stage.admission import stage_cookie
 from backend.store.events import log_event
 from backend.store.models import Participant, Session, utc_now
 from backend.store.models import Response as Answer
+from backend.study.kinds import kind_of, read_plan
+from backend.study.kinds.base import Page
+from backend.study.kinds.consent import ConsentStep
 from backend.study.links import token_hash
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
-from backend.study.session.pages import payload_of
 from backend.study.session.versions import protocol_of
 
 router = APIRouter(dependencies=[Depends(not_guessing)])
@@ -85,7 +87,7 @@ def consent_copy(token: str, request: Request) -> Response:
     """The participant's copy of what they consented to."""
     with looking(services_of(request), token) as (s, session):
         frozen = protocol_of(s, session)
-        step = next(step for step in session.plan if step["kind"] == "consent")
+        step = next(step for step in read_plan(session.plan) if isinstance(step, ConsentStep))
         theirs = select(Session.id).where(Session.participant_id == session.participant_id)  # of every appointment
         asked = select(Answer).where(Answer.session_id.in_(theirs), Answer.kind == "consent")
         given = s.scalars(asked.order_by(Answer.created_at.desc())).first()
@@ -98,7 +100,7 @@ def consent_copy(token: str, request: Request) -> Response:
         "participant/consent_copy.html",
         language=language,
         study_title=frozen.title(language),
-        payload=payload_of(frozen, step, language),
+        payload=kind_of(step).payload(step, Page(frozen, language)),
         given_at=given_at,
         purposes=agreed,
         code=code,
@@ -170,7 +172,7 @@ def page_event(token: str, request: Request, services: TheServices, body: Json) 
             f"page_{kind}",
             session_id=session.id,
             client_time=client_time_of(body.get("client_time")),
-            step=machine.step_of(session)["key"],
+            step=machine.step_of(session).key,
             page=data,
         )
     return Response(status_code=204)

@@ -12,9 +12,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.core.dependencies import Services, contact, public_url, stage_origin
 from backend.api.stage.admission import stage_token
 from backend.store.models import Participant, Session, utc_now
-from backend.study.personalising import training
-from backend.study.kinds import KINDS, Step, kind_of, read_plan
 from backend.study.grammar.texts import local
+from backend.study.kinds import KINDS, Step, kind_of, read_plan
 from backend.study.refusals import Refused, log_refusal
 from backend.study.session import machine
 from backend.study.session.finding import acting, find_session

@@ -19,7 +19,8 @@ from backend.api.stage.listening import Listener
 from backend.store.database import DatabaseBusy
 from backend.store.models import Session, utc_now
 from backend.study.drawing import paths
-from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.kinds import kind_of
+from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.personalising import training
 from backend.study.refusals import Refused
 from backend.study.session import machine
@@ -51,14 +52,14 @@ class _Glance:
     def __init__(self, s: DatabaseSession, session: Session) -> None:
         self.session_id = session.id
         step = machine.step_of(session)
-        trial = machine.trial_of(s, session) if step["kind"] in TRIAL_KINDS else None
+        trial = machine.trial_of(s, session) if kind_of(step).shows == "trajectories" else None
         shown: tuple[object, ...] | None = (trial.phase, trial.restarts) if trial is not None else None
-        if step["kind"] in DRAWN_KINDS:
-            stroke = paths.latest_stroke(s, session.id, step["key"])
+        if isinstance(step, DemonstrationStep):
+            stroke = paths.latest_stroke(s, session.id, step.key)
             shown = (stroke.attempt, stroke.state, stroke.shown_since) if stroke is not None else None
         self.state = (session.state, session.position, shown)
         self.position = session.position
-        self.waiting = step["kind"] == "wait" and session.state == "active"
+        self.waiting = kind_of(step).goes_on and session.state == "active"
         self.job: dict[str, Any] | None = None
         if self.waiting:
             self.job = {"progress": round(training.progress_of(s, session), 3), "done": False}

@@ -18,7 +18,7 @@ from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, StrokeRow, utc_now
 from backend.study.drawing import paths, strokes, walks
 from backend.study.drawing.walks import Walked
-from backend.study.grammar.words import DRAWN_KINDS
+from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
@@ -102,8 +102,7 @@ def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str,
         raise Refused(422, "bad_value", f"must be one of {', '.join(REASONS)}", field="reason", value=str(reason)[:40])
 
     def act(s: DatabaseSession, session: Session) -> None:
-        if machine.step_of(session)["key"] == key:
-            strokes.interrupted(s, session, machine.step_of(session), reason=str(reason))
+        strokes.interrupted(s, session, _step(session, key), reason=str(reason))
 
     return _on_drawing(request, token, key, "interrupted", act, afresh=True)
 
@@ -118,10 +117,10 @@ def redraw(token: str, key: str, request: Request) -> dict[str, Any]:
     return _on_drawing(request, token, key, "redraw", act, afresh=True)
 
 
-def _step(session: Session, key: str) -> dict[str, Any]:
+def _step(session: Session, key: str) -> DemonstrationStep:
     """The session's current step, if it is that one and a path is drawn at it."""
     step = machine.step_of(session)
-    if session.state != "active" or step["key"] != key or step["kind"] not in DRAWN_KINDS:
+    if session.state != "active" or step.key != key or not isinstance(step, DemonstrationStep):
         raise Refused(
             409,
             "not_current_step",
@@ -145,10 +144,10 @@ def _on_drawing(
     """One change of a drawing: commit it, then drive what it says, then tell the page's stream."""
     services = services_of(request)
     with acting(services.database, token, request=asked, now=utc_now()) as (s, session):
-        _step(session, key)
+        step = _step(session, key)
         row = act(s, session)
         s.flush()
-        shown = paths.showing(machine.step_of(session), row)
+        shown = paths.showing(step, row)
         reply = state_of(request, s, session, machine.current(s, session))
         if row is not None:
             reply["problem"] = row.problem if row.state == "refused" else None

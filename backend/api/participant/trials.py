@@ -68,7 +68,7 @@ def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str,
         )
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> None:
-        if machine.step_of(session)["key"] == key:
+        if machine.step_of(session).key == key:
             again = machine.restart_trajectory if reason == "hidden" else machine.interrupted
             again(s, session, reason=reason, now=now)
 

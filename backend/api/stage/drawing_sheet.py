@@ -14,7 +14,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Session, StrokeRow
 from backend.study.drawing import paths, walks
-from backend.study.grammar.words import DRAWN_KINDS
+from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.session import machine
 
 if TYPE_CHECKING:
@@ -27,13 +27,13 @@ def play_stroke(database: Database, files: ArtefactStore, stage: Stage, session_
     """Show a stroke's drive, unless the session went on meanwhile."""
     with database.session() as s:
         step = machine.step_of(s.get_one(Session, session_id))
-        latest = paths.latest_stroke(s, session_id, step["key"])
-    if step["kind"] not in DRAWN_KINDS or paths.showing(step, latest) != shown:
+        latest = paths.latest_stroke(s, session_id, step.key)
+    if not isinstance(step, DemonstrationStep) or paths.showing(step, latest) != shown:
         return
     # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
     scene = walks.scene_with(paths.scene_of(step), latest.walk if latest is not None else None)
     drive = replace(load_trajectory(files, shown.trajectory), scene=scene)
-    drawn = Paper(step["key"], drawn=latest.drawn, resting=True) if latest is not None else None
+    drawn = Paper(step.key, drawn=latest.drawn, resting=True) if latest is not None else None
     stage.play(
         drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
     )
@@ -43,15 +43,15 @@ def present(database: Database, stage: Stage, session_id: str) -> None:
     """Bring a stage to the drawing that its session stands at: the scene, what was kept there, what is drawn."""
     with database.session() as s:
         session = s.get_one(Session, session_id)
-        step = machine.step_of(session)
+        step = machine.drawing_of(session)
         kept = [_thinned(one) for one in paths.kept_strokes(s, session_id, step)]
-        latest = paths.latest_stroke(s, session_id, step["key"])
+        latest = paths.latest_stroke(s, session_id, step.key)
         phase = paths.state_of(s, session, step)["phase"]
     on_it = latest is not None and latest.state in ("drawn", "watched", "refused")
     scene = paths.scene_of(step)
     offered = walks.offered(step)
     paper = Paper(
-        step["key"],
+        step.key,
         kept,
         latest.drawn if on_it and latest is not None else None,
         resting=phase != "drawing",
@@ -59,7 +59,7 @@ def present(database: Database, stage: Stage, session_id: str) -> None:
         walks=[walks.scene_with(scene, walk) for walk in offered],
         chosen=offered.index(latest.walk) if on_it and latest is not None and latest.walk in offered else None,
     )
-    stage.draw(scene, step["view"], paper)
+    stage.draw(scene, step.view, paper)
 
 
 def _thinned(stroke: StrokeRow) -> list[tuple[float, float]]:

@@ -21,7 +21,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database, DatabaseBusy
 from backend.store.models import Session, utc_now
 from backend.study.drawing import paths
-from backend.study.grammar.words import DRAWN_KINDS, TRIAL_KINDS
+from backend.study.kinds import kind_of
 from backend.study.session import machine
 
 if TYPE_CHECKING:
@@ -132,10 +132,10 @@ class Presenter:
             session = s.get(Session, session_id)
             trial = None
             active = session is not None and session.state == "active"
-            kind = machine.step_of(session)["kind"] if active and session is not None else ""
-            if session is not None and kind in TRIAL_KINDS:
+            shows = kind_of(machine.step_of(session)).shows if active and session is not None else "page"
+            if session is not None and shows == "trajectories":
                 trial = machine.trial_of(s, session)
-        if kind in DRAWN_KINDS:
+        if shows == "paper":
             drawing_sheet.present(self._database, stage, session_id)
             return
         if trial is None:

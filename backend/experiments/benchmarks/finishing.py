@@ -31,7 +31,6 @@ from backend.store.database import Database
 from backend.store.models import Job, Session, Study, utc_now
 from backend.store.outbox import cancel_job
 from backend.store.shipped import register_shipped
-from backend.study.personalising.training import train_stage
 from backend.study.protocol.freezing import freeze
 from backend.study.session import machine
 from backend.study.session.finding import acting
@@ -78,7 +77,7 @@ def benchmark_finish(*, participants: int = 10, oracle: str = "min-human-distanc
                 walker.answer()
             ended = [_wait(database, walker.session_id) for walker in others]
         database.close()
-    patience_s = train_stage(frozen.protocol).give_up_after_s
+    patience_s = frozen.training.give_up_after_s if frozen.training else 0
     return {
         "participants": participants,
         "cores": os.cpu_count(),

@@ -30,7 +30,8 @@ from backend.store.importing import import_dataset
 from backend.store.models import Study
 from backend.store.shipped import register_shipped
 from backend.study.protocol.freezing import PROTOCOLS, freeze
-from backend.study.simulated.participant import Character, simulate_study
+from backend.study.simulated.http import simulate_study
+from backend.study.simulated.participant import Character
 from backend.study.studies import create_study
 
 PROTOCOL = PROTOCOLS / "interface_study.yaml"

@@ -22,7 +22,8 @@ import websockets
 
 from app import viser_hooks
 from backend.study.links import token_hash
-from backend.study.simulated.participant import BUSY_TRIES, any_answer, put_off_s
+from backend.study.simulated.http import BUSY_TRIES, put_off_s
+from backend.study.simulated.participant import any_answer
 
 DECIDING = 0.5  # ours: share of the pace that lies between a pair's start and its answer
 PATIENCE_S = 30.0  # how long the stage may take to tell of a trajectory

@@ -18,8 +18,8 @@ import httpx
 
 from backend.experiments.browser.hand import BrowserHand
 from backend.study.grammar.words import PLAYING
-from backend.study.simulated.participant import Character, SimulationError, State, walk_all
 from backend.study.simulated.http import HttpSessionClient
+from backend.study.simulated.participant import Character, SimulationError, State, walk_all
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -132,8 +132,8 @@ class BrowserWay:
             raise SimulationError(f"{key}: drive {side.upper()} was interrupted in the browser")
         return state
 
-    def drives(self) -> Any:
-        return self._http.drives()
+    def trajectories(self) -> Any:
+        return self._http.trajectories()
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         """Draw it with the mouse in the step's own view, at the mean of its speeds."""

@@ -93,7 +93,9 @@ class BrowserHand:
         self._turn_to(way[0])
         spots = self._in_sight_from(end, way)
         if not spots:
-            raise SimulationError(f"the path's end at {end[0]:.2f}, {end[1]:.2f} m cannot be seen together with what follows")
+            raise SimulationError(
+                f"the path's end at {end[0]:.2f}, {end[1]:.2f} m cannot be seen together with what follows"
+            )
         return spots
 
     def walk(self, walk: Mapping[str, Any], under_way: Callable[[], None]) -> None:

@@ -18,9 +18,8 @@ from backend.study.drawing import walks
 from backend.study.grammar.words import View
 
 if TYPE_CHECKING:
-    from backend.study.kinds.demonstration import DemonstrationStep
     from backend.simulation.scene import Scene
-
+    from backend.study.kinds.demonstration import DemonstrationStep
 
 
 @dataclass(frozen=True)

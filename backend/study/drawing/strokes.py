@@ -26,8 +26,8 @@ from backend.study.grammar.words import TOLERANCE_S
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
-    from backend.study.kinds.demonstration import DemonstrationStep
     from backend.demonstrations.demonstration import Demonstration
+    from backend.study.kinds.demonstration import DemonstrationStep
 
 MOST_POINTS = 4_000  # as client/sections.js
 MOST_ATTEMPTS = 60  # ours, per step: who needs more is better served by a pause
@@ -214,7 +214,9 @@ def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke
     _log(s, session, stroke, "stroke_walked", code=(walked.problem or {}).get("code"))
 
 
-def walk_again(s: DatabaseSession, session: Session, step: DemonstrationStep, *, request_id: str, now: datetime) -> StrokeRow:
+def walk_again(
+    s: DatabaseSession, session: Session, step: DemonstrationStep, *, request_id: str, now: datetime
+) -> StrokeRow:
     """The same path once more, walked beside anew: a stroke of its own, so that the walk before stays stored."""
     known = _known(s, session, step, request_id)
     if known is not None:

@@ -17,10 +17,10 @@ from backend.study.grammar.words import View
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
-    from backend.study.kinds.demonstration import DemonstrationStep
     from backend.demonstrations.demonstration import Demonstration
     from backend.simulation.scene import Scene
     from backend.simulation.walks import Walk
+    from backend.study.kinds.demonstration import DemonstrationStep
 
 PLANNED = (("opposite", 0), ("opposite", 1), ("random", 2))  # mode and seed of the walks to choose from, ours
 LEAST_HZ = 20  # poses a second, issue 4; client/walk.js records 30

@@ -16,7 +16,20 @@ from pydantic import Field, TypeAdapter
 
 from backend.study.kinds.base import Acting, BlockPart, Kind, Stage, Step
 
-__all__ = ["KINDS", "BlockPart", "Kind", "Stage", "Step", "begin", "block_parts", "kind_of", "read_plan", "read_step", "stage_kinds", "stored"]
+__all__ = [
+    "KINDS",
+    "BlockPart",
+    "Kind",
+    "Stage",
+    "Step",
+    "begin",
+    "block_parts",
+    "kind_of",
+    "read_plan",
+    "read_step",
+    "stage_kinds",
+    "stored",
+]
 
 
 def _found() -> dict[str, Kind[Any]]:
@@ -27,12 +40,9 @@ def _found() -> dict[str, Kind[Any]]:
 
 KINDS: Mapping[str, Kind[Any]] = _found()
 """name -> kind, of all that there are."""
-_STEP: TypeAdapter[Step] = TypeAdapter(
-    Annotated[reduce(or_, (kind.step for kind in KINDS.values())), Field(discriminator="kind")]
-)
-_PLAN: TypeAdapter[list[Step]] = TypeAdapter(
-    list[Annotated[reduce(or_, (kind.step for kind in KINDS.values())), Field(discriminator="kind")]]  # type: ignore[misc]
-)
+_ANY: Any = Annotated[reduce(or_, (kind.step for kind in KINDS.values())), Field(discriminator="kind")]
+_STEP: TypeAdapter[Step] = TypeAdapter(_ANY)
+_PLAN: TypeAdapter[list[Step]] = TypeAdapter(list[_ANY])
 
 
 def kind_of(step: Step) -> Kind[Any]:

@@ -1,4 +1,4 @@
-"""Kind of step `attention`: a page among the trials that says which letter to press; a preference has no wrong answer."""
+"""Kind of step `attention`: a page among the trials that says which letter to press; preferences are never wrong."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from backend.study.grammar.words import Side
-from backend.study.kinds.base import Kind, Moment, Page, Step, Simulated
+from backend.study.kinds.base import Kind, Moment, Page, Simulated, Step
 from backend.study.kinds.trial import checked_side
 
 

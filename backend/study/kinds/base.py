@@ -28,7 +28,7 @@ from backend.study.plan.queries import DrawnQueries, Needs
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
-    from backend.report.cohorts import MadeUpPerson
+    from backend.report.made_up_cohorts import MadeUpPerson
     from backend.simulation.trajectory import Trajectory
     from backend.study.protocol.freezing import FrozenProtocol
 
@@ -39,7 +39,7 @@ PAGE_S = 30.0  # ours: how long a page is read
 
 @dataclass(frozen=True)
 class Pace:
-    """What people take, seconds: a page; a trial of two trajectories with letters and a choice; one trajectory alone."""
+    """What people take, seconds: a page; a trial of two trajectories, letters and choice; one trajectory alone."""
 
     page_s: float
     trial_s: float
@@ -92,6 +92,10 @@ class Stage(Part):
         """What it needs of the query set."""
         return Needs()
 
+    def trials_asked(self) -> int:
+        """How many trials it asks under each of its conditions."""
+        return 0
+
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         """How long it takes, breaks included."""
         return pace.page_s
@@ -141,6 +145,7 @@ class BlockPart(Part):
     def questionnaires(self) -> Iterator[tuple[str, str]]:
         """(name of a questionnaire, field that names it)."""
         yield from ()
+
 
 # ---- in the plan -----------------------------------------------------------------------------------------------------
 
@@ -265,9 +270,7 @@ class Moment:
 
     def refused(self, code: str, message: str, *, status: int = 409, **details: Any) -> Refused:
         """A refusal that names the session."""
-        return Refused(
-            status, code, message, session_id=self.session.id, study_id=self.session.study_id, **details
-        )
+        return Refused(status, code, message, session_id=self.session.id, study_id=self.session.study_id, **details)
 
 
 @dataclass
@@ -286,8 +289,10 @@ class Acting(Moment):
 class Simulated(Protocol):
     """What a simulated participant is made of, as kinds use it (`simulated/participant.py`)."""
 
-    random: np.random.Generator
-    person: MadeUpPerson | None
+    @property
+    def random(self) -> np.random.Generator: ...
+    @property
+    def person(self) -> MadeUpPerson | None: ...
 
     def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
         """Watch the trial's trajectories, `ab` or `a`, and return both."""

@@ -10,7 +10,7 @@ from backend.store.models import Participant
 from backend.study.grammar.parts import FileName, Localized, Version
 from backend.study.grammar.source import Path
 from backend.study.grammar.texts import local
-from backend.study.kinds.base import Acting, BadValue, Moment, Page, Planning, Stage, Step, Simulated
+from backend.study.kinds.base import Acting, BadValue, Moment, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 
 POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)

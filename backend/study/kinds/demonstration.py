@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from backend.study.drawing import paths, strokes, walks
 from backend.study.grammar.words import PersonMode, View
-from backend.study.kinds.base import Acting, BadValue, Kind, Moment, Pace, Page, Planning, Stage, Step, Simulated
+from backend.study.kinds.base import Acting, BadValue, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
 
 if TYPE_CHECKING:
     from backend.simulation.scene import Scene
@@ -86,8 +86,8 @@ class DemonstrationsStage(Stage):
 
 
 class DemonstrationStep(Step):
-    """One path. pair: the environment's situation, from 0; place: which of this participant's; number, of: of its paths.
-    person: steps of plans that are older than walks stand still.
+    """One path. pair: the environment's situation, from 0; place: which of this participant's; number, of: its
+    paths. person: steps of plans that are older than walks stand still.
     """
 
     kind: Literal["demonstration"]

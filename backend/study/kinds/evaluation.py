@@ -12,7 +12,7 @@ from backend.study.grammar.conditions import Condition
 from backend.study.grammar.parts import Slug
 from backend.study.grammar.source import Path
 from backend.study.grammar.words import View
-from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Stage, Step, Simulated, make_trial
+from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.kinds.questionnaire import QuestionnaireStep
 from backend.study.kinds.wait import WaitStep

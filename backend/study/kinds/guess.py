@@ -9,7 +9,7 @@ from sqlalchemy import select
 
 from backend.store.models import Trial
 from backend.study.grammar.words import Side
-from backend.study.kinds.base import Acting, Kind, Page, Step, Simulated
+from backend.study.kinds.base import Acting, Kind, Page, Simulated, Step
 from backend.study.kinds.trial import checked_side
 
 

@@ -9,21 +9,31 @@ from pydantic import Field
 from sqlalchemy import select
 
 from backend.store.models import Participant, Response, Session, Study
-
-from backend.study.grammar.parts import Slug
 from backend.study.grammar.conditions import Condition
+from backend.study.grammar.parts import Slug
 from backend.study.grammar.questionnaires import Item, Questionnaire
 from backend.study.grammar.skipping import Earlier, ItemWhen, asks_anything, is_asked, may_ask, may_ask_something
 from backend.study.grammar.source import Path
 from backend.study.grammar.texts import local
-from backend.study.kinds.base import BadValue, BlockPart, Kind, Moment, Page, Planning, Stage, Step, Simulated, timed_out
+from backend.study.kinds.base import (
+    BadValue,
+    BlockPart,
+    Kind,
+    Moment,
+    Page,
+    Planning,
+    Simulated,
+    Stage,
+    Step,
+    timed_out,
+)
 from backend.study.personalising.controllers import rollouts_for
 from backend.study.plan.assignment import places_held_by
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from backend.report.cohorts import MadeUpPerson
+    from backend.report.made_up_cohorts import MadeUpPerson
 
 LARGEST_NUMBER = 10**12  # ours; beyond 2^53 no table holds it exactly, and beyond 10^308 none holds it at all
 
@@ -125,8 +135,7 @@ class Asking(Kind[A]):
 
     def told(self, step: A, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         right = {
-            item.key: item.correct or item.instructed
-            for item in moment.frozen.questionnaires[step.questionnaire].items
+            item.key: item.correct or item.instructed for item in moment.frozen.questionnaires[step.questionnaire].items
         }
         items = [item for block in payload["blocks"] for item in block["items"]]
         return {
@@ -153,7 +162,9 @@ class AskQuestionnaire(Asking[QuestionnaireStep]):
     def is_asked(self, step: QuestionnaireStep, moment: Moment) -> bool:
         if not super().is_asked(step, moment):
             return False
-        return step.environment is None or bool(rollouts_for(moment.s, moment.session, step.environment, str(step.block)))
+        return step.environment is None or bool(
+            rollouts_for(moment.s, moment.session, step.environment, str(step.block))
+        )
 
     def ends(self, step: QuestionnaireStep, moment: Moment, stored: Mapping[str, Any]) -> str | None:
         for quota in moment.frozen.protocol.quotas:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Literal, TypeVar
 
 from backend.study.grammar.parts import FileName
-from backend.study.kinds.base import Kind, Page, Planning, Stage, Step
+from backend.study.kinds.base import Kind, Page, Stage, Step
 
 
 class TextStep(Step):

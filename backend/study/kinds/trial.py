@@ -21,8 +21,8 @@ from backend.study.kinds.base import (
     Kind,
     Moment,
     Page,
-    Step,
     Simulated,
+    Step,
     make_trial,
     timed_out,
 )
@@ -96,9 +96,7 @@ class Viewing(Part):
 
 # ---- in the plan -----------------------------------------------------------------------------------------------------
 
-Role = Annotated[
-    Literal["practice", "regular", "repeat", "swap", "transitivity"], BeforeValidator(_practice)
-]
+Role = Annotated[Literal["practice", "regular", "repeat", "swap", "transitivity"], BeforeValidator(_practice)]
 
 
 class TrialStep(Step):

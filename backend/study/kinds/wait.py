@@ -1,4 +1,4 @@
-"""Kind of step `wait`: what the answers taught is being learned; the session goes on by itself. The stage is `train`."""
+"""Kind of step `wait`: something is being learned from the answers; then the session goes on. The stage is `train`."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Session
 from backend.study.personalising import next_query
-from backend.study.session.versions import row_of
+from backend.study.rows import row_of
 
 if TYPE_CHECKING:
     from backend.simulation.trajectory import Trajectory

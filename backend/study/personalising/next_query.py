@@ -34,8 +34,8 @@ KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 @dataclass(frozen=True)
 class Asked:
-    """What a trial shows. sides_swapped: the query's second trajectory is A. `probe_of`: the trial that is asked again. `why`:
-    for the event log, None where the plan knew the query before.
+    """What a trial shows. sides_swapped: the query's second trajectory is A. `probe_of`: the trial that is asked again.
+    `why`: for the event log, None where the plan knew the query before.
     """
 
     query: str

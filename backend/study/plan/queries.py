@@ -95,7 +95,7 @@ def placeholders(needs: Needs, sample: Sample) -> list[Placeholder]:
 
 @dataclass(frozen=True)
 class Pair:
-    """A query as it is shown to this participant: sides drawn. It is one of the set, or made of two of its trajectories."""
+    """A query as it is shown to this participant: sides drawn. One of the set, or made of two of its trajectories."""
 
     query: str
     trajectory_a: str
@@ -161,7 +161,9 @@ def _drawn(queries: list[AnyQuery], count: int, different: bool, random: np.rand
 
 
 def _pair(query: AnyQuery) -> Pair:
-    return Pair(query.id, query.trajectory_a, query.trajectory_b, query.duration_a_s, query.duration_b_s, sides_swapped=False)
+    return Pair(
+        query.id, query.trajectory_a, query.trajectory_b, query.duration_a_s, query.duration_b_s, sides_swapped=False
+    )
 
 
 def _sided(pair: Pair, swapped: bool) -> Pair:
@@ -171,7 +173,7 @@ def _sided(pair: Pair, swapped: bool) -> Pair:
 def _triads(
     queries: list[AnyQuery], count: int, random: np.random.Generator
 ) -> list[tuple[str, tuple[Pair, Pair, Pair]]]:
-    """`count` scenes with three of their trajectories in all three pairs. PlanError: too few scenes with three trajectories."""
+    """`count` scenes with three of their trajectories in all three pairs. PlanError: too few of these."""
     if not count:
         return []
     seen: dict[str, dict[str, float]] = defaultdict(dict)
@@ -181,8 +183,8 @@ def _triads(
     scenes = [scene for scene, found in seen.items() if len(found) >= 3]
     if len(scenes) < count:
         raise PlanError(
-            f"the query set has {len(scenes)} scenes with three trajectories, probes of transitivity need {count}; use a set "
-            "with several queries per scene"
+            f"the query set has {len(scenes)} scenes with three trajectories, probes of transitivity need {count}; "
+            "use a set with several queries per scene"
         )
     known = {frozenset((query.trajectory_a, query.trajectory_b)): _pair(query) for query in queries}
     made = []

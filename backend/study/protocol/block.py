@@ -73,6 +73,9 @@ class BlockStage(Crossed, Stage):
         own = 0 if self.same_queries else asked * len(self.conditions(0))
         return Needs(asked if self.same_queries else 0, own, triads)
 
+    def trials_asked(self) -> int:
+        return sum(one.queries.count + one.queries.probes.trials for one in self.trials) + self.attention_checks
+
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         conditions = len(self.conditions(0))
         trials = conditions * sum(one.queries.count + one.queries.probes.trials for one in self.trials)

@@ -17,6 +17,7 @@ from backend.study.plan.queries import Needs
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import STAGES, stage_keys
 
+
 def problems_across(
     protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source
 ) -> Iterator[Problem]:

@@ -15,8 +15,8 @@ from typing import Any
 from backend.store.models import ProtocolVersion, Study, protocol_digest
 from backend.study.grammar.error_words import meant, parsed
 from backend.study.grammar.questionnaires import Questionnaire
-from backend.study.grammar.texts import local, variant
 from backend.study.grammar.source import Problem, ProtocolError, Source
+from backend.study.grammar.texts import local, variant
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.consent import ConsentStage
 from backend.study.kinds.demonstration import DemonstrationsStage
@@ -88,7 +88,9 @@ class FrozenProtocol:
         train = self.protocol.stage_of(TrainStage)
         comparison = self.protocol.stage_of(ComparisonStage)
         drawn = self.protocol.stages_of(DemonstrationsStage)
-        return train and Training(
+        if train is None:
+            return None
+        return Training(
             job=train.job,
             recipe=train.recipe,
             give_up_after_s=train.give_up_after_s,

@@ -11,11 +11,12 @@ from pathlib import Path
 
 from backend.analysis.scales import SCALES, Scale, frozen_items, wording_digest
 from backend.study.grammar import source as yaml_source
+from backend.study.grammar.conditions import Crossed
 from backend.study.grammar.error_words import meant, parsed
 from backend.study.grammar.questionnaires import Item, ItemBlock, Questionnaire
 from backend.study.grammar.skipping import problems_within
-from backend.study.grammar.texts import variant
 from backend.study.grammar.source import Problem, ProtocolError, Source
+from backend.study.grammar.texts import variant
 from backend.study.protocol.naming import all_texts
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.texts import text_numbers
@@ -45,20 +46,19 @@ def checked_length(protocol: Protocol, source: Source) -> Protocol:
     """The protocol, where it asks no more than a session can hold; before anything is planned. Raises ProtocolError."""
     trials = 0
     for index, entry in enumerate(protocol.stages):
-        block = entry.block
-        if block is None:
+        stage = entry.stage
+        if not isinstance(stage, Crossed):
             continue
-        here = ("stages", index, "block")
-        cells = {name: math.prod(map(len, (getattr(block, name) or {}).values())) for name in ("each", "one_of")}
+        here = ("stages", index, entry.kind)
+        cells = {name: math.prod(map(len, (getattr(stage, name) or {}).values())) for name in ("each", "one_of")}
         for name, number in cells.items():
             if number > MOST_CONDITIONS:
-                told = f"makes {number:,} conditions; a block has at most {MOST_CONDITIONS}"
+                told = f"makes {number:,} conditions; a stage has at most {MOST_CONDITIONS}"
                 raise ProtocolError([source.problem((*here, name), told)])
-        asked = sum(one.queries.count + one.queries.probes.trials for one in block.trials) + block.attention_checks
-        trials += cells["each"] * asked
+        trials += cells["each"] * entry.stage.trials_asked()
         if trials > MOST_TRIALS:
             told = f"brings a participant to {trials:,} trials; a session has at most {MOST_TRIALS:,}"
-            raise ProtocolError([source.problem((*here, "trials"), told)])
+            raise ProtocolError([source.problem(here, told)])
     return protocol
 
 

@@ -1,5 +1,5 @@
 """What a study protocol may say as a whole. What each of its stages may say is its kind's (`kinds/`, `block.py`), what
-questionnaires may is `grammar/questionnaires.py`'s; reading files is `freezing.py`'s, checks across keys `checking.py`'s.
+questionnaires may `grammar/questionnaires.py`'s; reading files is `freezing.py`'s, checks across keys `checking.py`'s.
 """
 
 from __future__ import annotations

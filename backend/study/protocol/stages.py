@@ -12,7 +12,8 @@ from backend.study.protocol.block import BlockStage
 
 T = TypeVar("T", bound=Stage)
 
-STAGES: Mapping[str, type[Stage]] = dict(sorted({**stage_kinds(), "block": BlockStage}.items()))
+_ALL: dict[str, type[Stage]] = {**stage_kinds(), "block": BlockStage}
+STAGES: Mapping[str, type[Stage]] = dict(sorted(_ALL.items()))
 """Key in `stages` -> what may stand under it."""
 
 

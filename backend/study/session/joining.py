@@ -13,8 +13,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
-from backend.study.links import CODE_LETTERS, token_hash
 from backend.study.kinds import stored
+from backend.study.links import CODE_LETTERS, token_hash
 from backend.study.plan.assignment import assign, people_taken
 from backend.study.plan.planning import PlanError, make_plan, session_seed
 from backend.study.refusals import Refused

@@ -11,10 +11,10 @@ from backend.store.events import log_event
 from backend.store.models import Participant, ProblemReport, Session
 from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
-from backend.study.personalising import training
-from backend.study.session.versions import protocol_of
 from backend.study.kinds import kind_of
+from backend.study.personalising import training
 from backend.study.session import states
+from backend.study.session.versions import protocol_of
 from backend.study.session.view import refused, require_active, step_of
 from backend.study.session.watching import interrupted
 

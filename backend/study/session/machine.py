@@ -1,8 +1,8 @@
 """The state machine of a session: the only writer of its position and of answers. Knows no kind of step by name.
 
-Every function runs inside a writing transaction with the session locked (`finding.acting`). What is shown is `view.py`'s,
-how trajectories are watched `watching.py`'s, pausing and leaving `leaving.py`'s, what each step is and means its kind's
-(`kinds/`); they are reached from here, the one door for pages, stage and HTTP, which live above.
+Every function runs inside a writing transaction with the session locked (`finding.acting`). What is shown is
+`view.py`'s, how trajectories are watched `watching.py`'s, pausing and leaving `leaving.py`'s, what each step is and
+means its kind's (`kinds/`); they are reached from here, the one door for pages, stage and HTTP, which live above.
 """
 
 from __future__ import annotations

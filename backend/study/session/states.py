@@ -153,4 +153,4 @@ def drawn() -> str:
 
 
 if __name__ == "__main__":
-    print(drawn(), end="")  # noqa: T201
+    print(drawn(), end="")

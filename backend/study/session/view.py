@@ -25,6 +25,7 @@ from backend.study.refusals import Refused
 from backend.study.session import appointments
 from backend.study.session.versions import protocol_of
 
+
 @dataclass(frozen=True)
 class StepView:
     """What a page shows now. `index` counts from 0 over the steps that this person meets in this appointment, `total`

@@ -39,7 +39,7 @@ def viewing_of(session: Session) -> Viewing:
 def start_trial(
     s: DatabaseSession, session: Session, step_key: str, *, request_id: str | None, now: datetime
 ) -> Playback | None:
-    """Play the next unseen trajectory: A, or B where only B was interrupted. None: it plays already (a double click)."""
+    """Play the next unseen trajectory: A, or B where only B was interrupted. None: it plays already (double click)."""
     trial = current_trial(s, session, step_key, now)
     if trial.phase in PLAYING:
         return None
@@ -67,7 +67,7 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
 def trajectory_seen(
     s: DatabaseSession, session: Session, step_key: str, side: Side, playback: str | None, *, now: datetime
 ) -> Playback | None:
-    """A trajectory was watched to its end, by the server's clock too. After A this plays B; None: nothing more to play."""
+    """A trajectory was watched to its end, by the server's clock too. After A this plays B; None: nothing more."""
     trial = current_trial(s, session, step_key, now)
     if (trial.a_seen_at if side == "a" else trial.b_seen_at) is not None:
         return None  # told twice
@@ -115,7 +115,7 @@ def restart_trajectory(s: DatabaseSession, session: Session, *, reason: str, now
 
 
 def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
-    """The checkpoint rule: an unfinished trial whose trajectories were not both seen starts over, as often as it happens.
+    """The checkpoint rule: an unfinished trial whose trajectories were not both seen starts over, every time.
 
     For reloads, lost connections, another tab, a server that came back. In the phase `choosing` both were seen
     to the end; nothing is repeated then, so that a reload is no second look.

@@ -34,12 +34,14 @@ def simulate_study(
     """Walk `participants` bots one after another through the study behind the recruiting link.
 
     client: for tests, one that reaches the application without a network.
-    Returns what `walk_all` does. Raises LearningError for an unknown oracle, SimulationError if the server does not let a bot
-    go on.
+    Returns what `walk_all` does. Raises LearningError for an unknown oracle, SimulationError if the server does not
+    let one go on.
     """
     own = client or httpx.Client(base_url=base_url, timeout=60.0)
     try:
-        return walk_all((HttpWay(own, recruiting_token) for _ in range(participants)), character or Character())
+        return walk_all(
+            (HttpSessionClient(own, recruiting_token) for _ in range(participants)), character or Character()
+        )
     finally:
         if client is None:
             own.close()

@@ -24,8 +24,8 @@ from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
+from backend.study.simulated.participant import Character, SimulationError, State, walk_all
 from backend.study.simulated.told import told_to_simulated
-from backend.study.simulated.participant import SimulationError, Character, State, walk_all
 
 
 def walk_in_process(
