@@ -6,8 +6,6 @@ from typing import Literal, get_args
 
 View = Literal["top_down", "first_person", "immersive"]
 VIEWS: tuple[str, ...] = get_args(View)
-Side = Literal["a", "b"]
-"""Which of a trial's trajectories: A is shown first. Stored, sent and told by these letters."""
 PersonMode = Literal["still", "walks", "recorded"]  # the person while the robot drives a drawn path
 
 PLAYING = ("playing_a", "playing_b")  # phases of a trial in which a trajectory is on the stage

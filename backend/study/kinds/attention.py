@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from backend.study.grammar.words import Side
+from backend.store.sides import Side
 from backend.study.kinds.base import Kind, Moment, Page, Simulated, Step
 from backend.study.kinds.trial import checked_side
 

@@ -19,11 +19,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Response, Session, Trial
+from backend.store.sides import Side
 from backend.study.grammar.conditions import Condition
 from backend.study.grammar.parts import Part
 from backend.study.grammar.skipping import Earlier, When
 from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.words import Side, View
+from backend.study.grammar.words import View
 from backend.study.plan.queries import DrawnQueries, Needs
 from backend.study.refusals import Refused
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from sqlalchemy import select
 
 from backend.store.models import Trial
-from backend.study.grammar.words import Side
+from backend.store.sides import Side
 from backend.study.kinds.base import Acting, Kind, Page, Simulated, Step
 from backend.study.kinds.trial import checked_side
 

@@ -7,14 +7,15 @@ Which query a chosen one asks is `personalising/next_query.py`'s.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AliasChoices, BeforeValidator, Field
 
 from backend.store.events import log_event
+from backend.store.sides import Side, is_side
+from backend.store.who_counts import FORMER_ROLES
 from backend.study.grammar.parts import Part
-from backend.study.grammar.words import Side
 from backend.study.kinds.base import (
     Acting,
     BadValue,
@@ -59,7 +60,7 @@ class Probes(Part):
 
 
 def _practice(given: object) -> object:
-    return "practice" if given == "learning" else given  # its name in protocols and plans of before
+    return FORMER_ROLES.get(given, given) if isinstance(given, str) else given
 
 
 class Queries(Part):
@@ -210,9 +211,10 @@ def _fixed(role: str, pair: Pair) -> dict[str, Any]:
 
 def checked_side(value: Mapping[str, Any]) -> Side:
     """The letter that was chosen. Raises BadValue."""
-    if value.get("choice") not in ("a", "b"):
-        raise BadValue("value.choice", value.get("choice"), "must be 'a' or 'b'")
-    return cast(Side, value["choice"])
+    choice = value.get("choice")
+    if not is_side(choice):
+        raise BadValue("value.choice", choice, "must be 'a' or 'b'")
+    return choice
 
 
 class Trial(Kind[TrialStep]):

@@ -18,7 +18,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Response, Session, Trial
-from backend.study.grammar.words import TOLERANCE_S, Side
+from backend.store.sides import Side
+from backend.study.grammar.words import TOLERANCE_S
 from backend.study.kinds import Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
 from backend.study.refusals import Refused

@@ -15,7 +15,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Response, Session, TrajectoryRow, Trial, utc_now
-from backend.study.grammar.words import LABEL_S, PLAYING, Side
+from backend.store.sides import Side, shown_on
+from backend.study.grammar.words import LABEL_S, PLAYING
 from backend.study.kinds import KINDS, Step, kind_of, read_step
 from backend.study.kinds.base import Moment, Page
 from backend.study.kinds.debriefing import code_and_way_back
@@ -91,12 +92,9 @@ def playing(trial: Trial | None) -> Playback | None:
         return None
     side: Side = "a" if trial.phase == "playing_a" else "b"
     letter = side.upper() if label_s(trial) else ""
-    return Playback(trajectory_on(trial, side), letter, trial.view, playback_id(trial, side))
-
-
-def trajectory_on(trial: Trial, side: Side) -> str:
-    """Which trajectory the trial shows as A or as B."""
-    return trial.trajectory_a if side == "a" else trial.trajectory_b
+    return Playback(
+        shown_on(side, trial.trajectory_a, trial.trajectory_b), letter, trial.view, playback_id(trial, side)
+    )
 
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
@@ -163,7 +161,7 @@ def shown_alone(trial: Trial) -> bool:
 
 def duration_s(s: DatabaseSession, trial: Trial, side: Side) -> float:
     """How long a trajectory of the trial takes."""
-    trajectory = trajectory_on(trial, side)
+    trajectory = shown_on(side, trial.trajectory_a, trial.trajectory_b)
     if trajectory not in _durations_s:
         _durations_s[trajectory] = s.get_one(TrajectoryRow, trajectory).duration_s
     return _durations_s[trajectory]

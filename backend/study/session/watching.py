@@ -11,8 +11,9 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
+from backend.store.sides import Side
 from backend.study.drawing import strokes
-from backend.study.grammar.words import PLAYING, TOLERANCE_S, Side
+from backend.study.grammar.words import PLAYING, TOLERANCE_S
 from backend.study.kinds import kind_of
 from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.kinds.trial import Viewing

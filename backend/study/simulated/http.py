@@ -11,7 +11,7 @@ from uuid import uuid4
 import httpx
 
 from backend.simulation.trajectory import Trajectory
-from backend.study.grammar.words import Side
+from backend.store.sides import Side
 from backend.study.links import next_token
 from backend.study.simulated.participant import Character, SimulationError, State, walk_all
 

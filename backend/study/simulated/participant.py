@@ -20,7 +20,7 @@ from backend.learning.queries.queries import Query
 from backend.report.made_up_cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
-from backend.study.grammar.words import Side
+from backend.store.sides import Side
 from backend.study.kinds import KINDS
 
 POLL_S = 0.5  # how often a waiting bot looks
