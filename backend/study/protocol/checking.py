@@ -58,8 +58,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         elif kind == "appointment" and not _met_by_everybody(protocol, index + 1):
             yield at(index, "is followed by stages with 'when' only; the next appointment needs one for everybody")
     if not any(entry.stage.teaches for entry in protocol.stages):
-        asking = ", ".join(kind for kind, stage in STAGES.items() if stage.teaches)
-        yield source.problem(("stages",), f"needs something to be judged or shown: at least one of {asking}")
+        asking = " or ".join(kind for kind, stage in STAGES.items() if stage.teaches)
+        yield source.problem(("stages",), f"needs at least one {asking} stage; there is nothing to judge or to show")
     if protocol.needs != Needs() and protocol.query_set is None:
         yield source.problem(("query_set",), "is needed: it is what the trajectories that are shown are drawn from")
     if "evaluation" in kinds:

@@ -58,7 +58,7 @@ def checked_length(protocol: Protocol, source: Source) -> Protocol:
         trials += cells["each"] * entry.stage.trials_asked()
         if trials > MOST_TRIALS:
             told = f"brings a participant to {trials:,} trials; a session has at most {MOST_TRIALS:,}"
-            raise ProtocolError([source.problem(here, told)])
+            raise ProtocolError([source.problem((*here, "trials"), told)])
     return protocol
 
 
