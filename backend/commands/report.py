@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from backend.report.policy_table import PolicyRow
     from backend.store.artefacts import ArtefactStore
     from backend.store.database import Database
-    from backend.store.snapshots import Whose
+    from backend.store.who_counts import Whose
 
 
 FOLDS = 3  # of scenes whose answers are held out, to tell which reward model predicts better

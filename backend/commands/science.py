@@ -127,10 +127,10 @@ def demonstrations(
     """Learn a personal controller from demonstrations."""
     from sqlalchemy import select
 
+    from backend.store.demonstration_snapshots import take_demonstrations
     from backend.store.models import Participant
-    from backend.store.programmed import take_programmed
+    from backend.store.simulated_demonstrations import take_simulated_demonstrations
     from backend.store.snapshots import checked_whose
-    from backend.store.strokes import take_demonstrations
 
     if answers is not None and (study is None or participant is not None):
         raise ValueError(f"--answers {answers}: chooses among all of a study; it needs --study and no --participant")
@@ -140,7 +140,9 @@ def demonstrations(
     if snapshot is None:
         with database.transaction() as s:
             if style is not None:
-                taken = take_programmed(s, files, style=style, environment=environment, per_pair=per_pair, seed=seed)
+                taken = take_simulated_demonstrations(
+                    s, files, style=style, environment=environment, per_pair=per_pair, seed=seed
+                )
             else:
                 one = None
                 if participant is not None:

@@ -24,8 +24,8 @@ from backend.learning.scene_sets import Purpose, describe
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import save_trajectories
+from backend.store.demonstration_snapshots import KeptDemonstration, read_demonstrations
 from backend.store.models import Artefact
-from backend.store.strokes import KeptDemonstration, read_demonstrations
 
 
 def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams) -> dict[str, Any]:

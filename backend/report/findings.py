@@ -37,6 +37,7 @@ from backend.report.rating_findings import (
     scale_results,
 )
 from backend.report.study_data import Choice, Load, ParticipantRow, StudyData
+from backend.store.who_counts import FINISHED, is_asked_for, left_out
 
 Who = Literal["people", "simulated", "all"]
 
@@ -97,7 +98,7 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
     declared = declared_plan(dict(data.protocol))
     revised = declared_plan(dict(data.newest)) if data.newest is not None else declared
     used = plan or revised or AnalysisPlan()
-    everyone = [one for one in data.people if who == "all" or one.simulated == (who == "simulated")]
+    everyone = [one for one in data.people if is_asked_for(who, simulated=one.simulated)]
     kept = [one for one in everyone if _counts(one, used)]
     if not kept:
         there = Counter("simulated participants" if one.simulated else "people" for one in data.people)
@@ -136,11 +137,11 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
 
 
 def _left_out(person: ParticipantRow) -> bool:
-    return person.withdrawn or person.excluded is not None
+    return left_out(excluded=person.excluded is not None, withdrawn=person.withdrawn) is not None
 
 
 def _counts(person: ParticipantRow, plan: AnalysisPlan) -> bool:
-    return not _left_out(person) and (plan.sessions == "all" or person.state == "completed")
+    return not _left_out(person) and (plan.sessions == "all" or person.state == FINISHED)
 
 
 def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], plan: AnalysisPlan) -> Flow:

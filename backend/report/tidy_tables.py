@@ -20,6 +20,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
 from backend.store.importing import read_dataset
 from backend.store.models import MARKS, ProtocolVersion, Study
+from backend.store.sides import SIDES, chosen_and_rejected, is_side, shown_on
 
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
@@ -71,7 +72,7 @@ def tidy(
     for row in sorted(tables["sessions"], key=lambda row: row["created_at"]):
         sessions[row["participant"]].append(row)
     # a choice whose time was over names no trajectory
-    answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and row["choice"] in ("a", "b")}
+    answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and is_side(row["choice"])}
     trials = [row for row in tables["trials"] if row["trial"] in answers]
     items = list(_items(files))
     checks = {(one.questionnaire, one.key) for one in items if one.instructed}
@@ -121,7 +122,7 @@ def _choice(trial: Row, answer: Row, session: Row) -> Choice:
         role=trial["role"],
         first=trial["trajectory_a"],
         second=trial["trajectory_b"],
-        chosen=trial["trajectory_a"] if answer["choice"] == "a" else trial["trajectory_b"],
+        chosen=shown_on(answer["choice"], trial["trajectory_a"], trial["trajectory_b"]),
         decision_s=answer["decision_s"],
         device=(session if answer["device"] is None else answer)["device"] or {},
     )
@@ -130,11 +131,10 @@ def _choice(trial: Row, answer: Row, session: Row) -> Choice:
 def _comparison(trial: Row, answer: Row) -> Comparison | None:
     if trial["kind"] != "comparison" or trial["arms"] is None:
         return None
-    sides = {side: arm for arm in ("own", "other") if (side := trial["arms"].get(arm)) in ("a", "b")}
-    shown = {side: sides.get(side, "base") for side in ("a", "b")}
-    rejected = "b" if answer["choice"] == "a" else "a"
+    sides = {side: arm for arm in ("own", "other") if is_side(side := trial["arms"].get(arm))}
+    shown = [sides.get(side, "base") for side in SIDES]
     return Comparison(
-        trial["participant"], shown[answer["choice"]], shown[rejected], bool(trial["arms"].get("look_alike"))
+        trial["participant"], *chosen_and_rejected(answer["choice"], *shown), bool(trial["arms"].get("look_alike"))
     )
 
 

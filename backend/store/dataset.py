@@ -11,9 +11,9 @@ from typing import Any
 
 import pyarrow as pa
 
-FORMAT = "desirepath-dataset-5"
-# 3 has no strokes.walk; 4 no responses.device, and fixed completion codes in the protocol
-READABLE = ("desirepath-dataset-3", "desirepath-dataset-4", FORMAT)
+FORMAT = "desirepath-dataset-6"
+# 3 has no strokes.walk; 4 no responses.device, and fixed completion codes in the protocol; 5 other names of columns
+READABLE = ("desirepath-dataset-3", "desirepath-dataset-4", "desirepath-dataset-5", FORMAT)
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
@@ -28,18 +28,24 @@ FLOATS = pa.list_(pa.float32())
 
 @dataclass(frozen=True)
 class Column:
-    """One column. json: the text is a JSON value. newer: older data sets that can still be read do not have it."""
+    """One column. json: the text is a JSON value. newer: older data sets that can still be read do not have it. former:
+    what it was called in those of before format 6."""
 
     name: str
     type: pa.DataType
     meaning: str
     json: bool = False
     newer: bool = False
+    former: str | None = None
 
     def type_name(self) -> str:
         """The type in words a reader of CSV understands."""
         words = {TEXT: "text", WHOLE: "whole number", NUMBER: "number", YES_NO: "true/false", MOMENT: "time, UTC ISO"}
         return "text, JSON" if self.json else words.get(self.type, "list of numbers")
+
+    def formerly(self) -> str:
+        """What the dictionary says of the name it had."""
+        return f" (`{self.former}` before format 6)" if self.former else ""
 
 
 @dataclass(frozen=True)
@@ -71,10 +77,13 @@ class Table:
 
 
 _MARKS = (
-    Column("simulated", YES_NO, "true: a programmed participant (oracle), not a person"),
+    Column("simulated", YES_NO, "true: a simulated participant (a program), not a person"),
     Column("excluded", YES_NO, "true: an experimenter excluded the participant; leave out of analyses"),
 )
-_TRIAL_MARKS = (Column("learning", YES_NO, "true: a learning trial; stored, never analysed"), *_MARKS)
+_TRIAL_MARKS = (
+    Column("practice", YES_NO, "true: a practice trial; stored, never analysed", former="learning"),
+    *_MARKS,
+)
 _PARTICIPANT = Column("participant", TEXT, "pseudonymous code, unique in the study")
 _SESSION = Column("session", TEXT, "id of the session")
 
@@ -144,31 +153,37 @@ TRIALS = Table(
         Column("step", TEXT, "key of the trial's step in the plan"),
         Column("index", WHOLE, "order within the session"),
         Column("block", TEXT, "experimental condition (e.g. the view), where the protocol has several"),
-        Column("kind", TEXT, "query (two members), comparison (base and own policy) or evaluation (one drive alone)"),
+        Column("kind", TEXT, "query (two trajectories), comparison (base and own policy) or evaluation (one alone)"),
         Column(
             "role",
             TEXT,
-            "learning, regular, or a probe: repeat (asked again), swap (asked again, A and B exchanged), transitivity "
-            "(the three pairs of three drives in one scene)",
+            "practice (`learning` before format 6), regular, or a probe: repeat (asked again), swap (asked again, A "
+            "and B exchanged), transitivity (the three pairs of three trajectories in one scene)",
         ),
         Column("probe_of", TEXT, "repeat and swap: the trial that is asked again"),
         Column("view", TEXT, "top_down, first_person or immersive (a desktop camera unless the device says headset)"),
         Column("query", TEXT, "id of the query, the same wherever it is asked"),
-        Column("turned", YES_NO, "true: the query's second trajectory was shown as A; empty in comparisons"),
+        Column(
+            "sides_swapped",
+            YES_NO,
+            "true: the query's second trajectory was shown as A; empty in comparisons",
+            former="turned",
+        ),
         Column("trajectory_a", TEXT, "trajectory shown first; see trajectories"),
         Column("trajectory_b", TEXT, "trajectory shown second; see trajectories"),
         Column(
             "arms",
             TEXT,
-            "comparison only: which policy (artefact id) drove a and b, which is their own, and which another "
+            "comparison only: which policy (artefact id) rolled out a and b, which is their own, and which another "
             "participant's (other), where that was compared; else the one that is not their own is the base policy",
             True,
         ),
         Column(
             "look_alike",
             YES_NO,
-            "comparison only: true: a person can hardly tell the two drives apart (paths closer than the smallest gap "
-            "of a query, about equally long), so the choice says little; shown only where too few others were found",
+            "comparison only: true: a person can hardly tell the two trajectories apart (paths closer than the "
+            "smallest gap of a query, about equally long), so the choice says little; shown only where too few others "
+            "were found",
         ),
         Column("phase", TEXT, "how far it came: ready, playing_a, playing_b, choosing or answered"),
         Column("phase_since", MOMENT, "when that phase began"),
@@ -269,7 +284,7 @@ STROKES = Table(
         Column("environment", TEXT, "setup of the scene: corridor or room"),
         Column("pair", WHOLE, "which of the environment's places (start, goal, person), from 0"),
         Column("view", TEXT, "view it was drawn in"),
-        Column("pointer", TEXT, "mouse, touch, pen or keys, several joined by +; bot: a programmed demonstrator"),
+        Column("pointer", TEXT, "mouse, touch, pen or keys, several joined by +; bot: a simulated demonstrator"),
         Column(
             "drawn", TEXT, "raw: points ([x, y] m on the floor), speeds (m/s wanted there), times_s (of the hand)", True
         ),
@@ -277,7 +292,7 @@ STROKES = Table(
             "walk",
             TEXT,
             "how the person walked while the robot drove; empty: they stood. source: walked (by the participant; "
-            "simulated where a program did; raw poses [x m, y m, yaw rad] at times_s, which begin with the drive; "
+            "simulated where a program did; raw poses [x m, y m, yaw rad] at times_s, which begin with the rollout; "
             "beside: the trajectory they walked beside) or planned (by a program, chosen by the participant; mode, "
             "seed). spline: knots times_s, x, y, yaw of monotone cubics, as in the scene of the trajectory",
             json=True,
@@ -286,10 +301,12 @@ STROKES = Table(
         Column("state", TEXT, "kept (learned from), redone (taken back), refused (cannot be driven), drawn or watched"),
         Column("problem", TEXT, "refused only: code, place and numbers of what was wrong", json=True),
         Column(
-            "demonstration", TEXT, "sha256 of its file in demonstrations/: spline, commands, drive; empty if refused"
+            "demonstration",
+            TEXT,
+            "sha256 of its file in demonstrations/: spline, commands, rollout; empty if refused",
         ),
-        Column("trajectory", TEXT, "the robot's drive along it with all transitions; see trajectories"),
-        Column("watched_at", MOMENT, "when the drive had been watched to its end, server's clock"),
+        Column("trajectory", TEXT, "the robot's rollout along it with all transitions; see trajectories"),
+        Column("watched_at", MOMENT, "when the rollout had been watched to its end, server's clock"),
         Column("client_time", MOMENT, "when it was sent, browser's clock"),
         Column("created_at", MOMENT, "when it was stored, server's clock"),
         Column("left_out_at", MOMENT, "when an analyst decided not to learn from it; empty if not"),
@@ -357,12 +374,12 @@ def data_dictionary() -> str:
         "exported as they were written: read them before you publish.",
         "",
         "**Who withdrew** is one row in `participants` with code and times, so that the flow of participants adds up.",
-        "Their sessions, trials, answers, events and the drives that only they saw are not in the data set. Data sets",
-        "written before they withdrew still hold them: replace those by a new one.",
+        "Their sessions, trials, answers, events and the trajectories that only they saw are not in the data set. Data",
+        "sets written before they withdrew still hold them: replace those by a new one.",
         "",
         "**Data for publication** (`--open-data`) hold nothing of who did not agree to it but that row.",
         "",
-        "**Before you analyse**, leave out rows with `excluded` or `learning` true, and decide about `simulated` ones.",
+        "**Before you analyse**, leave out rows with `excluded` or `practice` true, and decide about `simulated` ones.",
         "",
         "**Where the person stood** is in the scene: `person.pose.x` and `person.pose.y` (metres, in the same frame as",
         "`poses`) and `person.pose.yaw` (radians) of column `scene` and of `scene` in a trajectory's `meta`.",
@@ -376,7 +393,7 @@ def data_dictionary() -> str:
         "bytes with scene, outcome, dt. Read with `numpy.load(path, allow_pickle=False)` |",
         f"| `{DEMONSTRATION_FOLDER}/ID.npz` | one demonstration, where paths were drawn: `stroke_points`, "
         "`stroke_speeds`, `stroke_times_s` as drawn; cubic B-splines `spline_knots`, `spline_coefficients`, "
-        "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its drive's NPZ |",
+        "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its NPZ |",
         f"| `{DICTIONARY_FILE}` | this text |",
         f"| `{CHECKSUMS_FILE}` | sha256 of every other file; check with `sha256sum -c {CHECKSUMS_FILE}` |",
     ]
@@ -384,5 +401,5 @@ def data_dictionary() -> str:
         endings = "`.csv`, `.parquet`" if table.csv else "`.parquet` only"
         lines += ["", f"## {table.name}", "", f"One row per {table.row}. {endings}", "", "| column | type | meaning |"]
         lines += ["|---|---|---|"]
-        lines += [f"| `{c.name}` | {c.type_name()} | {c.meaning} |" for c in table.columns]
+        lines += [f"| `{c.name}` | {c.type_name()} | {c.meaning}{c.formerly()} |" for c in table.columns]
     return "\n".join(lines) + "\n"

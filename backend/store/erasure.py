@@ -46,7 +46,7 @@ from backend.store.models import (
 )
 from backend.store.models import Session as SessionRow
 from backend.store.snapshots import SnapshotError, retake_snapshot
-from backend.store.strokes import drives_of
+from backend.store.stroke_rows import trajectories_of
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
 HASHES = re.compile(r"[0-9a-f]{64}")
@@ -151,7 +151,9 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     driven: dict[bool, set[str]] = {True: set(), False: set()}
     strokes = select(StrokeRow.session_id, StrokeRow.walk, StrokeRow.trajectory, StrokeRow.demonstration)
     for session_id, walk, trajectory, demonstration in s.execute(strokes):
-        driven[session_id in sessions] |= drives_of(walk, trajectory) | ({demonstration} if demonstration else set())
+        driven[session_id in sessions] |= trajectories_of(walk, trajectory) | (
+            {demonstration} if demonstration else set()
+        )
     doomed.demonstrations = driven[True] - driven[False]  # two may have drawn the very same, if they are programs
     own |= driven[True]
     used |= driven[False]

@@ -57,8 +57,8 @@ from backend.store.models import (
     TrajectoryRow,
     protocol_digest,
 )
-from backend.store.strokes import drives_of, stroke_rows, strokes_of, write_demonstrations
-from backend.store.worth_money import changes_without, data_without, yaml_without
+from backend.store.payment_codes import changes_without, data_without, yaml_without
+from backend.store.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
 
 Row = dict[str, Any]
 FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
@@ -124,7 +124,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
     trials = list(content.trials())
     strokes = strokes_of(s, content.by_id)
-    driven = {one for stroke in strokes for one in drives_of(stroke.walk, stroke.trajectory)}
+    driven = {one for stroke in strokes for one in trajectories_of(stroke.walk, stroke.trajectory)}
     shown = sorted(driven | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
     (out / TRAJECTORY_FOLDER).mkdir()

@@ -29,6 +29,8 @@ from backend.store.models import (
     Trial,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.sides import chosen_and_rejected, is_side
+from backend.store.who_counts import is_practice, left_out_of_study, may_be_published
 
 Row = dict[str, Any]
 REMOVED = "[removed]"
@@ -55,7 +57,7 @@ class Content:
         sessions = s.scalars(
             select(SessionRow).where(SessionRow.study_id == study.id).order_by(SessionRow.created_at, SessionRow.id)
         ).all()
-        self.closed = {one.id for one in everyone if open_data and not _may_be_published(one, study)}
+        self.closed = {one.id for one in everyone if open_data and not may_be_published(one, study.protocol)}
         out = {one.id for one in everyone if one.withdrawn_at is not None or one.id not in self.people} | self.closed
         gone = {one.id: one.code for one in everyone if one.id in out}
         kept = [row for row in sessions if row.participant_id not in gone]
@@ -128,7 +130,7 @@ class Content:
             yield {
                 "trial": trial.id,
                 **self.of_session(trial.session_id),
-                "learning": trial.role == "learning",
+                "practice": is_practice(trial.role),
                 "step": trial.step_key,
                 "index": trial.index,
                 "block": trial.block,
@@ -137,7 +139,7 @@ class Content:
                 "probe_of": trial.probe_of,
                 "view": trial.view,
                 "query": trial.query_id,
-                "turned": trial.turned,
+                "sides_swapped": trial.sides_swapped,
                 "trajectory_a": trial.trajectory_a,
                 "trajectory_b": trial.trajectory_b,
                 "arms": as_json(trial.arms),
@@ -158,7 +160,7 @@ class Content:
                 "response": answer.id,
                 "trial": answer.trial_id,
                 **self.of_session(answer.session_id),
-                "learning": trial is not None and trial.role == "learning",
+                "practice": trial is not None and is_practice(trial.role),
                 "step": answer.step_key,
                 "kind": answer.kind,
                 "view": trial.view if trial else None,
@@ -217,15 +219,14 @@ class Content:
         for answer in self.answers:
             trial = self.trial_by_id.get(answer.trial_id or "")
             choice = answer.value.get("choice")
-            if trial is None or choice not in ("a", "b"):
+            if trial is None or not is_side(choice):
                 continue
             person = self.people[self.by_id[answer.session_id].participant_id]
-            drives = (trial.trajectory_a, trial.trajectory_b)
-            chosen, rejected = drives if choice == "a" else drives[::-1]
+            chosen, rejected = chosen_and_rejected(choice, trial.trajectory_a, trial.trajectory_b)
             yield {
                 "response": answer.id,
                 **self._of_participant(person),
-                "learning": trial.role == "learning",
+                "practice": is_practice(trial.role),
                 "source": "simulated" if person.simulated else "human",
                 "kind": trial.kind,
                 "role": trial.role,
@@ -245,7 +246,7 @@ class Content:
         return {
             "participant": person.code,
             "simulated": person.simulated,
-            "excluded": person.excluded_at is not None,
+            "excluded": left_out_of_study(person) == "excluded",
         }
 
     def _value(self, answer: Response) -> Row:
@@ -269,15 +270,6 @@ class Content:
         for word in self.secrets if text else ():
             text = text.replace(word, REMOVED) if text else text
         return text
-
-
-def _may_be_published(person: Participant, study: Study) -> bool:
-    """Whether somebody agreed to that, or the study did not ask. Who has not consented to anything did not agree."""
-    asked = any(
-        "open_data" in ((entry.get("consent") or {}).get("purposes") or {})
-        for entry in study.protocol.get("stages", ())
-    )
-    return (person.consents or {}).get("open_data", not asked) is not False
 
 
 def as_json(value: Any) -> str | None:

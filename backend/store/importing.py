@@ -38,6 +38,7 @@ from backend.store.dataset import (
     TRIALS,
     Table,
 )
+from backend.store.demonstration_snapshots import StrokeError
 from backend.store.models import (
     Event,
     Participant,
@@ -51,7 +52,8 @@ from backend.store.models import (
     protocol_digest,
 )
 from backend.store.models import Session as SessionRow
-from backend.store.strokes import StrokeError, add_strokes
+from backend.store.stroke_rows import add_strokes
+from backend.store.who_counts import role_of
 
 Row = dict[str, Any]
 # Columns that are called as in the database.
@@ -63,7 +65,7 @@ SESSION_FIELDS = (
 )
 TRIAL_FIELDS = (
     *("index", "block", "kind", "role", "view", "trajectory_a", "trajectory_b", "arms", "phase"),
-    *("phase_since", "a_seen_at", "b_seen_at", "restarts", "replays", "probe_of", "turned"),
+    *("phase_since", "a_seen_at", "b_seen_at", "restarts", "replays", "probe_of", "sides_swapped"),
 )
 
 
@@ -173,15 +175,26 @@ def _read(folder: Path, table: Table) -> list[Row]:
         found = pq.read_table(folder / name)
     except (OSError, pa.ArrowException) as problem:
         raise DatasetError(f"{name}: cannot be read ({problem})") from None
+    found = found.rename_columns(_todays_names(table, found.column_names))
     for column in table.columns:
         if column.newer and column.name not in found.column_names:
             found = found.append_column(column.name, pa.nulls(len(found), column.type))
         if column.name not in found.column_names or found.schema.field(column.name).type != column.type:
             raise DatasetError(f"{name}: column {column.name!r} ({column.type_name()}) is missing or of another type")
     try:
-        return [table.unpacked(row) for row in found.to_pylist()]
+        rows = [table.unpacked(row) for row in found.to_pylist()]
     except ValueError as problem:
         raise DatasetError(f"{name}: {problem}") from None
+    for row in rows:
+        if row.get("role") is not None:
+            row["role"] = role_of(row["role"])
+    return rows
+
+
+def _todays_names(table: Table, names: list[str]) -> list[str]:
+    """Columns of an older data set by the names that they have now."""
+    today = {column.former: column.name for column in table.columns if column.former and column.name not in names}
+    return [today.get(name, name) for name in names]
 
 
 def _add_study(s: Session, folder: Path, about: Row) -> None:

@@ -1,7 +1,7 @@
 """Takes dataset snapshots: the answers that a job trains on, frozen, hashed, each traceable to its row.
 
-Who counts is decided here and nowhere else: learning trials and excluded or withdrawn participants never do, simulated
-ones only where they are asked for. What is learned from them lives in `learning`.
+Who counts is decided in `who_counts.py`; a session's own snapshot holds that session's answers, whoever it is. What is
+learned from them lives in `learning`.
 """
 
 from __future__ import annotations
@@ -27,18 +27,19 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.sides import Side, chosen_and_rejected, is_side
+from backend.store.who_counts import PROBE_ROLES, Whose, is_practice, reason_not_to_learn
 
 FORMAT = "desirepath-snapshot-2"
+Asked = Whose | Literal["session"]
 MIN_ANSWERS = 2  # one pair cannot say which of two reasons it was chosen for
-PROBE_ROLES = ("repeat", "swap", "transitivity")
-Whose = Literal["people", "simulated", "all"]
-"""Whose answers of a study a snapshot holds. A session's own snapshot holds that session's, whoever it is."""
 WHOSE_WORDS = {
     "people": "people",
     "simulated": "simulated participants",
     "all": "people and simulated participants",
     "session": "a session",
 }
+# keys of a snapshot's bytes, so they keep their names; `learning` are practice trials
 LEFT_OUT = ("pilot", "learning", "excluded", "withdrawn", "no_consent", "no_choice", "people", "simulated")
 LONGEST_NAME = 160  # of an artefact
 
@@ -74,17 +75,17 @@ class Answer:
     query: str | None
     trajectory_a: str
     trajectory_b: str
-    choice: str  # "a" or "b"
+    choice: Side
     source: str
     probe: bool
 
     @property
     def chosen(self) -> str:
-        return self.trajectory_a if self.choice == "a" else self.trajectory_b
+        return chosen_and_rejected(self.choice, self.trajectory_a, self.trajectory_b)[0]
 
     @property
     def rejected(self) -> str:
-        return self.trajectory_b if self.choice == "a" else self.trajectory_a
+        return chosen_and_rejected(self.choice, self.trajectory_a, self.trajectory_b)[1]
 
 
 @dataclass(frozen=True)
@@ -172,7 +173,7 @@ def take_snapshot(
 
 
 def retake_snapshot(
-    s: Session, files: ArtefactStore, study_id: str, response_ids: Collection[str], whose: str
+    s: Session, files: ArtefactStore, study_id: str, response_ids: Collection[str], whose: Asked
 ) -> Artefact:
     """Freeze those of a former snapshot's answers that still count. Raises SnapshotError if fewer than two do."""
     study = s.get(Study, study_id)
@@ -226,7 +227,7 @@ def _freeze(
     files: ArtefactStore,
     study: Study,
     rows: Sequence[Any],
-    whose: str,
+    whose: Asked,
     session_id: str | None,
     view: str | None = None,
 ) -> Artefact:
@@ -291,20 +292,10 @@ def _freeze(
     )
 
 
-def _reason_to_leave_out(response: Response, trial: Trial, participant: Participant, whose: str) -> str | None:
-    kind = "simulated" if participant.simulated else "people"
-    if whose not in (kind, "all", "session"):
-        return kind
-    if participant.pilot and whose != "session":
-        return "pilot"
-    if participant.excluded_at is not None:
-        return "excluded"
-    if participant.withdrawn_at is not None:
-        return "withdrawn"
-    if (participant.consents or {}).get("training") is False:
-        return "no_consent"
-    if trial.role == "learning":
+def _reason_to_leave_out(
+    response: Response, trial: Trial, participant: Participant, whose: Whose | Literal["session"]
+) -> str | None:
+    reason = reason_not_to_learn(participant, whose)
+    if reason is None and is_practice(trial.role):
         return "learning"
-    if response.value.get("choice") not in ("a", "b"):
-        return "no_choice"
-    return None
+    return reason or (None if is_side(response.value.get("choice")) else "no_choice")

@@ -11,8 +11,8 @@ from sqlalchemy import select
 
 from backend.api.analyst import demonstration_pages
 from backend.api.core.dependencies import Services
+from backend.store.demonstration_snapshots import read_demonstrations
 from backend.store.models import Artefact, Job, StrokeRow, new_id
-from backend.store.strokes import read_demonstrations
 from backend.study.protocol.freezing import freeze_text
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study

@@ -16,10 +16,10 @@ from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Outcome
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database
+from backend.store.demonstration_snapshots import read_demonstrations
 from backend.store.models import Artefact
 from backend.store.outbox import enqueue_job
-from backend.store.programmed import take_programmed
-from backend.store.strokes import read_demonstrations
+from backend.store.simulated_demonstrations import take_simulated_demonstrations
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Databa
     database, files = Database(settings.database), ArtefactStore(settings.artefacts)
     database.migrate()
     with database.transaction() as s:
-        taken = take_programmed(s, files, style="field_of_view", environment="room", per_pair=1, seed=0)
+        taken = take_simulated_demonstrations(s, files, style="field_of_view", environment="room", per_pair=1, seed=0)
         return settings, database, files, taken.id
 
 

@@ -255,8 +255,8 @@ def test_4_experimenter_sees_it_and_exports(
         responses = list(csv.DictReader(io.StringIO(packed.read(names["responses.csv"]).decode())))
     choices = [row for row in responses if row["kind"] == "preference"]
     # Two practice pairs: the real-time participant's and the simulated one's.
-    assert [row["learning"] for row in choices].count("true") == 2
-    assert sum(row["learning"] == "false" and row["simulated"] == "true" for row in choices) == 15
+    assert [row["practice"] for row in choices].count("true") == 2
+    assert sum(row["practice"] == "false" and row["simulated"] == "true" for row in choices) == 15
     assert sum(row["kind"] == "comparison" for row in responses) == 3
 
 

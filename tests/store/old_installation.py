@@ -109,7 +109,7 @@ class Returning(Walker):
         elif view.kind == "evaluation":
             play = self.do(machine.start_trial, view.key, request_id=None, now=self.now)
             self.later(view.trial["duration_a_s"] + 3)
-            self.do(machine.drive_seen, view.key, "a", play.playback_id, now=self.now)
+            self.do(machine.trajectory_seen, view.key, "a", play.playback_id, now=self.now)
             self.submit(view.key, {})
         elif view.trial is not None:
             if view.trial["phase"].startswith("playing"):  # the page of then is gone

@@ -110,7 +110,7 @@ class SmallStudy:
         secret: str = "fine",
         drives: int = 0,
     ) -> tuple[str, str]:
-        """A participant with a learning trial, one answered query per letter of `choices`, and a questionnaire.
+        """A participant with a practice trial, one answered query per letter of `choices`, and a questionnaire.
 
         drives: seed of the first drive; query k shows drives + 2k and drives + 2k + 1. secret: what they write as free
         text everywhere where they can. Returns participant id and session id.
@@ -157,7 +157,7 @@ class SmallStudy:
                     index=k,
                     block="top_down",
                     kind="query",
-                    role="learning" if k == 0 else "regular",
+                    role="practice" if k == 0 else "regular",
                     view="top_down",
                     query_id=f"query-{drives + 2 * k}",
                     trajectory_a=a.id,

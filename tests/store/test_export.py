@@ -94,7 +94,7 @@ def test_the_tables_hold_every_row_with_its_marks(exported: Path):
     assert json.loads(people["bot"]["oracle"]) == {"name": "min-human-distance", "noise": 0.0}
     responses = parquet_rows(exported, "responses")
     assert len(responses) == 3 * 2 + 4 + 2 + 2  # learning trial and questionnaire each, and the answers
-    assert sum(row["learning"] for row in responses) == 3
+    assert sum(row["practice"] for row in responses) == 3
     assert {row["participant"] for row in responses if row["excluded"]} == {"P2"}
     first = next(row for row in responses if row["participant"] == "P1" and row["step"] == "trial-1")
     assert (first["choice"], first["view"], first["decision_s"]) == ("a", "top_down", 1.25)
@@ -136,7 +136,7 @@ def test_csv_and_parquet_say_the_same(exported: Path):
 
 
 def test_pairs_are_chosen_and_rejected_drives(exported: Path):
-    pairs = [row for row in parquet_rows(exported, "pairs") if row["participant"] == "P1" and not row["learning"]]
+    pairs = [row for row in parquet_rows(exported, "pairs") if row["participant"] == "P1" and not row["practice"]]
     assert [row["chosen_shown"] for row in pairs] == ["first", "second", "first", "second"]
     assert pairs[0]["chosen"] == trajectory(2).digest()
     assert pairs[0]["rejected"] == trajectory(3).digest()
@@ -264,7 +264,7 @@ def test_recruiting_ids_are_removed_from_free_text_and_from_nothing_else(study: 
     export_study(study.database, study.files, study.id, tmp_path / "out")
     rows = {table.name: parquet_rows(tmp_path / "out", table.name) for table in TABLES}
     assert {row["view"] for row in rows["trials"]} == {"top_down"}
-    assert [row["role"] for row in rows["trials"]] == ["learning"] + ["regular"] * 4
+    assert [row["role"] for row in rows["trials"]] == ["practice"] + ["regular"] * 4
     assert json.loads(rows["sessions"][0]["plan"])[0] == {"key": "regular", "kind": "trial", "view": "top_down"}
     assert rows["participants"][0]["excluded_reason"] == "[removed] came twice"
     items = {row["item"]: row["answer"] for row in rows["questionnaire_items"]}

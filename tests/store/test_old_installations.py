@@ -19,12 +19,12 @@ from backend.report.findings import analyse
 from backend.report.tidy_tables import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from backend.store.demonstration_snapshots import read_demonstrations
 from backend.store.erasure import erase_participant
 from backend.store.export import export_study
 from backend.store.importing import import_dataset, read_dataset
 from backend.store.models import Artefact, Base, Job, Participant, Response, Session, Study, Trial
 from backend.store.snapshots import load_snapshot
-from backend.store.strokes import read_demonstrations
 from backend.study.protocol.freezing import freeze, thaw
 from backend.study.session.versions import protocol_of
 from tests.store.old_installation import OldInstallation, Returning, unpack
@@ -175,3 +175,17 @@ def test_everybody_in_it_can_be_erased(upgraded: Database, old: OldInstallation)
     with upgraded.session() as s:
         assert s.scalar(select(func.count()).select_from(Response)) == 0
         assert s.scalar(select(func.count()).select_from(Participant)) == 0
+
+
+def test_old_names_are_read_and_new_ones_written(upgraded: Database, old: OldInstallation, tmp_path: Path):
+    """`turned` is `sides_swapped`, role and mark `learning` are `practice`: in the database and in data sets."""
+    before = read_dataset(old.export("Quick")).tables["trials"]
+    study = study_named(upgraded, "Quick")
+    export_study(upgraded, old.artefacts, study.id, tmp_path / "out", pilots=True)
+    now = read_dataset(tmp_path / "out").tables["trials"]
+    marks = ("trial", "role", "practice", "sides_swapped")
+    assert [[row[name] for name in marks] for row in before] == [[row[name] for name in marks] for row in now]
+    assert {row["role"] for row in now if row["practice"]} == {"practice"}
+    assert {True, False} <= {row["sides_swapped"] for row in now}
+    with upgraded.session() as s:
+        assert "learning" not in set(s.scalars(select(Trial.role)))

@@ -61,7 +61,7 @@ def test_chosen_queries_are_all_different_and_the_log_says_why(make_walker):
     walker = make_walker("queries: {count: 6, choose: information}")
     answer_all(walker, shortest_time)
     trials = trials_of(walker)
-    assert [trial.role for trial in trials] == ["learning"] + ["regular"] * 6
+    assert [trial.role for trial in trials] == ["practice"] + ["regular"] * 6
     assert len({trial.query_id for trial in trials}) == 7
     chosen = events_of(walker, "query_chosen")
     assert [event.data["answers"] for event in chosen] == [0, 1, 2, 3, 4, 5]
@@ -122,7 +122,7 @@ def test_the_stopping_rule_ends_the_queries_and_the_training_starts(make_walker)
     walker = make_walker(f"queries: {{count: 15, choose: information, {AT_ONCE}, probes: {{repeat: 15}}}}")
     answer_all(walker, shortest_time)
     trials = trials_of(walker)
-    assert [trial.role for trial in trials] == ["learning"] + ["regular"] * 3 + ["repeat"] * 3
+    assert [trial.role for trial in trials] == ["practice"] + ["regular"] * 3 + ["repeat"] * 3
     assert len(events_of(walker, "queries_ended")) == 1
     assert [event.data["recipe"] for event in events_of(walker, "training_started")] == ["instant", "refine"]
     with walker.database.session() as s:

@@ -56,4 +56,4 @@ def test_bots_finish_it_and_leave_every_sort_of_row(tmp_path, database, files, t
     for probe in probes:
         before = by_id[probe.probe_of]
         assert (before.query_id, before.block, before.role) == (probe.query_id, probe.block, "regular")
-        assert (before.turned == probe.turned) == (probe.role == "repeat")
+        assert (before.sides_swapped == probe.sides_swapped) == (probe.role == "repeat")

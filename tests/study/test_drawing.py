@@ -17,11 +17,16 @@ from backend.simulation.trajectory import Outcome
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.audit import record
 from backend.store.database import Database
+from backend.store.demonstration_snapshots import (
+    StrokeError,
+    demonstrations_of,
+    read_demonstrations,
+    take_demonstrations,
+)
 from backend.store.erasure import erase_participant
 from backend.store.export import export_study
 from backend.store.importing import import_dataset
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
-from backend.store.strokes import StrokeError, demonstrations_of, read_demonstrations, take_demonstrations
 from backend.study.drawing import paths, strokes, walks
 from backend.study.protocol.freezing import freeze_text
 from backend.study.refusals import Refused

@@ -66,7 +66,7 @@ def test_fifteen_answers_start_one_alignment_in_the_same_transaction(database, f
     assert job.priority == 1
     assert len(snapshot.answers) == 15  # the learning trial never counts
     assert snapshot.left_out["learning"] == 1
-    assert [trial.role for trial in trials] == ["learning"] + ["regular"] * 15
+    assert [trial.role for trial in trials] == ["practice"] + ["regular"] * 15
     assert all(trial.a_seen_at < trial.b_seen_at for trial in trials)
 
 

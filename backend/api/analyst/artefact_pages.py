@@ -28,7 +28,8 @@ from backend.store.events import log_event
 from backend.store.models import Artefact, ArtefactParent, Job, Participant, Study
 from backend.store.models import Response as Answered
 from backend.store.models import Session as SessionRow
-from backend.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, Whose, checked_whose, take_snapshot
+from backend.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, checked_whose, take_snapshot
+from backend.store.who_counts import Whose
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 

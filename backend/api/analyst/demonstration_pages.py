@@ -46,9 +46,9 @@ from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from backend.store.demonstration_snapshots import StrokeError, take_demonstrations
 from backend.store.models import Participant, Session, StrokeRow, Study, utc_now
 from backend.store.outbox import enqueue_job
-from backend.store.strokes import StrokeError, take_demonstrations
 from backend.study.personalising.training import PATHS_JOB
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])

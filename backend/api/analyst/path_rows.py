@@ -16,8 +16,9 @@ from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.quality import Quality, qualities
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
+from backend.store.demonstration_snapshots import KEPT, read_demonstrations
 from backend.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
-from backend.store.strokes import KEPT, read_demonstrations
+from backend.store.who_counts import asked_for, not_withdrawn, reason_not_to_learn
 from backend.study.personalising.training import PATHS_JOB
 
 Who = Literal["people", "simulated"]
@@ -37,7 +38,7 @@ class Drawn:
     @property
     def counts(self) -> bool:
         """Whether it is learned from."""
-        return self.stroke.left_out_at is None and self.person.excluded_at is None
+        return self.stroke.left_out_at is None and reason_not_to_learn(self.person, "all") is None
 
     @property
     def place(self) -> Placed:
@@ -108,8 +109,8 @@ def _kept(
         .where(
             Session.study_id == study.id,
             StrokeRow.state == KEPT,
-            Participant.withdrawn_at.is_(None),
-            Participant.simulated.is_(who == "simulated"),
+            not_withdrawn(),
+            asked_for(who),
         )
     )
     return found if person is None else found.where(Participant.id == person.id)
@@ -147,8 +148,8 @@ def attempts_of(s: DatabaseSession, study: Study, who: Who) -> list[dict[str, An
         .join(StrokeRow, StrokeRow.session_id == Session.id)
         .where(
             Participant.study_id == study.id,
-            Participant.withdrawn_at.is_(None),
-            Participant.simulated.is_(who == "simulated"),
+            not_withdrawn(),
+            asked_for(who),
         )
         .order_by(Participant.code)
     )

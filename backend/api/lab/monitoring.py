@@ -19,6 +19,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.analysis.choices import CHANCE_CIRCULAR, is_circular, whole_triads
 from backend.report.study_data import TRIAD
 from backend.store.models import Event, Response, Session, Trial
+from backend.store.sides import is_side, shown_on
+from backend.store.who_counts import is_practice
 
 TOO_FAST_S = 0.5  # a choice between two seen drives in less was hardly a choice
 FAST_SHARE = 0.5  # of the choices so fast ...
@@ -99,7 +101,7 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
             fast = [a for a in timed if a.decision_s is not None and a.decision_s < TOO_FAST_S]
             return fast if len(timed) >= FAST_FROM and len(fast) >= FAST_SHARE * len(timed) else []
         case "one_sided":
-            chosen = [a for a in given if a.kind == "preference" and a.role != "learning" and a.chosen is not None]
+            chosen = [a for a in given if a.kind == "preference" and not is_practice(a.role) and a.chosen is not None]
             sides = Counter(str(a.value["choice"]) for a in chosen)
             return chosen if len(chosen) >= ONE_SIDED_FROM and len(sides) == 1 else []
         case "failed_checks":
@@ -135,7 +137,7 @@ def _trial_s(given: Sequence[_Given]) -> float | None:
     steps = [
         (after.at - before.at).total_seconds()
         for before, after in pairwise(given)
-        if after.trial is not None and after.role != "learning" and before.session == after.session
+        if after.trial is not None and not is_practice(after.role) and before.session == after.session
     ]
     return median(steps) if steps else None
 
@@ -157,7 +159,8 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
     found: dict[str, list[_Given]] = defaultdict(list)
     for row in s.execute(asked):
         participant, response, session, kind, value, decision_s, at, role, trial, probe_of, a, b, block = row
-        chosen = {"a": a, "b": b}.get(value.get("choice")) if trial is not None else None
+        choice = value.get("choice")
+        chosen = shown_on(choice, a, b) if trial is not None and is_side(choice) else None
         drives = frozenset({a, b} - {None})
         found[participant].append(
             _Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen, block, drives)

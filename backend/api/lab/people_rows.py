@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.lab import monitoring
 from backend.api.lab.study_rows import counted
 from backend.store.models import Participant, ProblemReport, Response, Session, Trial
+from backend.store.who_counts import group_of, left_out
 from backend.study.plan.assignment import OrderLine
 
 HERE = timedelta(seconds=90)  # (ours) an open page is heard of far more often
@@ -165,13 +166,9 @@ def _fits(p: Person, kind: str, value: str) -> bool:
         case "excluded":
             return p.excluded_at is not None
         case "kept":
-            return p.excluded_at is None and p.presence != "withdrawn"
-        case "simulated":
-            return p.simulated
-        case "people":  # pilot participants stand apart, as in every number of the study
-            return not (p.simulated or p.pilot)
-        case "pilot":
-            return p.pilot and not p.simulated
+            return left_out(excluded=p.excluded_at is not None, withdrawn=p.presence == "withdrawn") is None
+        case "simulated" | "people" | "pilot":
+            return group_of(simulated=p.simulated, pilot=p.pilot) == kind
         case "flagged":
             return bool(p.flags)
         case "stage":

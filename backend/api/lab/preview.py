@@ -19,8 +19,8 @@ from backend.api.participant.session_view import leads_to, next_kind
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
+from backend.store.payment_codes import REMOVED
 from backend.store.query_sets import query_sets_here
-from backend.store.worth_money import REMOVED
 from backend.study.plan.planning import Step, make_plan
 from backend.study.plan.queries import placeholders
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError

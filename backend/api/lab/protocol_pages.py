@@ -20,8 +20,8 @@ from backend.api.lab.drafts import Draft, DraftError
 from backend.api.lab.new_study import TheDraft, read_upload, uploaded_text
 from backend.api.lab.preview import first_steps
 from backend.api.lab.study_tabs import study_tab, the_study
+from backend.store.payment_codes import REMOVED, is_payment_code, yaml_without
 from backend.store.query_sets import query_sets_here
-from backend.store.worth_money import REMOVED, is_worth_money, yaml_without
 from backend.study.protocol.freezing import ProtocolError, thaw
 from backend.study.protocol.outline import describe_stages, expected_minutes
 from backend.study.protocol.revising import revise_study, revision_of, versions_of
@@ -59,7 +59,7 @@ def protocol(request: Request, study_id: str, database: Db, number: int = 0) -> 
 
 def _veiled(field: str, value: object) -> str:
     """A field of the protocol as who takes no data sees it: completion codes and ways back are worth money."""
-    return VEIL if is_worth_money(field, value) else str(value)
+    return VEIL if is_payment_code(field, value) else str(value)
 
 
 @router.get("/lab/studies/{study_id}/protocol.yaml")

@@ -37,6 +37,7 @@ from backend.store.events import log_event
 from backend.store.export import export_study
 from backend.store.models import Study, utc_now
 from backend.store.retention import checked_day, is_overdue
+from backend.store.who_counts import GROUPS
 from backend.study.plan.assignment import STANDINGS, assignment_table
 from backend.study.protocol.freezing import thaw
 from backend.study.protocol.outline import describe_stages
@@ -321,7 +322,7 @@ def dictionary(request: Request) -> Response:
 def report(request: Request, study_id: str, database: Db, who: str = "people") -> Response:
     """The summary numbers, each linked to its rows; `who`: people (of the live study), pilot or simulated, never two of
     them in one number."""
-    who = who if who in study_rows.WHO else "people"
+    who = who if who in GROUPS else "people"
     with database.session() as s:
         study = the_study(s, study_id)
         return study_tab(request, study, "report", report=study_report(s, study, who, utc_now()), who=who)
@@ -331,7 +332,7 @@ def report(request: Request, study_id: str, database: Db, who: str = "people") -
 def report_data(study_id: str, database: Db, user: SignedIn, who: str = "people") -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
-        wanted = who if who in study_rows.WHO else "people"
+        wanted = who if who in GROUPS else "people"
         return JSONResponse(study_report(s, study, wanted, utc_now()).as_dict())
 
 

@@ -28,9 +28,9 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.retention import is_overdue
+from backend.store.who_counts import FINISHED, GROUPS, in_group, not_left_out
 
 ROWS_PER_PAGE = 100
-WHO = ("people", "pilot", "simulated")
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,8 @@ class AnswerFilter:
 def study_lines(s: DatabaseSession) -> list[StudyLine]:
     """Every study, newest first."""
     joined = select(Participant.study_id, func.count())
-    live = ~Participant.simulated & ~Participant.pilot
-    people = counted(s, joined.where(live))
-    simulated = counted(s, joined.where(Participant.simulated))
+    people = counted(s, joined.where(in_group("people")))
+    simulated = counted(s, joined.where(in_group("simulated")))
     newest = (
         select(Session.participant_id, func.max(Session.appointment).label("last"))
         .group_by(Session.participant_id)
@@ -104,10 +103,10 @@ def study_lines(s: DatabaseSession) -> list[StudyLine]:
     finished = (
         joined.join(Session, Session.participant_id == Participant.id)
         .join(newest, (newest.c.participant_id == Participant.id) & (newest.c.last == Session.appointment))
-        .where(Session.state == "completed")
+        .where(Session.state == FINISHED)
     )
-    completed = counted(s, finished.where(live))
-    completed_simulated = counted(s, finished.where(Participant.simulated))
+    completed = counted(s, finished.where(in_group("people")))
+    completed_simulated = counted(s, finished.where(in_group("simulated")))
     answers = {
         study: (count, last)
         for study, count, last in s.execute(
@@ -145,12 +144,10 @@ def answers(s: DatabaseSession, study_id: str, where: AnswerFilter) -> list[Answ
         query = query.where(Trial.role == where.role)
     if where.participant:
         query = query.where(Participant.code == where.participant)
-    if where.who in WHO:
-        query = query.where(Participant.simulated == (where.who == "simulated"))
-    if where.who in ("people", "pilot"):
-        query = query.where(Participant.pilot == (where.who == "pilot"))
+    if where.who in GROUPS:
+        query = query.where(in_group(where.who))
     if where.usable:
-        query = query.where(Participant.excluded_at.is_(None), Participant.withdrawn_at.is_(None))
+        query = query.where(not_left_out())
     found = [
         Answer(
             response,

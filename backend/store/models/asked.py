@@ -12,10 +12,11 @@ from backend.store.models.base import Base, new_id, utc_now
 
 
 class Trial(Base):
-    """One thing asked of the participant. `kind`: query or comparison. `role`: learning, regular, or a probe's: repeat,
-    swap, transitivity (the last are the three pairs of three drives in one scene). `block`: the block's stage, or the
-    condition's name where the block is crossed over conditions. `probe_of`: the trial that a repeat or swap asks again.
-    `turned`: the query's second drive is A (None in comparisons and in data of before). `replays`: pairs watched again.
+    """One thing asked of the participant. `kind`: query, comparison or evaluation. `role`: practice, regular, or a
+    probe's: repeat, swap, transitivity (the last are the three pairs of three trajectories in one scene). `block`: the
+    block's stage, or the condition's name where the block is crossed over conditions. `probe_of`: the trial that a
+    repeat or swap asks again. `sides_swapped`: the query's second trajectory is A (None in comparisons and in data of
+    before). `replays`: pairs watched again.
 
     `phase`: ready, playing_a, playing_b, choosing, answered. `arms` (comparison only) says which policy was A and B.
     """
@@ -42,7 +43,7 @@ class Trial(Base):
     restarts: Mapped[int] = mapped_column(Integer, default=0)
     replays: Mapped[int] = mapped_column(Integer, default=0, server_default="0")
     probe_of: Mapped[str | None] = mapped_column(String(32))
-    turned: Mapped[bool | None] = mapped_column(Boolean)
+    sides_swapped: Mapped[bool | None] = mapped_column(Boolean)
     __table_args__ = (
         UniqueConstraint("session_id", "step_key"),
         CheckConstraint("phase in ('ready', 'playing_a', 'playing_b', 'choosing', 'answered')", name="phase"),

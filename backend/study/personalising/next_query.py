@@ -17,6 +17,7 @@ from backend.store.artefacts import ArtefactStore, load_artefact
 from backend.store.database import Database
 from backend.store.models import ProtocolVersion, Response, Session, Study, Trial
 from backend.store.query_sets import StoredQuery, queries_of
+from backend.store.sides import shown_on
 from backend.study.plan.planning import Step
 from backend.study.protocol.blocks import Trials
 from backend.study.protocol.freezing import thaw
@@ -124,7 +125,7 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
         .order_by(Trial.index)
     )
     return tuple(
-        (str(trial.query_id), trial.trajectory_a if response.value["choice"] == "a" else trial.trajectory_b)
+        (str(trial.query_id), shown_on(response.value["choice"], trial.trajectory_a, trial.trajectory_b))
         for trial, response in rows
         if "choice" in response.value  # not where the time for it was over
     )

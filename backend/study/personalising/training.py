@@ -12,11 +12,12 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
+from backend.store.demonstration_snapshots import StrokeError, take_demonstrations
 from backend.store.events import log_event
 from backend.store.models import Artefact, Job, Participant, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
-from backend.store.strokes import StrokeError, take_demonstrations
+from backend.store.who_counts import not_left_out
 from backend.study.plan.planning import Step
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import TrainStage
@@ -100,8 +101,7 @@ def _policy_of_another(s: DatabaseSession, session: Session) -> str | None:
             Session.study_id == session.study_id,
             Session.participant_id != session.participant_id,
             Session.simulated == session.simulated,
-            Participant.withdrawn_at.is_(None),
-            Participant.excluded_at.is_(None),
+            not_left_out(),
             Job.kind == "align",
             Job.state == "succeeded",
         )

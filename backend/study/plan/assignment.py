@@ -16,6 +16,7 @@ from sqlalchemy import Row, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Participant, Session, Study, utc_now
+from backend.store.who_counts import left_out, same_kind
 from backend.study.plan.counterbalancing import Place, design_of, next_row
 from backend.study.protocol.schema import Assignment, Protocol
 
@@ -138,17 +139,16 @@ def _people(s: DatabaseSession, study: Study, *, simulated: bool, pilot: bool) -
             Session.expires_at,
         )
         .join(Session, Session.participant_id == Participant.id)
-        .where(Participant.study_id == study.id, Participant.simulated.is_(simulated), Participant.pilot.is_(pilot))
+        .where(Participant.study_id == study.id, same_kind(simulated=simulated, pilot=pilot))
         .order_by(Participant.created_at, Participant.id, Session.appointment)
     )
     return list({person.id: person for person in found}.values())
 
 
 def _standing(person: Row[Any], rules: Assignment, now: datetime) -> str:
-    if person.excluded_at is not None:
-        return "excluded"
-    if person.withdrawn_at is not None:
-        return "withdrawn"
+    out = left_out(excluded=person.excluded_at is not None, withdrawn=person.withdrawn_at is not None)
+    if out is not None:
+        return out
     if person.state not in ("active", "paused"):
         return str(person.state)
     if now > person.expires_at:

@@ -19,6 +19,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, Response, Session, Study, Trial
+from backend.store.sides import Side
+from backend.store.who_counts import role_of
 from backend.study.drawing import strokes
 from backend.study.grammar.words import DRAWN_KINDS, TOLERANCE_S, TRIAL_KINDS
 from backend.study.personalising import next_query, training
@@ -32,7 +34,6 @@ from backend.study.session.leaving import change_language, pause, report_problem
 from backend.study.session.versions import protocol_of
 from backend.study.session.view import (
     Playback,
-    Side,
     StepView,
     current,
     not_current,
@@ -274,11 +275,11 @@ def _make_trial(s: DatabaseSession, files: ArtefactStore, session: Session, step
         index=session.position,
         block=step["block"],
         kind="query",
-        role=step["role"],
+        role=role_of(step["role"]),
         view=step["view"],
         query_id=asked.query,
         probe_of=asked.probe_of,
-        turned=asked.turned,
+        sides_swapped=asked.turned,
         trajectory_a=asked.trajectory_a,
         trajectory_b=asked.trajectory_b,
         phase_since=now,

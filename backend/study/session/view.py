@@ -10,13 +10,14 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 from sqlalchemy import CursorResult, func, select, update
 from sqlalchemy.orm import Session as DatabaseSession
 from sqlalchemy.orm.attributes import set_committed_value
 
 from backend.store.models import Response, Session, TrajectoryRow, Trial
+from backend.store.sides import Side, shown_on
 from backend.study.drawing import paths
 from backend.study.grammar.words import DRAWN_KINDS, LABEL_S, PLAYING, SINGLE_KINDS, TRIAL_KINDS
 from backend.study.plan.planning import Step
@@ -24,8 +25,6 @@ from backend.study.refusals import Refused
 from backend.study.session import appointments, routing
 from backend.study.session.pages import drawing_payload, ending_payload, payload_of, trial_payload
 from backend.study.session.versions import protocol_of
-
-Side = Literal["a", "b"]
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,7 @@ def playing(trial: Trial | None) -> Playback | None:
     if trial is None or trial.phase not in PLAYING:
         return None
     side: Side = "a" if trial.phase == "playing_a" else "b"
-    trajectory = trial.trajectory_a if side == "a" else trial.trajectory_b
+    trajectory = shown_on(side, trial.trajectory_a, trial.trajectory_b)
     return Playback(trajectory, side.upper() if label_s(trial) else "", trial.view, playback_id(trial, side))
 
 
@@ -159,7 +158,7 @@ def label_s(trial: Trial) -> float:
 
 def duration_s(s: DatabaseSession, trial: Trial, side: Side) -> float:
     """How long a drive of the trial takes."""
-    trajectory = trial.trajectory_a if side == "a" else trial.trajectory_b
+    trajectory = shown_on(side, trial.trajectory_a, trial.trajectory_b)
     if trajectory not in _durations_s:
         _durations_s[trajectory] = s.get_one(TrajectoryRow, trajectory).duration_s
     return _durations_s[trajectory]

@@ -11,12 +11,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
+from backend.store.sides import Side
 from backend.study.drawing import strokes
 from backend.study.grammar.words import DRAWN_KINDS, PLAYING, SINGLE_KINDS, TOLERANCE_S, TRIAL_KINDS
 from backend.study.protocol.blocks import Viewing
 from backend.study.session.view import (
     Playback,
-    Side,
     current_trial,
     duration_s,
     label_s,

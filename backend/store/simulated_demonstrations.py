@@ -9,11 +9,11 @@ from sqlalchemy.orm import Session
 from backend.demonstrations.demonstrators import demonstrate
 from backend.simulation.demonstration_scenes import demonstration_scenes
 from backend.store.artefacts import ArtefactStore, save_artefact
+from backend.store.demonstration_snapshots import FORMAT, KeptDemonstration
 from backend.store.models import Artefact
-from backend.store.strokes import FORMAT, KeptDemonstration
 
 
-def take_programmed(
+def take_simulated_demonstrations(
     s: Session, files: ArtefactStore, *, style: str, environment: str, per_pair: int, seed: int
 ) -> Artefact:
     """Let a programmed demonstrator draw in all pairs and freeze that, as `take_demonstrations` does for people's.

@@ -1,5 +1,6 @@
-"""What of a protocol is worth money: fixed completion codes and the addresses people return by. Hides both, in the file
-as it was written and in plain data. Who may see them is the API's, what is written without them `export.py`'s.
+"""What of a protocol somebody could be paid with: fixed completion codes and the addresses people return by. Hides both
+in the file as it was written and in plain data. Who may see them is the API's, what is written without them is
+`export.py`'s.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ RANDOM = "random"  # a completion code that everybody gets another one of
 _ANCHOR = re.compile(r"(?:!\S*\s+)?(&\S+\s+)")  # behind a tag, if there is one
 
 
-def is_worth_money(field: str, value: object) -> bool:
+def is_payment_code(field: str, value: object) -> bool:
     """Whether that field of a protocol (its name, or a path that ends with it) has such a value."""
     return field.rpartition(".")[2] in REMOVED and value is not None and value != RANDOM
 
@@ -38,7 +39,7 @@ def _places(node: yaml.Node | None) -> Iterator[tuple[tuple[int, int], str]]:
         for key, value in node.value:
             if isinstance(value, yaml.ScalarNode):
                 given = None if value.tag == "tag:yaml.org,2002:null" else value.value
-                if is_worth_money(str(key.value), given):
+                if is_payment_code(str(key.value), given):
                     yield (value.start_mark.index, value.end_mark.index), key.value
             else:
                 yield from _places(value)
@@ -53,7 +54,7 @@ def data_without(value: Any, key: str = "") -> Any:
         return {name: data_without(inner, name) for name, inner in value.items()}
     if isinstance(value, list):
         return [data_without(inner) for inner in value]
-    return REMOVED[key] if is_worth_money(key, value) else value
+    return REMOVED[key] if is_payment_code(key, value) else value
 
 
 def changes_without(changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
