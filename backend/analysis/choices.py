@@ -6,7 +6,7 @@ Here are the pairs, effect sizes, intervals and what a result says; p for few pe
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from typing import TypeVar
 
@@ -114,29 +114,6 @@ def cohens_kappa(first: ArrayLike, second: ArrayLike) -> float:
     labels = np.union1d(a, b)
     expected = float(sum((a == label).mean() * (b == label).mean() for label in labels)) if a.size else math.nan
     return (observed - expected) / (1 - expected) if expected < 1 else math.nan
-
-
-CHANCE_CIRCULAR = 0.25  # of three choices by three coins: two of the eight outcomes go round
-
-
-def whole_triads(answers: Mapping[frozenset[str], Answer]) -> list[list[Answer]]:
-    """The triads that were answered whole: the three answers about all pairs of three. answers: by the pair they are
-    about, one person's under one condition."""
-    found: dict[frozenset[str], list[Answer]] = {}
-    for one, other in combinations(answers, 2):
-        three = one | other
-        if len(three) == 3 and one ^ other in answers:
-            found.setdefault(three, [answers[pair] for pair in answers if pair <= three])
-    return list(found.values())
-
-
-def is_circular(choices: Sequence[tuple[str, str]]) -> bool:
-    """Whether three choices (chosen, rejected) among three go round: each was chosen once (Kendall and Babington Smith
-    1940). Raises ValueError unless they are the three pairs of three."""
-    pairs = {frozenset(pair) for pair in choices}
-    if len(choices) != 3 or len(pairs) != 3 or len(set().union(*pairs)) != 3:
-        raise ValueError(f"choices = {list(choices)}: needs the three pairs of three")
-    return len({chosen for chosen, _ in choices}) == 3
 
 
 def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 from backend.analysis.choices import (
     agreement,
     cohens_kappa,
-    is_circular,
     mostly,
     share_over_people,
-    whole_triads,
 )
 from backend.analysis.intervals import clustered_share, within
 from backend.analysis.metrics import measure
 from backend.analysis.tested import Mean, Tested, corrected, mean_of
+from backend.analysis.triads import is_circular, whole_triads
 from backend.report.analysis_plan import AnalysisPlan, Metric
 from backend.report.study_data import PROBES, TRIAD, Choice, Comparison, Load
 

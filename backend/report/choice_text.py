@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 
-from backend.analysis.choices import CHANCE_CIRCULAR
 from backend.analysis.tested import Mean
+from backend.analysis.triads import CHANCE_CIRCULAR
 from backend.explain.printed import Section, Table
 from backend.report.analysis_plan import METRICS
 from backend.report.choice_findings import Agreement

@@ -13,8 +13,8 @@ from backend.analysis.choices import (
     first_choice_pairs,
     mostly,
     share_over_people,
-    whole_triads,
 )
+from backend.analysis.triads import whole_triads
 
 
 def test_chi_square_of_rs_example() -> None:
