@@ -82,3 +82,18 @@ def test_compose_file_holds_the_four_services_and_no_secret():
     assert "password" not in json.dumps(compose["services"]["web"].get("environment", {})).lower().replace(
         "postgres_password_file", ""
     )
+
+
+def test_a_server_starts_without_what_takes_seconds_to_load():
+    """Pages are there within three seconds of a restart; statistics and splines are loaded where they are used."""
+    code = """
+import sys
+import backend.cli, backend.api.server
+from backend.api.application import build_services, create_application
+from backend.settings import Settings
+import pathlib, tempfile
+create_application(build_services(Settings(data=pathlib.Path(tempfile.mkdtemp()), _env_file=None)))
+print([name for name in ("torch", "scipy.stats", "scipy.interpolate", "matplotlib") if name in sys.modules])
+"""
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert told.stdout.splitlines()[-1] == "[]"

@@ -1,13 +1,12 @@
 """Tests and measures of choices: first places of forced rankings, agreement of the same person's choices, own or other.
 
-scipy computes chi-square and binomial tests; here are the pairs, effect sizes and what a result says.
+Here are the pairs, effect sizes, intervals and what a result says; p for few people is `exact.py`'s.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from itertools import combinations
 from typing import TypeVar
 
@@ -15,33 +14,39 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from backend.analysis.tested import Mean, Tested, mean_of
+from backend.analysis.exact import equal_shares
+from backend.analysis.intervals import CONFIDENCE, UNKNOWN, Interval, clustered_share, share_of_chi_square, wilson
+from backend.analysis.tested import Mean, Tested
 
 Answer = TypeVar("Answer")
 
 
-def equal_first_choices(counts: ArrayLike, *, about: str) -> Tested:
+def equal_first_choices(counts: ArrayLike, *, about: str, intervals: bool = True) -> Tested:
     """Chi-square test of first choices (conditions,) against equal shares; effect: Cramer's V, sqrt(chi2 / (n (k-1))).
+
+    p is exact (multinomial) for up to 50 people, beyond chi-square. intervals: of the effect, which take time.
 
     Raises ValueError for fewer than two conditions or nobody.
     """
     observed = _counts(counts)
     n, k = int(observed.sum()), len(observed)
-    result = stats.chisquare(observed)
-    statistic, p = float(result.statistic), float(result.pvalue)
+    statistic = float(stats.chisquare(observed).statistic)
+    p, least, method = equal_shares(observed)
+    low, high = share_of_chi_square(statistic, k - 1, n * (k - 1)) if intervals else UNKNOWN
     return Tested(
         test="Chi-square", about=about, symbol="χ²", statistic=statistic, df=k - 1, p=p, p_corrected=p,
         correction="uncorrected", effect_name="Cramér's V", effect=math.sqrt(statistic / (n * (k - 1))), n=n, used=n,
-        direction="first choices are not shared equally",
+        direction="first choices are not shared equally", method=method, least_p=least, least_p_corrected=least,
+        effect_low=math.sqrt(low), effect_high=math.sqrt(high),
     )  # fmt: skip
 
 
 def first_choice_pairs(counts: ArrayLike, names: Sequence[str], *, about: str) -> list[Tested]:
-    """z-test of every two conditions' first choices, two-sided, uncorrected.
+    """Test of every two conditions' first choices, two-sided, uncorrected: z, with the exact binomial p.
 
     The choices exclude each other, so under equal popularity a - b of the a + b people who chose one of the two has
     variance a + b: z = (a - b) / sqrt(a + b). (A z-test of two independent proportions would take the same people for
-    two samples.) Effect: Cohen's g with its sign, a / (a + b) - 0.5.
+    two samples.) Effect: Cohen's g with its sign, a / (a + b) - 0.5, with Wilson's interval.
     """
     observed = _counts(counts)
     tests = []
@@ -49,7 +54,7 @@ def first_choice_pairs(counts: ArrayLike, names: Sequence[str], *, about: str) -
         a, b = float(observed[i]), float(observed[j])
         z = (a - b) / math.sqrt(a + b) if a + b else 0.0
         more, fewer = (names[i], names[j]) if a >= b else (names[j], names[i])
-        p = float(2 * stats.norm.sf(abs(z)))
+        p, least, (low, high) = _binomial(int(a), int(b))
         tests.append(
             Tested(
                 test="z of first choices",
@@ -65,9 +70,23 @@ def first_choice_pairs(counts: ArrayLike, names: Sequence[str], *, about: str) -
                 n=int(observed.sum()),
                 used=int(a + b),
                 direction=f"{more} is more often the first choice than {fewer}",
+                method="exact",
+                least_p=least,
+                least_p_corrected=least,
+                effect_low=low,
+                effect_high=high,
             )
         )
     return tests
+
+
+def _binomial(first: int, second: int) -> tuple[float, float, Interval]:
+    """Exact two-sided p of so many choices of two, the smallest that they can have, and the interval of Cohen's g."""
+    n = first + second
+    if not n:
+        return 1.0, 1.0, UNKNOWN
+    low, high = wilson(first / n, n, float(stats.norm.ppf((1 + CONFIDENCE) / 2)))
+    return float(stats.binomtest(first, n).pvalue), min(1.0, 2.0 ** (1 - n)), (low - 0.5, high - 0.5)
 
 
 def _counts(counts: ArrayLike) -> NDArray[np.float64]:
@@ -97,29 +116,6 @@ def cohens_kappa(first: ArrayLike, second: ArrayLike) -> float:
     return (observed - expected) / (1 - expected) if expected < 1 else math.nan
 
 
-CHANCE_CIRCULAR = 0.25  # of three choices by three coins: two of the eight outcomes go round
-
-
-def whole_triads(answers: Mapping[frozenset[str], Answer]) -> list[list[Answer]]:
-    """The triads that were answered whole: the three answers about all pairs of three. answers: by the pair they are
-    about, one person's under one condition."""
-    found: dict[frozenset[str], list[Answer]] = {}
-    for one, other in combinations(answers, 2):
-        three = one | other
-        if len(three) == 3 and one ^ other in answers:
-            found.setdefault(three, [answers[pair] for pair in answers if pair <= three])
-    return list(found.values())
-
-
-def is_circular(choices: Sequence[tuple[str, str]]) -> bool:
-    """Whether three choices (chosen, rejected) among three go round: each was chosen once (Kendall and Babington Smith
-    1940). Raises ValueError unless they are the three pairs of three."""
-    pairs = {frozenset(pair) for pair in choices}
-    if len(choices) != 3 or len(pairs) != 3 or len(set().union(*pairs)) != 3:
-        raise ValueError(f"choices = {list(choices)}: needs the three pairs of three")
-    return len({chosen for chosen, _ in choices}) == 3
-
-
 def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:
     """Sign test over people: who chose the first of two more often than the second. Each person counts once.
 
@@ -128,17 +124,17 @@ def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tup
     """
     differences = np.asarray(wins) - np.asarray(losses)
     more, fewer = int((differences > 0).sum()), int((differences < 0).sum())
-    p = float(stats.binomtest(more, more + fewer).pvalue) if more + fewer else 1.0
+    p, least, (low, high) = _binomial(more, fewer)
     first, second = names if more >= fewer else names[::-1]
     return Tested(
         test="Sign test", about=about, symbol="S", statistic=more, df=None, p=p, p_corrected=p,
         correction="uncorrected", effect_name="Cohen's g", effect=more / (more + fewer) - 0.5 if more + fewer else 0.0,
         n=len(differences), used=more + fewer, direction=f"{first} is mostly chosen over {second}",
+        method="exact", least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
     )  # fmt: skip
 
 
 def share_over_people(wins: Sequence[int], losses: Sequence[int]) -> Mean:
-    """Mean over people of the share of a person's choices that went to the first of two; interval over people, ended
-    at 0 and 1."""
-    mean = mean_of([won / (won + lost) for won, lost in zip(wins, losses, strict=True) if won + lost])
-    return replace(mean, low=max(0.0, mean.low), high=min(1.0, mean.high)) if mean.n > 1 else mean
+    """Mean over people of the share of a person's choices that went to the first of two, interval over people."""
+    counts = [(won, won + lost) for won, lost in zip(wins, losses, strict=True) if won + lost]
+    return clustered_share([won / n for won, n in counts], [n for _, n in counts])

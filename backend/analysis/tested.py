@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import stats
 
 Correction = Literal["holm", "bonferroni", "none"]
 CORRECTION_WORDS: dict[str, str] = {"holm": "Holm", "bonferroni": "Bonferroni", "none": "uncorrected"}
@@ -22,7 +21,11 @@ class Tested:
     symbol: of the statistic. df: degrees of freedom, None where the test has none. n: independent units (people).
     used: those of them that the test could use (no ties), where that is fewer. p_corrected: p itself until a family was
     corrected, by `correction`. effect: of the kind `effect_name`; direction: what a significant result says, in words.
-    z: the statistic's normal approximation, where papers give it beside one of another kind.
+    z: the statistic's normal approximation, where papers give it beside one of another kind. df_error: of an F.
+
+    method: how p was found: exact, by permutations (by lot), or approximate. least_p: the smallest p that so few people
+    with such ties can give (0: as small as you like), least_p_corrected: the same after correction. effect_low,
+    effect_high: 95 % interval of the effect; shift, with its interval: in the unit of what was measured.
     """
 
     test: str
@@ -39,6 +42,15 @@ class Tested:
     used: int
     direction: str
     z: float | None = None
+    df_error: float | None = None
+    method: str = "approximate"
+    least_p: float = 0.0
+    least_p_corrected: float = 0.0
+    effect_low: float = math.nan
+    effect_high: float = math.nan
+    shift: float | None = None
+    shift_low: float = math.nan
+    shift_high: float = math.nan
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -47,31 +59,46 @@ class Tested:
         """Whether the corrected p is at most alpha."""
         return self.p_corrected <= alpha
 
-    @property
-    def stars(self) -> str:
-        """* up to 0.05, ** up to 0.01, *** up to 0.001 of the corrected p, as in the thesis's figures."""
-        return stars(self.p_corrected)
+    def possible(self, alpha: float = 0.05) -> bool:
+        """Whether so few people could have given a significant result at all."""
+        return self.least_p_corrected <= alpha
+
+    def stars(self, alpha: float = 0.05) -> str:
+        """The marks of the corrected p (`stars`)."""
+        return stars(self.p_corrected, alpha)
 
     def sentence(self, alpha: float = 0.05) -> str:
-        """The result in words, ready for a paper."""
-        found = self.direction if self.significant(alpha) else "no difference was found"
+        """The result in words, ready for a paper. Who could not have found anything is told so."""
+        found = "no difference was found"
+        if self.significant(alpha):
+            found = self.direction
+        elif not self.possible(alpha):
+            found += f" and none could be with so few people (p cannot be below {self.least_p_corrected:.2g})"
         return f"{self.about[:1].upper()}{self.about[1:]}: {found}, {self.numbers()}."
 
     def numbers(self) -> str:
         """`chi2(2, N = 31) = 12.34, p = 0.002 (Holm), Kendall's W = 0.20`."""
-        df = "" if self.df is None else f"{self.df:g}, "
+        df = "" if self.df is None else f"{self.df:.4g}, "
+        df += "" if self.df_error is None else f"{self.df_error:.4g}, "
         told_n = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} used"
-        p = "" if self.correction == "uncorrected" else f" ({self.correction})"
+        p = f" ({', '.join(w for w in (self.method, self.correction) if w not in ('approximate', 'uncorrected'))})"
+        p = "" if p == " ()" else p
+        interval = "" if math.isnan(self.effect_low) else f" [{self.effect_low:.2f}, {self.effect_high:.2f}]"
         z = "" if self.z is None else f"z = {self.z:.2f}, "
         return (
             f"{self.symbol}({df}{told_n}) = {self.statistic:.2f}, {z}{told_p(self.p_corrected)}{p}, "
-            f"{self.effect_name} = {self.effect:.2f}"
+            f"{self.effect_name} = {self.effect:.2f}{interval}"
         )
 
 
-def stars(p: float) -> str:
-    """The thesis's marks: * up to 0.05, ** up to 0.01, *** up to 0.001."""
-    return "".join("*" for bound in (0.05, 0.01, 0.001) if p <= bound)
+def star_bounds(alpha: float = 0.05) -> list[float]:
+    """Up to which p a mark is given each: alpha, and of 0.01 and 0.001 what lies below it."""
+    return [alpha, *(bound for bound in (0.01, 0.001) if bound < alpha)]
+
+
+def stars(p: float, alpha: float = 0.05) -> str:
+    """Marks of a p: one per bound, so that nothing that is not significant has any. With alpha = 0.05 the thesis's."""
+    return "".join("*" for bound in star_bounds(alpha) if p <= bound)
 
 
 def told_p(p: float) -> str:
@@ -91,10 +118,41 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def corrected(tests: Sequence[Tested], how: Correction) -> list[Tested]:
     """The same tests, in their order, with p corrected for their number."""
-    raw = [test.p for test in tests]
-    found = {"holm": holm(raw), "bonferroni": [min(1.0, len(raw) * p) for p in raw], "none": raw}[how]
+    found, least = _corrected([t.p for t in tests], how), _corrected([t.least_p for t in tests], how)
     words = CORRECTION_WORDS[how]
-    return [replace(test, p_corrected=p, correction=words) for test, p in zip(tests, found, strict=True)]
+    return [
+        replace(test, p_corrected=p, least_p_corrected=low, correction=words)
+        for test, p, low in zip(tests, found, least, strict=True)
+    ]
+
+
+def _corrected(raw: Sequence[float], how: Correction) -> list[float]:
+    return {"holm": holm(raw), "bonferroni": [min(1.0, len(raw) * p) for p in raw], "none": list(raw)}[how]
+
+
+def corrected_pairs(tests: Sequence[Tested], over: int, gate: Tested | None) -> list[Tested]:
+    """The tests of all pairs of one item's conditions, corrected for their number and for the number of items.
+
+    over: in how many items pairs are tested. gate: the item's test over all conditions, where only its being
+    significant lets the pairs be tested. Each item has alpha / over (Bonferroni). Behind the gate not all conditions
+    can be alike, so with k of them at most (k - 1) (k - 2) / 2 pairs can (Shaffer 1986; one of three): p is multiplied
+    by that many, and is no smaller than the gate's. Without a gate it is multiplied by the number of pairs. So in all
+    items and pairs together something that does not differ is found in at most alpha of studies.
+    """
+    count = len(tests)
+    conditions = round((1 + math.sqrt(1 + 8 * count)) / 2)
+    factor = over * (count if gate is None else max(1, (conditions - 1) * (conditions - 2) // 2))
+    floor, lowest = (0.0, 0.0) if gate is None else (over * gate.p, over * gate.least_p)
+    words = "Bonferroni" if gate is None else "Shaffer" if over == 1 else "Shaffer, Bonferroni over the items"
+    return [
+        replace(
+            test,
+            p_corrected=min(1.0, max(floor, factor * test.p)),
+            least_p_corrected=min(1.0, max(lowest, factor * test.least_p)),
+            correction=words,
+        )
+        for test in tests
+    ]
 
 
 @dataclass(frozen=True)
@@ -117,5 +175,7 @@ def mean_of(values: ArrayLike) -> Mean:
         return Mean(len(data), float(data[0]) if len(data) else math.nan, *[math.nan] * 4)
     mean, sd = float(data.mean()), float(data.std(ddof=1))
     se = sd / math.sqrt(len(data))
+    from scipy import stats  # 0.6 s: reading a protocol and serving pages do without
+
     half = float(stats.t.ppf(0.975, len(data) - 1)) * se
     return Mean(len(data), mean, sd, se, mean - half, mean + half)

@@ -6,11 +6,15 @@ from pathlib import Path
 
 import structlog
 from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
+from sqlalchemy.exc import DataError
+from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
+from backend.api.core.contract import trouble_in
 from backend.api.core.dependencies import Services, route_of
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.prose import prose
@@ -61,7 +65,7 @@ def build_services(settings: Settings) -> Services:
 def create_application(services: Services) -> FastAPI:
     """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
     from backend.api.analyst import routes
-    from backend.api.core import auth
+    from backend.api.core import auth, published
     from backend.api.core.guard import Guard, trouble
     from backend.api.lab import learnt_pages, study_pages
     from backend.api.participant import session_pages
@@ -69,7 +73,7 @@ def create_application(services: Services) -> FastAPI:
     application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None)
     application.state.services = services
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
-    for module in (session_pages, auth, study_pages, learnt_pages, routes):
+    for module in (session_pages, auth, study_pages, learnt_pages, routes, published):
         application.include_router(module.router)
     for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():
         application.add_exception_handler(exception, handler)
@@ -78,16 +82,28 @@ def create_application(services: Services) -> FastAPI:
     def home() -> Response:
         return RedirectResponse("/lab/studies", status_code=303)
 
-    @application.get("/health")
+    @application.get("/health", tags=["server"])
     def health() -> dict[str, str]:
         """For load balancers and containers."""
         with services.database.session() as s:
             s.connection().exec_driver_sql("SELECT 1")
         return {"status": "ok"}
 
-    @application.exception_handler(404)
-    def not_found(request: Request, _: Exception) -> Response:
-        return trouble(request, 404, "not_found", "There is nothing at this address.")
+    @application.exception_handler(HTTPException)
+    def http(request: Request, problem: HTTPException) -> Response:
+        if problem.status_code == 404:
+            return trouble(request, 404, "not_found", "There is nothing at this address.")
+        return trouble(request, problem.status_code, "refused", str(problem.detail), headers=problem.headers)
+
+    @application.exception_handler(RequestValidationError)
+    def bad_value(request: Request, problem: RequestValidationError) -> Response:
+        told = trouble_in(problem.errors())
+        return trouble(request, 422, told.code, told.message, field=told.field, value=told.value)
+
+    @application.exception_handler(DataError)
+    def not_storable(request: Request, problem: Exception) -> Response:
+        log.warning("a value fits into no column", route=route_of(request), problem=str(problem)[:300])
+        return trouble(request, 422, "bad_value", "Something that was sent is too long or no text; nothing was stored.")
 
     @application.exception_handler(TooLarge)
     def too_large(request: Request, problem: TooLarge) -> Response:

@@ -1,4 +1,4 @@
-"""From a stroke to a demonstration: commands along the spline, the robot's drive, transitions (spec 02, steps 2-7).
+"""From a stroke to a demonstration: commands along the spline, the robot's rollout, transitions (spec 02, steps 2-7).
 
 The stroke and its spline live in `stroke.py`. Everything here follows from stroke and scene alone, without chance:
 the same two give the same transitions, bit for bit.
@@ -32,10 +32,10 @@ BETWEEN_M = 0.01  # how densely a path is looked at for contacts
 
 @dataclass(frozen=True)
 class Demonstration:
-    """One drawn path, driven.
+    """One drawn path, executed.
 
     stroke: as drawn. drawn_in: the scene it was drawn in. spline: the smooth path with speeds.
-    commands: (T, 2) m/s and rad/s along the whole spline. trajectory: the drive, in the scene whose start is the
+    commands: (T, 2) m/s and rad/s along the whole spline. trajectory: the rollout, in the scene whose start is the
     spline's beginning and whose goal lies at its end, so that it ends in success, within the goal radius of the end.
     seed, style: of the programmed demonstrator that drew it (simulated); None and "" for a person's.
     """
@@ -50,7 +50,7 @@ class Demonstration:
 
     @property
     def scene(self) -> Scene:
-        """Where it was driven."""
+        """Where it was executed."""
         return self.trajectory.scene
 
     @property
@@ -58,8 +58,8 @@ class Demonstration:
         return bool(self.style)
 
     @property
-    def driven_speeds(self) -> Doubles:
-        """(T,) m/s, the forward speed of every step of the drive."""
+    def executed_speeds(self) -> Doubles:
+        """(T,) m/s, the forward speed of every step of the rollout."""
         return self.commands[: len(self.trajectory.actions), 0]
 
     def to_bytes(self) -> bytes:
@@ -125,7 +125,7 @@ class Demonstration:
         return hashlib.sha256(self.to_bytes()).hexdigest()
 
     def as_dict(self) -> dict[str, Any]:
-        """For reading with other programs: raw stroke, commands, drive; SI units, JSON-ready."""
+        """For reading with other programs: raw stroke, commands, rollout; SI units, JSON-ready."""
         return {
             "format": FORMAT,
             "scene": self.scene.as_dict(),
@@ -165,7 +165,7 @@ def commands_along(spline: PathSpline, *, begin_m: float = 0.0) -> Doubles:
     return np.stack([forward, forward * turns / (forward * CONTROL_DT_S)], axis=1)
 
 
-def driven(start: Pose, commands: Doubles) -> Doubles:
+def executed(start: Pose, commands: Doubles) -> Doubles:
     """(T + 1, 3) poses of a robot that executes commands (T, 2) in empty space."""
     poses = np.empty((len(commands) + 1, 3))
     poses[0] = start.x, start.y, start.yaw
@@ -184,12 +184,12 @@ def as_actions(setup: Setup, commands: Doubles) -> Floats:
 
 
 def demonstration_from(stroke: Stroke, scene: Scene, *, seed: int | None = None, style: str = "") -> Demonstration:
-    """The stroke driven in its scene. Raises StrokeProblem naming what is wrong and where."""
+    """The stroke executed in its scene. Raises StrokeProblem naming what is wrong and where."""
     spline = fit_spline(stroke, scene)
     setup = get_setup(scene.setup)
     commands = commands_along(spline)
     start = _pose_on(spline, 0.0)
-    poses = driven(start, commands)
+    poses = executed(start, commands)
     _check_turns(setup, poses, commands)
     _check_free(scene, spline)
     if len(commands) > setup.max_steps:
@@ -213,9 +213,9 @@ def demonstration_from(stroke: Stroke, scene: Scene, *, seed: int | None = None,
 
 
 def augmented(demonstration: Demonstration, n: int = AUGMENTED) -> list[Trajectory]:
-    """The drive `n` times, the j-th begun j / n of a step further along the spline (spec 02, step 7).
+    """The rollout `n` times, the j-th begun j / n of a step further along the spline (spec 02, step 7).
 
-    The first is the demonstration's own drive. A shifted one that would touch something is left out.
+    The first is the demonstration's own. A shifted one that would touch something is left out.
     """
     spline, setup = demonstration.spline, get_setup(demonstration.scene.setup)
     step = float(spline.speeds(np.zeros(1))[0]) * CONTROL_DT_S
@@ -251,7 +251,7 @@ def _check_free(scene: Scene, spline: PathSpline) -> None:
     for x, y in path:
         near_solid = k.surface_distance(row, x, y) < ROBOT_RADIUS_M
         near_person = k.person_distance(row, x, y) < ROBOT_RADIUS_M + scene.person.radius
-        if near_solid or (near_person and scene.walk is None):  # who walks may be elsewhere by then: the drive tells
+        if near_solid or (near_person and scene.walk is None):  # who walks may be elsewhere by then: the rollout tells
             raise _collision(scene, np.array([x, y]), None)
 
 

@@ -122,7 +122,7 @@ def draw_stroke(style: str, scene: Scene, seed: int) -> Stroke:
 
 
 def demonstrate(style: str, scene: Scene, seed: int) -> Demonstration:
-    """A stroke of that demonstrator, driven; who touches something draws again, as a person would.
+    """A stroke of that demonstrator, executed; who touches something draws again, as a person would.
 
     Raises StrokeProblem if that happens again and again.
     """

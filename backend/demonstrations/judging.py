@@ -1,6 +1,6 @@
 """How well a controller does what was demonstrated, and how it does where nothing was (spec 02, results to honour).
 
-Distances between paths live in `backend.analysis.frechet`, what drives in `controllers.py`.
+Distances between paths live in `backend.analysis.frechet`, what is compared in `controllers.py`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from backend.analysis.frechet import Deviation, deviation
 from backend.analysis.metrics import collision_rate, measure, success_rate, timeout_rate
-from backend.demonstrations.controllers import drive
+from backend.demonstrations.controllers import roll_out
 from backend.demonstrations.demonstration import Demonstration
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import SCENES_PER_SEED, Purpose, first_seed
@@ -35,7 +35,7 @@ KINDS = ("starts", "goals", "people", "anywhere")
 
 @dataclass(frozen=True)
 class Likeness:
-    """One drive beside the demonstration it follows best: the one with the highest cost C(t*) of its pair.
+    """One rollout beside the demonstration it follows best: the one with the highest cost C(t*) of its pair.
 
     speed_correlation: Pearson's r between the speeds at the same shares of both paths; NaN where the demonstration
     keeps one speed.
@@ -47,14 +47,14 @@ class Likeness:
 
 @dataclass(frozen=True)
 class Judgement:
-    """A controller's drives from the demonstrated starts, against the demonstrations. Medians over drives; SI units.
+    """A controller's rollouts from the demonstrated starts, against the demonstrations. Medians over them; SI units.
 
-    followed_rate: share of drives that arrive and, each by itself, are within FOLLOWED_M of a demonstration at a t* of
-    FOLLOWED_T or later. The two medians say less: they may come from different drives, and who circles at the start
-    stays near every path's beginning, f small at t* = 1. speed_correlation: NaN where no demonstration changes speed.
+    followed_rate: share of rollouts that arrive and, each by itself, are within FOLLOWED_M of a demonstration at a t*
+    of FOLLOWED_T or later. The two medians say less: they may come from different rollouts, and who circles at the
+    start stays near every path's beginning, f small at t* = 1. speed_correlation: NaN where none changes speed.
     """
 
-    drives: int
+    rollouts: int
     success_rate: float
     collision_rate: float
     timeout_rate: float
@@ -67,12 +67,13 @@ class Judgement:
     path_area_m2: float
 
     def as_dict(self) -> dict[str, float | None]:
-        """JSON-ready: null for NaN."""
-        return {name: None if math.isnan(value) else value for name, value in asdict(self).items()}
+        """JSON-ready: null for NaN. `drives` is what the first releases called rollouts, in all that is stored."""
+        stored = {"drives" if name == "rollouts" else name: value for name, value in asdict(self).items()}
+        return {name: None if math.isnan(value) else value for name, value in stored.items()}
 
 
 def _sparse(poses: NDArray[np.floating]) -> Doubles:
-    """(n, 2) about every SPARSE_M along a drive."""
+    """(n, 2) about every SPARSE_M along a trajectory."""
     path = np.asarray(poses, dtype=np.float64)[:, :2]
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     places = np.linspace(0.0, lengths[-1], max(2, math.ceil(lengths[-1] / SPARSE_M) + 1))
@@ -87,41 +88,41 @@ def speed_profile(trajectory: Trajectory) -> Doubles:
 
 
 def likeness(trajectory: Trajectory, demonstrations: Sequence[Demonstration]) -> Likeness:
-    """The drive beside the best of these demonstrations. Raises ValueError for none."""
+    """The trajectory beside the best of these demonstrations. Raises ValueError for none."""
     if not demonstrations:
         raise ValueError("demonstrations: none given to compare with")
     path = _sparse(trajectory.poses)
     found = [deviation(path, _sparse(d.trajectory.poses), exact_m=EXACT_M) for d in demonstrations]
     best = max(range(len(found)), key=lambda i: found[i].cost)
-    wanted, driven = speed_profile(demonstrations[best].trajectory), speed_profile(trajectory)
+    wanted, shown = speed_profile(demonstrations[best].trajectory), speed_profile(trajectory)
     constant = wanted.std() < CHANGING_M_S
     return Likeness(
         found[best],
-        math.nan if constant else float(np.corrcoef(wanted, driven)[0, 1]) if driven.std() > 0 else 0.0,
+        math.nan if constant else float(np.corrcoef(wanted, shown)[0, 1]) if shown.std() > 0 else 0.0,
     )
 
 
 def judge(controller: str | Policy, demonstrations: Sequence[Demonstration]) -> Judgement:
     """Drive once from every demonstrated start and compare with the demonstrations of the same pair."""
-    return judge_drives(drive(controller, [d.scene for d in demonstrations]), demonstrations)
+    return judge_rollouts(roll_out(controller, [d.scene for d in demonstrations]), demonstrations)
 
 
-def judge_drives(drives: Sequence[Trajectory], demonstrations: Sequence[Demonstration]) -> Judgement:
-    """`judge` for drives that are there already: one from every demonstration's start, in their order."""
+def judge_rollouts(rollouts: Sequence[Trajectory], demonstrations: Sequence[Demonstration]) -> Judgement:
+    """`judge` for rollouts that are there already: one from every demonstration's start, in their order."""
     alike = [
         likeness(trajectory, [other for other in demonstrations if other.drawn_in == mine.drawn_in])
-        for trajectory, mine in zip(drives, demonstrations, strict=True)
+        for trajectory, mine in zip(rollouts, demonstrations, strict=True)
     ]
-    measured = measure(drives)
+    measured = measure(rollouts)
     followed = [
-        drive.outcome == Outcome.SUCCESS
+        trajectory.outcome == Outcome.SUCCESS
         and one.deviation.distance_m <= FOLLOWED_M
         and one.deviation.t_star >= FOLLOWED_T
-        for drive, one in zip(drives, alike, strict=True)
+        for trajectory, one in zip(rollouts, alike, strict=True)
     ]
     correlations = [a.speed_correlation for a in alike if not math.isnan(a.speed_correlation)]
     return Judgement(
-        drives=len(drives),
+        rollouts=len(rollouts),
         success_rate=success_rate(measured.outcome),
         collision_rate=collision_rate(measured.outcome),
         timeout_rate=timeout_rate(measured.outcome),

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import interpolate
 
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.setups import Limits, get_setup
@@ -104,10 +103,14 @@ class PathSpline:
 
     @cached_property
     def _path(self) -> Any:
+        from scipy import interpolate  # 0.4 s: a server starts without it
+
         return interpolate.BSpline(self.knots, self.coefficients, CUBIC)
 
     @cached_property
     def _speed(self) -> Any:
+        from scipy import interpolate
+
         return interpolate.BSpline(self.speed_knots, self.speed_coefficients, CUBIC)
 
     @cached_property
@@ -188,6 +191,8 @@ def fit_spline(stroke: Stroke, scene: Scene) -> PathSpline:
     check_stroke(stroke, scene)
     points, speeds, lengths = _distinct(stroke)
     places = np.linspace(0.0, lengths[-1], max(8, math.ceil(lengths[-1] / SPACING_M) + 1))
+    from scipy import interpolate
+
     even = np.stack([np.interp(places, lengths, points[:, axis]) for axis in range(2)], axis=1)
     even = _drawn_to(even, places, scene.start)
     weights = np.full(len(places), 1 / HAND_JITTER_M)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
-from backend.simulation.driving import ActFunction, Driver, act_on, begin
+from backend.simulation.acting import ActFunction, EpisodicPolicy, act_on, begin
 from backend.simulation.fast import FastEngine, Floats, rollout
 from backend.simulation.scene import Pose, Scene, SceneError
 from backend.simulation.scenes import check_scene, scene_to_row
@@ -30,7 +30,7 @@ MARGIN_M = 1.0  # ours: an open field is shown this far around everything in it
 SETTLING_STEPS = 60  # ours: 12 s, six full turns at the fastest
 WINDOW_STEPS = 30  # ours: an oscillation's range is taken over the last 6 s
 STILL_STEPS, STILL_RAD = 10, 0.01  # ours: turned less than this within 2 s: settled, no need to wait any longer
-PATH_POINTS_PER_CELL = 5  # ours: a drive is looked at this often per cell, so that it jumps over no cell
+PATH_POINTS_PER_CELL = 5  # ours: a rollout is looked at this often per cell, so that it jumps over no cell
 NOTHING = -1
 """`outcome` of a cell that nobody drove from."""
 
@@ -71,8 +71,8 @@ class FlowField:
     free: the robot's disc, centred in the cell, touches nothing. heading: rad in (-pi, pi], NaN where nothing is free
     or the robot never stops turning round. speed: m/s that it would drive with that heading, NaN likewise.
     oscillation: rad, the range in which the heading keeps swinging, 0 where it stands still, NaN where it turns round.
-    outcome: how the drive from there ended (`Outcome`), NOTHING where none began. traversals: how often drives entered
-    the cell, a drive's first cell included; staying in a cell counts once, coming back counts again.
+    outcome: how the rollout from there ended (`Outcome`), NOTHING where none began. traversals: how often they entered
+    the cell, a rollout's first cell included; staying in a cell counts once, coming back counts again.
     """
 
     scene: Scene
@@ -85,13 +85,13 @@ class FlowField:
     traversals: NDArray[np.int32]
 
     @property
-    def drives(self) -> int:
-        """How many drives there were: one from every free cell outside the goal."""
+    def rollouts(self) -> int:
+        """How many rollouts there were: one from every free cell outside the goal."""
         return int((self.outcome != NOTHING).sum())
 
     def share(self, outcome: Outcome) -> float:
-        """The share of drives that ended like this; NaN without any drive."""
-        return float((self.outcome == outcome).sum() / self.drives) if self.drives else math.nan
+        """The share of rollouts that ended like this; NaN without any."""
+        return float((self.outcome == outcome).sum() / self.rollouts) if self.rollouts else math.nan
 
     def velocity(self) -> tuple[Floats, Floats]:
         """Components along x and y, m/s, of the vector field; NaN where there is none."""
@@ -191,16 +191,16 @@ def free_cells(scene: Scene, grid: Grid) -> Flags:
     )
 
 
-def flow_field(act: ActFunction | Driver, setup: Setup, scene: Scene, *, cell_m: float = CELL_M) -> FlowField:
+def flow_field(act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, *, cell_m: float = CELL_M) -> FlowField:
     """The policy's flow field in one scene, all cells at once.
 
     Settling: in every free cell, first facing the goal, the robot follows the angular command alone. Its observation
-    says what is true then: forward velocity 0, angular velocity the one just driven (where the setup observes
+    says what is true then: forward velocity 0, angular velocity the one just executed (where the setup observes
     velocities). It has settled when it turns less than STILL_RAD in STILL_STEPS; after SETTLING_STEPS the middle of
     the range of the last WINDOW_STEPS counts; a robot that never reverses within them turns round and has no heading.
     The goal ends nothing while settling. The speed is the forward command of a robot that stands there with its
     settled heading. Roll-outs begin standing with that heading (facing the goal where there is none), in every free
-    cell outside the goal, and end as an episode does. A driver that remembers settles by what it does without memory.
+    cell outside the goal, and end as an episode does. A policy that remembers settles by what it does without memory.
 
     Raises SetupError where scene and setup differ, SceneError for a bad scene, ValueError for a bad cell size.
     """
@@ -217,7 +217,7 @@ def flow_field(act: ActFunction | Driver, setup: Setup, scene: Scene, *, cell_m:
     heading, oscillation, speed = _settled(act, setup, scene, places, facing)
     start = np.where(np.isnan(heading), facing, heading)
     outside = np.linalg.norm(to_goal, axis=1) > scene.goal_radius
-    outcomes, traversals = _driven(act, setup, scene, grid, np.column_stack([places, start])[outside])
+    outcomes, traversals = _rolled_out(act, setup, scene, grid, np.column_stack([places, start])[outside])
 
     def on_grid(values: Doubles) -> Floats:
         spread = np.full(grid.shape, np.nan, dtype=np.float32)
@@ -230,7 +230,7 @@ def flow_field(act: ActFunction | Driver, setup: Setup, scene: Scene, *, cell_m:
 
 
 def _settled(
-    act: ActFunction | Driver, setup: Setup, scene: Scene, places: Doubles, facing: Doubles
+    act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, places: Doubles, facing: Doubles
 ) -> tuple[Doubles, Doubles, Doubles]:
     """Heading, oscillation (rad) and speed (m/s) of robots at places (n, 2): (n,) each, NaN where one never settles."""
     n = len(places)
@@ -277,8 +277,8 @@ def _settled(
     return heading, oscillation, speed
 
 
-def _driven(
-    act: ActFunction | Driver, setup: Setup, scene: Scene, grid: Grid, poses: Doubles
+def _rolled_out(
+    act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, grid: Grid, poses: Doubles
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
     """Drive from every pose (n, 3) to the end: outcomes (n,) and how often each cell was entered (rows, columns)."""
     counts = np.zeros(grid.shape[0] * grid.shape[1], dtype=np.int64)
@@ -352,8 +352,8 @@ def spread_starts(scene: Scene, count: int) -> list[Scene]:
     return chosen
 
 
-def drives_from(
-    acts: Mapping[str, ActFunction | Driver], setup: Setup, starts: Sequence[Scene]
+def rollouts_from(
+    acts: Mapping[str, ActFunction | EpisodicPolicy], setup: Setup, starts: Sequence[Scene]
 ) -> dict[str, list[Trajectory]]:
     """Every policy, by name, from every start: one trajectory per start, in order."""
     return {name: rollout(setup, act, starts) for name, act in acts.items()}

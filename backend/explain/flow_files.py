@@ -17,7 +17,7 @@ import numpy as np
 
 from backend.explain import flow_field as flow
 from backend.explain.flow_words import ENGLISH, Words
-from backend.simulation.driving import ActFunction, Driver
+from backend.simulation.acting import ActFunction, EpisodicPolicy
 from backend.simulation.scene import Scene
 from backend.simulation.setups import Setup
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -32,7 +32,7 @@ class FigureFiles:
 
 
 def flow_files(
-    policies: Sequence[tuple[str, ActFunction | Driver]],
+    policies: Sequence[tuple[str, ActFunction | EpisodicPolicy]],
     setup: Setup,
     scene: Scene,
     *,
@@ -74,36 +74,41 @@ def flow_files(
 
 
 def starts_files(
-    policies: Mapping[str, ActFunction | Driver], setup: Setup, scene: Scene, *, starts: int, words: Words = ENGLISH
+    policies: Mapping[str, ActFunction | EpisodicPolicy],
+    setup: Setup,
+    scene: Scene,
+    *,
+    starts: int,
+    words: Words = ENGLISH,
 ) -> FigureFiles:
     """All named policies from the same starts in one scene: trajectories.png, .svg and .csv."""
     from backend.explain import scene_plots  # matplotlib is slow to import
 
-    drives = flow.drives_from(policies, setup, flow.spread_starts(scene, starts))
-    figure = scene_plots.starts_figure(drives, title=f"{setup.name} {scene.seed}", words=words)
+    rollouts = flow.rollouts_from(policies, setup, flow.spread_starts(scene, starts))
+    figure = scene_plots.starts_figure(rollouts, title=f"{setup.name} {scene.seed}", words=words)
     about = f"trajectories, {setup.name} scene {scene.seed}: " + ", ".join(policies)
-    shown = len(next(iter(drives.values())))
+    shown = len(next(iter(rollouts.values())))
     numbers = {
         "setup": setup.name,
         "scene_seed": scene.seed,
         "starts": shown,
         "policies": [
-            {"name": name, "arrived": sum(one.outcome == Outcome.SUCCESS for one in driven)}
-            for name, driven in drives.items()
+            {"name": name, "arrived": sum(one.outcome == Outcome.SUCCESS for one in of_one)}
+            for name, of_one in rollouts.items()
         ],
     }
     columns = ("policy", "start", "time_s", "x_m", "y_m", "yaw_rad", "outcome")
     files = {
         "trajectories.png": scene_plots.encoded(figure, "png", about),
         "trajectories.svg": scene_plots.encoded(figure, "svg", about),
-        "trajectories.csv": _table(columns, _poses(drives)),
+        "trajectories.csv": _table(columns, _poses(rollouts)),
     }
     return FigureFiles(files, numbers)
 
 
-def _poses(drives: Mapping[str, Sequence[Trajectory]]) -> Iterable[tuple[object, ...]]:
-    for name, driven in drives.items():
-        for start, one in enumerate(driven):
+def _poses(rollouts: Mapping[str, Sequence[Trajectory]]) -> Iterable[tuple[object, ...]]:
+    for name, of_one in rollouts.items():
+        for start, one in enumerate(of_one):
             for time, pose in zip(one.times, one.poses, strict=True):
                 told = (round(float(value), 4) for value in pose)
                 yield (name, start, round(float(time), 1), *told, one.outcome.name.lower())
@@ -116,7 +121,7 @@ def _describe(name: str, field: flow.FlowField) -> dict[str, Any]:
         "free_cells": int(field.free.sum()),
         "cells_without_heading": int((field.free & np.isnan(field.heading)).sum()),
         "mean_oscillation_rad": _finite(float(swinging.mean())) if swinging.size else None,
-        "trajectories": field.drives,
+        "trajectories": field.rollouts,
         "success_rate": _finite(field.share(Outcome.SUCCESS)),
         "collision_rate": _finite(field.share(Outcome.COLLISION)),
         "timeout_rate": _finite(field.share(Outcome.TIMEOUT)),

@@ -1,4 +1,4 @@
-"""Figures for papers with matplotlib: flow fields, two of them with their difference, drives from several starts.
+"""Figures for papers with matplotlib: flow fields, two of them with their difference, rollouts from several starts.
 
 Numbers come from `flow_field.py`; texts can be given in any language. Importing this loads matplotlib, which is slow:
 import it where a figure is drawn. No pyplot, so nothing is kept between figures.
@@ -46,7 +46,7 @@ PANEL_IN = 3.4  # width of one scene: two fit a page of text
 DOTS_PER_INCH = 200
 STREAM_GAP_M = 0.5  # ours: about this far between streamlines
 THINNEST, THICKEST = 0.3, 1.2  # points, for 0 m/s and the setup's fastest
-MARGIN_M = 0.25  # around drives that leave the grid
+MARGIN_M = 0.25  # around trajectories that leave the grid
 ALIKE_DRIVES = 10  # differences of fewer traversals are drawn linearly, larger ones by their logarithm
 STYLE: Any = {  # matplotlib's own type is a literal of all its settings
     "font.size": 8,
@@ -65,7 +65,7 @@ STYLE: Any = {  # matplotlib's own type is a literal of all its settings
 
 
 def flow_figure(field: FlowField, *, title: str, words: Words = ENGLISH) -> Figure:
-    """One policy in one scene: streamlines of its settled headings, thick where fast, over the heat map of drives."""
+    """One policy in one scene: streamlines of its settled headings, thick where fast, over the heat map of rollouts."""
     with mpl.rc_context(STYLE):
         figure, axes = _panels(field.grid.extent, 1, 1, legend_lines=2)
         axes[0].set_title(title)
@@ -77,7 +77,7 @@ def flow_figure(field: FlowField, *, title: str, words: Words = ENGLISH) -> Figu
 
 
 def pair_figure(apart: FlowDifference, *, titles: tuple[str, str], words: Words = ENGLISH) -> Figure:
-    """Two policies in one scene above; below the angle between their headings and the difference of their drives."""
+    """Two policies in one scene above; below the angle between their headings and the difference of their rollouts."""
     with mpl.rc_context(STYLE):
         scene, extent = apart.first.scene, apart.first.grid.extent
         figure, axes = _panels(extent, 2, 2, legend_lines=1)
@@ -100,22 +100,22 @@ def pair_figure(apart: FlowDifference, *, titles: tuple[str, str], words: Words 
     return figure
 
 
-def starts_figure(drives: Mapping[str, Sequence[Trajectory]], *, title: str, words: Words = ENGLISH) -> Figure:
-    """Several policies from the same starts in one scene, one colour each; a cross where a drive did not arrive.
+def starts_figure(rollouts: Mapping[str, Sequence[Trajectory]], *, title: str, words: Words = ENGLISH) -> Figure:
+    """Several policies from the same starts in one scene, one colour each; a cross where one did not arrive.
 
-    drives: trajectories per policy, all in one scene but for the start. Raises ValueError for none.
+    rollouts: trajectories per policy, all in one scene but for the start. Raises ValueError for none.
     """
-    every = [trajectory for trajectories in drives.values() for trajectory in trajectories]
+    every = [trajectory for trajectories in rollouts.values() for trajectory in trajectories]
     if not every:
-        raise ValueError("drives: none given")
+        raise ValueError("rollouts: none given")
     scene = every[0].scene
     extent = _around(grid_of(scene).extent, every)
     with mpl.rc_context(STYLE):
-        figure, axes = _panels(extent, 1, 1, legend_lines=max(3, len(drives)))
+        figure, axes = _panels(extent, 1, 1, legend_lines=max(3, len(rollouts)))
         ax = axes[0]
         ax.set_title(title)
         lines = []
-        for number, (name, trajectories) in enumerate(drives.items()):
+        for number, (name, trajectories) in enumerate(rollouts.items()):
             colour = DATA[number % len(DATA)]
             dashes: Literal["-", "--"] = "--" if number // len(DATA) % 2 else "-"  # more policies than colours
             paths = [trajectory.poses[:, :2] for trajectory in trajectories]
@@ -133,7 +133,7 @@ def starts_figure(drives: Mapping[str, Sequence[Trajectory]], *, title: str, wor
 
 
 def _around(extent: Extent, trajectories: Sequence[Trajectory]) -> Extent:
-    """The extent (m), wider where a drive leaves it: in an open field nothing holds a drive back."""
+    """The extent (m), wider where a trajectory leaves it: in an open field nothing holds a robot back."""
     places = np.concatenate([trajectory.poses[:, :2] for trajectory in trajectories])
     low, high = places.min(axis=0) - MARGIN_M, places.max(axis=0) + MARGIN_M
     left, right, bottom, top = extent
@@ -193,8 +193,8 @@ def _image(
 
 
 def _flow(ax: Axes, field: FlowField, norm: LogNorm) -> AxesImage:
-    driven = np.where(field.traversals > 0, field.traversals.astype(float), np.nan)
-    image = _image(ax, driven, field.grid.extent, MANY, norm)
+    entered = np.where(field.traversals > 0, field.traversals.astype(float), np.nan)
+    image = _image(ax, entered, field.grid.extent, MANY, norm)
     along_x, along_y = (np.ma.masked_invalid(part) for part in field.velocity())
     if along_x.count() > 0 and min(field.grid.shape) > 1:
         fastest = get_setup(field.scene.setup).limits.v_max
@@ -293,7 +293,7 @@ def draw_person(ax: Axes, scene: Scene, colour: str = PERSON) -> None:
 
 
 def _legend(figure: Figure, words: Words, flowing: Scene | None, lines: Sequence[Line2D] = ()) -> None:
-    """What the marks mean; `flowing` where streamlines are drawn, `lines` for drives."""
+    """What the marks mean; `flowing` where streamlines are drawn, `lines` for trajectories."""
     marks = [
         Line2D([], [], linestyle="none", marker="o", color=INK, markersize=4, label=words.start),
         Line2D([], [], linestyle="none", marker="o", color=INK, markersize=6, fillstyle="none", label=words.goal),
@@ -304,7 +304,7 @@ def _legend(figure: Figure, words: Words, flowing: Scene | None, lines: Sequence
         marks.append(Line2D([], [], color=INK, linewidth=THICKEST, label=words.streams.format(fastest=f"{fastest:g}")))
     columns = 2 if lines or figure.get_figwidth() < 1.5 * PANEL_IN else 4
     handles = [*marks, *lines]
-    if lines:  # marks left, drives right
+    if lines:  # marks left, trajectories right
         longest = max(len(marks), len(lines))
         empty = [Line2D([], [], linestyle="none", label=" ") for _ in range(longest - len(marks))]
         handles = [*marks, *empty, *lines]

@@ -397,7 +397,7 @@ def _comparisons(
     rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
     different: list[tuple[Trajectory, Trajectory]] = []
     alike: list[tuple[Trajectory, Trajectory]] = []
-    rollouts = [rollout(setup, policy.driver, scenes) for policy, _ in (rival, own)]
+    rollouts = [rollout(setup, policy.rollout_policy, scenes) for policy, _ in (rival, own)]
     for of_rival, of_own in zip(*rollouts, strict=True):
         if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
             (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))

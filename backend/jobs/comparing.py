@@ -58,7 +58,7 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     compared = compare_tables(a, b)
     sides = [(artefact_a, policy_a, a), (artefact_b, policy_b, b)]
     shown = scenes[: params.replays]
-    trajectories = [rollout(get_setup(setup), policy.driver, shown) if shown else [] for _, policy, _ in sides]
+    trajectories = [rollout(get_setup(setup), policy.rollout_policy, shown) if shown else [] for _, policy, _ in sides]
     content = {
         "format": "desirepath-comparison-1",
         "setup": setup,

@@ -10,9 +10,9 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from backend.demonstrations.controllers import DWA, SOCIAL_COST, drive
+from backend.demonstrations.controllers import DWA, SOCIAL_COST, roll_out
 from backend.demonstrations.demonstration import Demonstration
-from backend.demonstrations.judging import judge_drives
+from backend.demonstrations.judging import judge_rollouts
 from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
 from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.jobs.context import JobContext
@@ -43,8 +43,8 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     config = DemonstrationConfig(seed=params.seed, updates=params.updates)
     trained = train_with_demonstrations(demonstrations, config, context.progress.part(0.02, 0.9))
     policy = trained.policy.without_critic()
-    drives = drive(policy, [d.scene for d in demonstrations])
-    judged = judge_drives(drives, demonstrations)
+    drives = roll_out(policy, [d.scene for d in demonstrations])
+    judged = judge_rollouts(drives, demonstrations)
     passed = judged.success_rate >= params.gate_least_success
     policy_id = keep(
         context,
@@ -96,7 +96,7 @@ def _situations(
 ) -> tuple[list[dict[str, Any]], list[bool]]:
     """Drives of all three controllers in the demonstrated pairs, and where own and dynamic window both arrive."""
     scenes = [demonstration_scene(policy.setup, pair) for pair in pairs]
-    own, dwa, social = (drive(controller, scenes) for controller in (policy, DWA, SOCIAL_COST))
+    own, dwa, social = (roll_out(controller, scenes) for controller in (policy, DWA, SOCIAL_COST))
     found = zip(
         scenes,
         own,

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from backend.analysis.choices import (
     agreement,
     cohens_kappa,
-    is_circular,
     mostly,
     share_over_people,
-    whole_triads,
 )
+from backend.analysis.intervals import clustered_share, within
 from backend.analysis.metrics import measure
 from backend.analysis.tested import Mean, Tested, corrected, mean_of
+from backend.analysis.triads import is_circular, whole_triads
 from backend.report.analysis_plan import AnalysisPlan, Metric
 from backend.report.study_data import PROBES, TRIAD, Choice, Comparison, Load
 
@@ -33,7 +33,8 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class Agreement:
-    """How often the same people chose alike, over people. kappa: of the places chosen (first or second shown).
+    """How often the same people chose alike, over people. kappa: of the trajectories chosen, called by the place (first
+    or second shown) that they had when they were first shown.
 
     no_kappa: people whose kappa is not defined, because they always chose the same place.
     """
@@ -95,7 +96,10 @@ def of_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) 
     seconds = [[one.decision_s for one in given if one.decision_s is not None] for given in by_person.values()]
     return OfCondition(
         answers=len(regular),
-        second_shown=mean_of([float(np.mean([o.second_chosen for o in given])) for given in by_person.values()]),
+        second_shown=clustered_share(
+            [float(np.mean([one.second_chosen for one in given])) for given in by_person.values()],
+            [len(given) for given in by_person.values()],
+        ),
         decision_s=mean_of([float(np.median(one)) for one in seconds if one]),
         repeat=again["repeat"],
         swap=again["swap"],
@@ -121,26 +125,32 @@ def _both(given: Sequence[Choice], pair: Pair) -> list[tuple[Choice, Choice]]:
 
 
 def _over_people(pairs: Mapping[str, Sequence[tuple[Choice, Choice]]], fewest: int = 1) -> Agreement:
-    shares, kappas = [], []
+    shares, sizes, kappas = [], [], []
     for given in pairs.values():
         if len(given) < fewest:
             continue
+        sizes.append(len(given))
         shares.append(agreement([a.chosen for a, _ in given], [b.chosen for _, b in given]))
-        kappas.append(cohens_kappa([a.second_chosen for a, _ in given], [b.second_chosen for _, b in given]))
-    return Agreement(mean_of(shares), mean_of(kappas), sum(math.isnan(kappa) for kappa in kappas))
+        # places are those of the first answer: with the sides swapped whoever is steady takes the other place
+        kappas.append(cohens_kappa([a.second_chosen for a, _ in given], [b.chosen == a.second for a, b in given]))
+    kappa = within(mean_of(kappas), -1.0, 1.0)
+    return Agreement(clustered_share(shares, sizes), kappa, sum(math.isnan(kappa) for kappa in kappas))
 
 
 def triads_of(choices: Sequence[Choice], condition: str) -> Triads | None:
     """The condition's triads that were answered whole; None where there are none."""
     asked = [one for one in choices if one.role == TRIAD and one.condition == condition]
     shares: list[float] = []
+    sizes: list[int] = []
     count = circular = 0
     for given in _by_person(asked).values():
         whole = whole_triads({frozenset({one.first, one.second}): one for one in given})
         ways = sum(is_circular([(one.chosen, one.rejected) for one in three]) for three in whole)
         count, circular = count + len(whole), circular + ways
-        shares += [ways / len(whole)] if whole else []
-    return Triads(count, circular, mean_of(shares)) if count else None
+        if whole:
+            shares.append(ways / len(whole))
+            sizes.append(len(whole))
+    return Triads(count, circular, clustered_share(shares, sizes)) if count else None
 
 
 def disagreement(

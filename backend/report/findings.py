@@ -33,10 +33,12 @@ from backend.report.rating_findings import (
     ScaleResult,
     demographics,
     item_results,
+    measures,
     ranking_results,
     scale_results,
 )
 from backend.report.study_data import Choice, Load, ParticipantRow, StudyData
+from backend.report.study_design import StudyDesign, designs_of
 from backend.store.who_counts import FINISHED, is_asked_for, left_out
 
 Who = Literal["people", "simulated", "all"]
@@ -69,6 +71,7 @@ class Findings:
     declared_hash: str | None
     deviations: Sequence[str]
     conditions: Sequence[str]
+    designs: Sequence[StudyDesign]
     flow: Flow
     orders: Mapping[str, int]
     demographics: Sequence[Described]
@@ -85,13 +88,21 @@ class Findings:
     @property
     def tests(self) -> list[Tested]:
         """Every tested result, in the report's order."""
-        families = [[one.test, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
+        families = [[*one.tests, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
         return [test for family in families for test in family] + [one.test for one in self.personalised]
 
 
-def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan | None = None) -> Findings:
+def analyse(
+    data: StudyData,
+    load: Load,
+    who: Who = "people",
+    plan: AnalysisPlan | None = None,
+    *,
+    intervals: bool = True,
+) -> Findings:
     """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
     Declared is what the study began with; a plan that came with a later version is used and told as deviations.
+    intervals: of effects, which take most of the time.
 
     Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
     """
@@ -112,6 +123,7 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
     conditions = own.conditions
     regular = [one for one in own.choices if one.role == "regular"]
     queried = conditions if regular else ()  # otherwise they were rated only
+    designs, scales = designs_of(own), scale_results(own)
     return Findings(
         who=who,
         analysed=tuple(one.code for one in kept),
@@ -121,12 +133,13 @@ def analyse(data: StudyData, load: Load, who: Who = "people", plan: AnalysisPlan
         declared_hash=declared.digest() if declared else None,
         deviations=deviations(declared, used),
         conditions=conditions,
+        designs=designs,
         flow=_flow(everyone, kept, used),
         orders=dict(sorted(Counter(", ".join(c for c in one.order if c in conditions) for one in kept).items())),
         demographics=demographics(own),
-        items=item_results(own.ratings, conditions, used, own),
-        rankings=ranking_results(own.ratings, used, own),
-        scales=scale_results(own),
+        items=item_results(measures(own, used, scales), designs, used, intervals=intervals),
+        rankings=ranking_results(own.ratings, used, own, intervals=intervals),
+        scales=scales,
         of_condition={name: of_condition(own.choices, name, used) for name in queried},
         between={pair: between(regular, pair) for pair in combinations(queried, 2)},
         triads={name: found for name in queried if (found := triads_of(own.choices, name))},

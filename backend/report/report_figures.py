@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from backend.analysis.tested import Mean
+from backend.analysis.tested import Mean, star_bounds
 from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
 from backend.report.analysis_plan import METRICS
@@ -59,52 +60,63 @@ def items_picture(found: Findings) -> Picture:
         figure, axes = blank(columns, 1.55 * columns + 0.4, 2.1 * lines + 0.5, rows=lines)
         for ax, item in zip(axes, found.items, strict=False):
             _item(ax, item, found)
-        _same_heights(axes[: len(found.items)])
+        for ends in {(one.item.lowest, one.item.points) for one in found.items}:
+            alike = [
+                ax for ax, one in zip(axes, found.items, strict=False) if (one.item.lowest, one.item.points) == ends
+            ]
+            _same_heights(alike)
         for ax in axes[len(found.items) :]:
             ax.set_visible(False)
         for ax in axes[::columns]:
             ax.set_ylabel("mean rating")
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(found.conditions), frameon=False)
+        handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+        figure.legend(
+            handles.values(), handles.keys(), loc="outside lower center", ncols=min(4, len(handles)), frameon=False
+        )
     rows: Rows = [
         {
             "item": item.item.key,
             "text": item.item.text,
             "reversed": item.item.reversed,
             "condition": name,
-            **_mean_row(item.means[name]),
-            "friedman_chi2": item.test.statistic,
-            "friedman_p": item.test.p,
-            "friedman_p_corrected": item.test.p_corrected,
+            **_mean_row(mean),
+            "test": item.test.test,
+            "of": item.test.about,
+            "statistic": item.test.statistic,
+            "p": item.test.p,
+            "p_corrected": item.test.p_corrected,
         }
         for item in found.items
-        for name in found.conditions
+        for name, mean in item.means.items()
     ]
-    where = "" if found.plan.pairs == "always" else " in items where the conditions differ (Friedman)"
+    where = "" if found.plan.pairs == "always" else ", in items where the conditions differ"
+    over = "all items" if found.plan.pairs_over == "items" else "an item's pairs"
+    marks = ", ".join(f"{'*' * (k + 1)} p ≤ {bound:g}" for k, bound in enumerate(star_bounds(found.plan.alpha)))
     caption = (
-        "Mean ratings with standard errors over people. Brackets: pairs of conditions that differ (Wilcoxon, "
-        f"Bonferroni over the pairs){where}; * p ≤ 0.05, ** 0.01, *** 0.001."
+        "Mean ratings with standard errors over people. Brackets: conditions that differ, corrected over "
+        f"{over}{where}; {marks}."
     )
     return Picture("items", "Questionnaire after each block", caption, figure, rows)
 
 
 def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
     heights = []
-    for k, name in enumerate(found.conditions):
-        mean = item.means[name]
-        ax.bar(k, mean.mean - 1, bottom=1, width=0.7, color=DATA[k % len(DATA)], label=told(name))
+    lowest, top = item.item.lowest, item.item.points
+    unit = (top - lowest) / 6  # of a scale from 1 to 7
+    for k, (name, mean) in enumerate(item.means.items()):
+        ax.bar(k, mean.mean - lowest, bottom=lowest, width=0.7, color=DATA[k % len(DATA)], label=told(name))
         ax.errorbar(k, mean.mean, yerr=mean.se, color=INK, linewidth=0.9, capsize=2)
         heights.append(mean.mean + mean.se)
-    top = item.item.points
-    level = max(top, max(heights) + 0.3)
-    pairs = [(i, j) for i in range(len(found.conditions)) for j in range(i + 1, len(found.conditions))]
-    for (i, j), test in zip(pairs, item.pairs, strict=False):
+    level = max(top, max(heights) + 0.3 * unit)
+    pairs = [] if item.design.factorial else list(combinations(range(len(item.means)), 2))
+    for (i, j), test in zip(pairs, item.tests if len(item.means) == 2 else item.pairs, strict=False):
         if test.significant(found.plan.alpha):
-            ax.plot([i, i, j, j], [level, level + 0.12, level + 0.12, level], color=INK, linewidth=0.7)
-            ax.text((i + j) / 2, level + 0.1, test.stars, ha="center", va="bottom", fontsize=7)
-            level += 0.6
-    ax.set(title=told(item.item.key), xticks=[], ylim=(1, max(top, level) + 0.2))
-    ax.set_yticks(range(1, top + 1))
+            ax.plot([i, i, j, j], [level, level + 0.12 * unit, level + 0.12 * unit, level], color=INK, linewidth=0.7)
+            ax.text((i + j) / 2, level + 0.1 * unit, test.stars(found.plan.alpha), ha="center", va="bottom", fontsize=7)
+            level += 0.6 * unit
+    ax.set(title=told(item.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
+    if item.item.type != "score":
+        ax.set_yticks(range(round(lowest), top + 1))
     quiet(ax)
 
 
@@ -177,9 +189,9 @@ def agreement_picture(found: Findings) -> Picture:
         quiet(ax)
     rows: Rows = [{"kind": kind, "what": words, **_mean_row(mean)} for kind, words, mean in lines]
     caption = (
-        "Share of a person's answers that are the same for the same queries, mean over people with 95 % intervals "
-        "(Student's t). Dotted line: guessing. Agreement between conditions can hardly be higher than that of people "
-        "with themselves within one."
+        "Share of a person's answers that are the same for the same queries, mean over people with 95 % "
+        "intervals (Wilson's, over people). Dotted line: guessing. Agreement between conditions can hardly be higher "
+        "than that of people with themselves within one."
     )
     return Picture("agreement", "Agreement between and within conditions", caption, figure, rows)
 
@@ -246,7 +258,7 @@ def personalised_picture(found: Findings) -> Picture:
     ]
     caption = (
         "Blind comparisons: share of a person's choices that went to the own policy, mean and 95 % interval over "
-        "people (Student's t)."
+        "people (Wilson's)."
     )
     return Picture("personalised", "The own policy against others", caption, figure, rows)
 

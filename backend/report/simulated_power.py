@@ -51,7 +51,11 @@ def no_trajectories(trajectory: str) -> Any:
 def analysed(data: StudyData, plan: AnalysisPlan) -> Findings:
     """A made-up study's analysis, as a real one's, without what needs trajectories. It has no other questionnaires."""
     return analyse(
-        data, no_trajectories, "simulated", plan.model_copy(update={"metrics": (), "items": None, "ranking": None})
+        data,
+        no_trajectories,
+        "simulated",
+        plan.model_copy(update={"metrics": (), "items": None, "ranking": None}),
+        intervals=False,
     )
 
 

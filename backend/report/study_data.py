@@ -20,7 +20,8 @@ Load = Callable[[str], Trajectory]
 
 @dataclass(frozen=True)
 class ParticipantRow:
-    """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came."""
+    """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came.
+    groups: stage -> what of a block's `one_of` this participant meets, levels joined by "-"."""
 
     code: str
     simulated: bool
@@ -28,6 +29,7 @@ class ParticipantRow:
     withdrawn: bool
     state: str
     order: tuple[str, ...]
+    groups: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ class Comparison:
 
 @dataclass(frozen=True)
 class ItemText:
-    """An item as its questionnaire words it, in the report's language. points: of a scale. options: value -> label.
+    """An item as its questionnaire words it, in the report's language. options: value -> label. lowest, points: the
+    ends of its scale; type `score`: of a validated scale of several items.
 
     instructed: an attention check, whose answer is no opinion; it is in no rating.
     """
@@ -93,6 +96,7 @@ class ItemText:
     options: Mapping[str, str]
     reversed: bool = False
     instructed: bool = False
+    lowest: float = 1.0
 
 
 @dataclass(frozen=True)

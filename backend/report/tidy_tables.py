@@ -109,6 +109,7 @@ def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:
         withdrawn=row["withdrawn"],
         state=last.get("state", "none"),
         order=tuple(order),
+        groups=(last.get("assignment") or {}).get("groups", {}),
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
-from backend.simulation.driving import ActFunction, ActionError, Driver, begin
+from backend.simulation.acting import ActFunction, ActionError, EpisodicPolicy, begin
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import ScenePool, check_scene, row_columns, row_to_scene, scene_to_row, scenes_to_rows
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
@@ -275,7 +275,7 @@ class FastEngine:
 
 
 def rollout(
-    setup: Setup, act: ActFunction | Driver, scenes: Sequence[Scene], *, max_steps: int | None = None
+    setup: Setup, act: ActFunction | EpisodicPolicy, scenes: Sequence[Scene], *, max_steps: int | None = None
 ) -> list[Trajectory]:
     """Drive every scene once with one policy: one full trajectory per scene, in order.
 
@@ -283,7 +283,7 @@ def rollout(
     """
     limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
     steer = begin(act, len(scenes))
-    return _drive_all(setup, lambda _, observations, running: steer(observations, running), scenes, limit)
+    return _roll_out_all(setup, lambda _, observations, running: steer(observations, running), scenes, limit)
 
 
 def replay(setup: Setup, scenes: Sequence[Scene], actions: Sequence[Floats]) -> list[Trajectory]:
@@ -294,10 +294,10 @@ def replay(setup: Setup, scenes: Sequence[Scene], actions: Sequence[Floats]) -> 
     longest = min(setup.max_steps, max((len(a) for a in actions), default=0))
     padded = [np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in actions]
     together = np.stack(padded) if padded else np.zeros((0, 0, 2), dtype=np.float32)
-    return _drive_all(setup, lambda step, _, running: together[running, step], scenes, longest)
+    return _roll_out_all(setup, lambda step, _, running: together[running, step], scenes, longest)
 
 
-def _drive_all(
+def _roll_out_all(
     setup: Setup,
     choose: Callable[[int, Floats, NDArray[np.int64]], Floats],
     scenes: Sequence[Scene],
@@ -377,7 +377,7 @@ class EpisodeTable:
         return len(self.outcome)
 
 
-def evaluate(act: ActFunction | Driver, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
+def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
     """Drive every scene once to its end and keep the numbers, not the trajectories."""
     if not scenes:
         raise ValueError("scenes: none given; evaluation needs at least one")

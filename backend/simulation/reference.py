@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation import kernels as k
-from backend.simulation.driving import ActFunction, ActionError, Driver, begin
+from backend.simulation.acting import ActFunction, ActionError, EpisodicPolicy, begin
 from backend.simulation.fast import EpisodeTable, Floats, rules_of, table_of
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import check_scene, scene_to_row
@@ -54,7 +54,7 @@ def _pybullet() -> Any:
 class ReferenceEngine:
     """One robot of one setup in PyBullet (DIRECT).
 
-    drive_mode `velocity`: the commanded velocity is set on the base before every physics step; the drive ends before
+    drive_mode `velocity`: the commanded velocity is set on the base before every physics step; the rollout ends before
     contact forces would matter, so they are off. `wheels`: wheel motors on a TurtleBot-like robot that stands on a
     floor with friction; commands are reached with the motors' delay.
 
@@ -306,7 +306,7 @@ class ReferenceEngine:
 
 def rollout_reference(
     setup: Setup,
-    act: ActFunction | Driver,
+    act: ActFunction | EpisodicPolicy,
     scenes: Sequence[Scene],
     *,
     drive_mode: DriveMode = "velocity",
@@ -349,7 +349,7 @@ def rollout_reference(
 
 
 def evaluate_reference(
-    act: ActFunction | Driver, setup: Setup, scenes: Sequence[Scene], *, drive_mode: DriveMode = "velocity"
+    act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene], *, drive_mode: DriveMode = "velocity"
 ) -> EpisodeTable:
     """As `fast.evaluate`, in PyBullet. Raises ValueError for no scenes."""
     return table_of(rollout_reference(setup, act, scenes, drive_mode=drive_mode))

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import interpolate
 
 Doubles = NDArray[np.float64]
 KNOTS_EVERY_S = 0.2
@@ -82,6 +81,8 @@ class Walk:
 
     @cached_property
     def _curve(self) -> Any:
+        from scipy import interpolate  # 0.4 s: a server that walks nobody starts without it
+
         return interpolate.PchipInterpolator(self.times_s, np.array([self.x, self.y, self.yaw]).T)
 
     def poses_at(self, times_s: ArrayLike) -> Doubles:
@@ -93,6 +94,8 @@ class Walk:
 
 def _smooth(times: Doubles, values: Doubles, tremble: float) -> Any:
     """The smoothest spline through values (n,) at times (n,) that stays as near to them as a tremble allows."""
+    from scipy import interpolate
+
     weights = np.full(len(times), 1 / tremble)
     for smoothing in SMOOTHINGS:
         smooth = interpolate.UnivariateSpline(

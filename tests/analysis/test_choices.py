@@ -13,8 +13,8 @@ from backend.analysis.choices import (
     first_choice_pairs,
     mostly,
     share_over_people,
-    whole_triads,
 )
+from backend.analysis.triads import whole_triads
 
 
 def test_chi_square_of_rs_example() -> None:
@@ -27,7 +27,7 @@ def test_chi_square_of_rs_example() -> None:
 def test_the_thesis_s_ranking_of_intention_to_use() -> None:
     """29 of 32 chose VR first, nobody FPV (spec 07): z of VR against top-down is 26 / sqrt(32) = 4.60."""
     names = ("immersive", "top_down", "first_person")
-    assert equal_first_choices([29, 3, 0], about="intention").stars == "***"
+    assert equal_first_choices([29, 3, 0], about="intention").stars() == "***"
     pairs = first_choice_pairs([29, 3, 0], names, about="intention")
     assert [test.statistic for test in pairs] == pytest.approx([26 / math.sqrt(32), math.sqrt(29), math.sqrt(3)])
     assert pairs[0].direction == "immersive is more often the first choice than top_down"

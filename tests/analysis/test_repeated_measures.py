@@ -27,9 +27,13 @@ SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
 
 def test_friedman_of_the_baseball_players() -> None:
     test = friedman(ROUNDING_S, about="seconds")
-    assert (test.statistic, test.df, test.p) == pytest.approx((11.143, 2, 0.003805), abs=5e-4)
+    assert (test.statistic, test.df) == pytest.approx((11.143, 2), abs=5e-4)
+    assert stats.chi2.sf(test.statistic, 2) == pytest.approx(0.003805, abs=5e-6)
+    assert (test.method, test.p) == ("exact", pytest.approx(0.00315, abs=5e-6))
     assert test.effect == pytest.approx(11.1429 / 44, abs=1e-4)
-    assert test.sentence() == "Seconds: the conditions differ, χ²(2, N = 22) = 11.14, p = 0.004, Kendall's W = 0.25."
+    assert test.sentence() == (
+        "Seconds: the conditions differ, χ²(2, N = 22) = 11.14, p = 0.003 (exact), Kendall's W = 0.25 [0.03, 0.61]."
+    )
 
 
 def test_wilcoxon_of_the_patients() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backend.analysis.metrics import measure
-from backend.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, drive
+from backend.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, roll_out
 from backend.demonstrations.demonstrators import demonstrate
 from backend.demonstrations.dwa import lidar_setup
 from backend.demonstrations.social_cost import SocialCost
@@ -25,7 +25,7 @@ from backend.simulation.walks import Walk
 @pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)
 @pytest.mark.parametrize("controller", BASELINES)
 def test_both_arrive_in_every_pair_with_the_setups_own_observations(setup: str, controller: str) -> None:
-    drives = drive(controller, demonstration_scenes(setup))
+    drives = roll_out(controller, demonstration_scenes(setup))
     assert [d.outcome for d in drives] == [Outcome.SUCCESS] * 4
     size = {"corridor": CORRIDOR, "room": ROOM}[setup].observation_size
     assert all(d.observations.shape[1] == size for d in drives)
@@ -33,7 +33,7 @@ def test_both_arrive_in_every_pair_with_the_setups_own_observations(setup: str, 
 
 def test_social_cost_keeps_more_distance_than_the_window_that_knows_no_person() -> None:
     scenes = demonstration_scenes("room")
-    social, window = (measure(drive(name, scenes)).min_human_distance for name in (SOCIAL_COST, DWA))
+    social, window = (measure(roll_out(name, scenes)).min_human_distance for name in (SOCIAL_COST, DWA))
     assert (social > window + 0.1).all()
     assert window.max() < 0.7
 
@@ -60,26 +60,26 @@ def test_social_cost_finds_itself_by_the_walls_and_plans_around_who_walks() -> N
     poses = np.stack([begin.x + 0.12 * times, begin.y + 0.08 * times, np.full(60, begin.yaw)], axis=1)
     walk = Walk.recorded(times, poses)
     walked = replace(scene, walk=walk, person=Person(Pose(*map(float, walk.poses_at([0.0])[0]))))
-    (driven,) = drive(SOCIAL_COST, [walked])
+    (driven,) = roll_out(SOCIAL_COST, [walked])
     assert driven.outcome == Outcome.SUCCESS
-    (standing,) = drive(SOCIAL_COST, [scene])
+    (standing,) = roll_out(SOCIAL_COST, [scene])
     assert len(driven.poses) != len(standing.poses) or np.abs(driven.poses - standing.poses).max() > 0.05
 
 
 def test_strangers_are_refused() -> None:
     with pytest.raises(ValueError, match="dwa, social_cost"):
-        drive("teleport", [demonstration_scene("room", 0)])
+        roll_out("teleport", [demonstration_scene("room", 0)])
     with pytest.raises(SetupError, match="differ"):
-        drive(DWA, [demonstration_scene("room", 0), demonstration_scene("corridor", 0)])
+        roll_out(DWA, [demonstration_scene("room", 0), demonstration_scene("corridor", 0)])
     with pytest.raises(SetupError, match="differ"):
-        drive(load_policy("study_room/base"), [demonstration_scene("room", 0)])
-    assert drive(DWA, []) == []
+        roll_out(load_policy("study_room/base"), [demonstration_scene("room", 0)])
+    assert roll_out(DWA, []) == []
 
 
 @pytest.mark.parametrize("environment", ["room", "corridor"])
 def test_bots_can_choose_between_drives_of_chapter_two(environment: str) -> None:
     scenes = demonstration_scenes(environment)[:1]
-    (close,), (far,) = drive("dwa", scenes), [demonstrate("wall_follower", scenes[0], 0).trajectory]
+    (close,), (far,) = roll_out("dwa", scenes), [demonstrate("wall_follower", scenes[0], 0).trajectory]
     for name, taste in ORACLE_PREFERENCES.items():
         assert np.isfinite(taste.value([close, far])).all(), name
     near, wide = ORACLE_PREFERENCES["min-human-distance"].value([close, far])

@@ -16,7 +16,7 @@ from backend.demonstrations.demonstration import (
     augmented,
     commands_along,
     demonstration_from,
-    driven,
+    executed,
 )
 from backend.demonstrations.stroke import Stroke, StrokeProblem
 from backend.simulation.demonstration_scenes import PAIRS, demonstration_scene
@@ -263,6 +263,6 @@ def test_unknown_places_are_refused() -> None:
 def test_driving_in_empty_space_is_what_the_engine_does() -> None:
     scene, height = CLEAR
     made = demonstration_from(arched(scene, height), scene)
-    poses = driven(made.scene.start, made.commands)
+    poses = executed(made.scene.start, made.commands)
     steps = len(made.trajectory.actions)
     assert np.abs(poses[: steps + 1, :2] - made.trajectory.poses[:, :2]).max() < 1e-4

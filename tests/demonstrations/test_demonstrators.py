@@ -56,8 +56,8 @@ def test_who_is_slow_near_the_person_is_fast_elsewhere() -> None:
     made = demonstrate("slow_near_person", demonstration_scene("corridor", 0), 0)
     person = made.scene.person.pose
     distances = np.linalg.norm(made.trajectory.poses[:-1, :2] - np.array([person.x, person.y]), axis=1)
-    assert made.driven_speeds[distances < 1.2].mean() < 0.13
-    assert made.driven_speeds[distances > 2.6].mean() > 0.22
+    assert made.executed_speeds[distances < 1.2].mean() < 0.13
+    assert made.executed_speeds[distances > 2.6].mean() > 0.22
 
 
 def test_a_seed_is_a_stroke_and_another_seed_another() -> None:

@@ -12,7 +12,7 @@ import torch
 
 from backend.demonstrations.controllers import DWA
 from backend.demonstrations.demonstration import augmented
-from backend.demonstrations.judging import judge, judge_drives, unseen_scenes
+from backend.demonstrations.judging import judge, judge_rollouts, unseen_scenes
 from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
 from backend.demonstrations.td3_bc.loss import Balance, balance, cloning_term, demonstration_batch, update
 from backend.demonstrations.td3_bc.placement import Placements
@@ -171,7 +171,7 @@ def test_demonstrations_of_two_environments_do_not_mix(slow_ones) -> None:
 
 
 def test_demonstrations_judged_against_themselves_are_perfect(slow_ones) -> None:
-    judged = judge_drives([d.trajectory for d in slow_ones], slow_ones)
+    judged = judge_rollouts([d.trajectory for d in slow_ones], slow_ones)
     assert (judged.success_rate, judged.t_star, judged.followed_rate) == (1.0, 1.0, 1.0)
     assert judged.frechet_m < 0.005
     assert judged.speed_correlation > 0.999
@@ -191,7 +191,7 @@ def test_who_circles_at_the_start_has_a_small_distance_at_a_late_t_and_yet_follo
         rollout(get_setup("room"), lambda seen: np.tile(np.float32([-1.0, 1.0]), (len(seen), 1)), [d.scene])[0]
         for d in slow_ones[:2]
     ]
-    judged = judge_drives(circling, slow_ones[:2])
+    judged = judge_rollouts(circling, slow_ones[:2])
     assert judged.frechet_m <= 0.25
     assert judged.t_star >= 0.8
     assert (judged.success_rate, judged.followed_rate) == (0.0, 0.0)

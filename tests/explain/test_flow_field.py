@@ -136,7 +136,7 @@ def test_every_drive_counts_once_in_every_cell_it_enters(field):
 def test_robot_that_stands_still_leaves_one_traversal_per_cell():
     still = flow.flow_field(lambda seen: np.tile(np.float32([-1, 0]), (len(seen), 1)), STUDY_ROOM, room(), cell_m=0.5)
     assert (still.traversals[still.outcome != flow.NOTHING] == 1).all()
-    assert still.traversals.sum() == still.drives
+    assert still.traversals.sum() == still.rollouts
     assert still.share(Outcome.TIMEOUT) == 1
     in_goal = np.hypot(*(a - b for a, b in zip(np.meshgrid(still.grid.xs, still.grid.ys), (2.0, 0.0), strict=True)))
     assert (still.outcome[still.free & (in_goal <= still.scene.goal_radius)] == flow.NOTHING).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.demonstrations.controllers import DWA, drive
+from backend.demonstrations.controllers import DWA, roll_out
 from backend.demonstrations.demonstration import Demonstration
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.demonstrating import train_demonstrations
@@ -55,7 +55,7 @@ def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_th
     _, kept = read_demonstrations(files.get(snapshot))
     assert [r["demonstration"] for r in made["rollouts"]] == [one.demonstration for one in kept]
     stored = [load_trajectory(files, rollout["trajectory"]) for rollout in made["rollouts"]]
-    again = drive(policy, [trajectory.scene for trajectory in stored])
+    again = roll_out(policy, [trajectory.scene for trajectory in stored])
     for driven, same, one in zip(stored, again, kept, strict=True):
         demonstration = Demonstration.from_bytes(files.get(one.demonstration))
         assert (demonstration.style, demonstration.simulated) == ("field_of_view", True)
@@ -74,7 +74,7 @@ def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_
         drives = {name: load_trajectory(files, compared[name]) for name in ("own", "base", "social_cost")}
         assert {t.scene for t in drives.values()} == {scene}
         assert drives["own"].outcome == drives["base"].outcome == Outcome.SUCCESS
-        assert (drives["base"].poses == drive(DWA, [scene])[0].poses).all()
+        assert (drives["base"].poses == roll_out(DWA, [scene])[0].poses).all()
 
 
 def test_a_controller_that_does_not_arrive_is_not_shown(services) -> None:

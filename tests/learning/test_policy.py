@@ -78,8 +78,8 @@ def test_escapes_are_stored_and_drive_only_while_the_robot_is_stuck(tmp_path: Pa
     again = Policy.load(tmp_path / "freed.npz")
     assert again.digest() == freed.digest() != stuck.digest()
     scenes = draw_scenes(get_setup(base.setup), range(40, 60))
-    assert evaluate(stuck.driver, get_setup(base.setup), scenes).success.sum() == 0
-    assert evaluate(again.driver, get_setup(base.setup), scenes).success.sum() > 0
+    assert evaluate(stuck.rollout_policy, get_setup(base.setup), scenes).success.sum() == 0
+    assert evaluate(again.rollout_policy, get_setup(base.setup), scenes).success.sum() > 0
     np.testing.assert_array_equal(freed.act(seen_by(freed)), stuck.act(seen_by(stuck)))
     assert freed.manifest()["recovery"]
     assert stuck.manifest()["recovery"] is None

@@ -93,7 +93,7 @@ def test_a_course_measures_what_the_trajectories_would(setup: str) -> None:
     for policy in (*policies, policies[0]):  # a course is the same however often it was driven
         rolled_out, expected = (
             course.rollout(policy),
-            MeasuredRollouts.of(rollout(SETUPS[setup], policy.driver, scenes)),
+            MeasuredRollouts.of(rollout(SETUPS[setup], policy.rollout_policy, scenes)),
         )
         assert np.array_equal(rolled_out.outcome, expected.outcome)
         assert np.array_equal(rolled_out.self_intersections, expected.self_intersections)

@@ -11,7 +11,7 @@ from stable_baselines3 import TD3
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from backend.experiments.benchmarks.engines import benchmark_simulate
-from backend.simulation.driving import ActionError
+from backend.simulation.acting import ActionError
 from backend.simulation.environments import FastVecEnv, NavigationEnv
 from backend.simulation.fast import FastEngine
 from backend.simulation.reference import ReferenceEngine

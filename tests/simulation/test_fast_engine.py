@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from backend.simulation import kernels
-from backend.simulation.driving import ActionError
+from backend.simulation.acting import ActionError
 from backend.simulation.fast import FastEngine, evaluate, raw_ranges, rollout, table_of
 from backend.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
 from backend.simulation.scenes import draw_scene, draw_scenes, scene_to_row
 from backend.simulation.setups import OPEN_FIELD, PREFERENCE_SETUPS, SETUPS, STUDY_ROOM, Setup, SetupError
 from backend.simulation.trajectory import Outcome, Trajectory
-from tests.simulation.driving import towards_goal
+from tests.simulation.simple_policies import towards_goal
 
 NAMES = list(SETUPS)
 EMPTY = Scene("open_field", 0, Pose(0.0, 0.0, 0.3), Pose(50.0, 0.0), 0.4, Person(Pose(0.0, 40.0)))

@@ -18,7 +18,7 @@ from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import draw_scenes, scene_to_row
 from backend.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS
 from backend.simulation.trajectory import Outcome
-from tests.simulation.driving import towards_goal
+from tests.simulation.simple_policies import towards_goal
 
 SCENES = 100
 NAMES = PREFERENCE_SETUPS

@@ -1,7 +1,7 @@
 """The analysts' page of a study's drawn paths: laid over each other from above and in 3D, what is remarkable, what to
 leave out, training.
 
-What is shown is read in `path_rows.py`; what a flag means is `backend/demonstrations/quality.py`'s; learning is a job.
+What is shown is read in `path_rows.py`; what a flag means is `demonstration_quality.py`'s; learning is a job.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.core.texts import Catalogue
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
 from backend.api.stage.replay_stages import Replay
-from backend.demonstrations import quality
+from backend.demonstrations import demonstration_quality
 from backend.jobs.kinds import get_kind
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Trajectory
@@ -57,10 +57,10 @@ EVERYBODY, EACH = "", "each"  # of the form that starts a training, beside a par
 MOST_AT_ONCE = 150  # paths on one page; more take seconds to read, and nobody looks at them all
 TOLD_APART = 3  # people whose paths have colours of their own; of more, colours would say nothing
 LIMITS = {
-    "jerk": (quality.JERKY_M_S2, 2),
-    "clearance": (100 * quality.TIGHT_M, 0),
-    "duplicate": (100 * quality.SAME_M, 0),
-    "outlier": (100 * quality.OUTLYING_M, 0),
+    "jerk": (demonstration_quality.JERKY_M_S2, 2),
+    "clearance": (100 * demonstration_quality.TIGHT_M, 0),
+    "duplicate": (100 * demonstration_quality.SAME_M, 0),
+    "outlier": (100 * demonstration_quality.OUTLYING_M, 0),
 }
 """What the page says of the flags: m/s^2, then cm, with the digits that are shown."""
 

@@ -229,7 +229,7 @@ def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[Poli
 def _replay(asked: Asked, policies: Sequence[Policy]) -> Replay:
     setup = get_setup(policies[0].setup)
     scene = draw_scene(setup, asked.scene_seed)
-    drives = tuple(rollout(setup, one.driver, [scene])[0] for one in policies)
+    drives = tuple(rollout(setup, one.rollout_policy, [scene])[0] for one in policies)
     names = [f"{x.upper()}: {side.name}" for x, side in zip(SIDES, asked.sides, strict=False)]
     return Replay(drives, tuple(names) if len(names) > 1 else (asked.sides[0].name,))
 

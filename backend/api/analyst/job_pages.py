@@ -25,6 +25,7 @@ from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.lab.lab_data import JobData
 from backend.api.lab.study_rows import found_page
 from backend.jobs.kept_artefacts import command_of, find_artefact
 from backend.jobs.kinds import KINDS, JobParamsError, Kind, Params, get_kind
@@ -150,7 +151,7 @@ def job_live(request: Request, job_id: str, database: Db) -> Response:
         return lab_page(request, "analyst/job_live.html", **_live(request, s, _job(s, job_id)))
 
 
-@router.get("/api/lab/jobs/{job_id}")
+@router.get("/api/lab/jobs/{job_id}", response_model=JobData)
 def job_state(job_id: str, database: Db) -> dict[str, Any]:
     """The job as data, its curves included."""
     with database.session() as s:

@@ -13,7 +13,7 @@ from sqlalchemy import Select, func, select, tuple_
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.demonstrations.demonstration import Demonstration
-from backend.demonstrations.quality import Quality, qualities
+from backend.demonstrations.demonstration_quality import DemonstrationQuality, qualities
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.demonstration_snapshots import KEPT, read_demonstrations
@@ -33,7 +33,7 @@ class Drawn:
     stroke: StrokeRow
     person: Participant
     demonstration: Demonstration
-    quality: Quality
+    quality: DemonstrationQuality
 
     @property
     def counts(self) -> bool:

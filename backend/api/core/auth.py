@@ -12,6 +12,7 @@ import hmac
 import re
 import secrets
 from datetime import timedelta
+from functools import cache
 from typing import Annotated, Any
 from urllib.parse import quote, urlsplit
 
@@ -41,8 +42,12 @@ ATTEMPTS_PER_ADDRESS = parse("10 per 5 minutes")  # wrong passwords only (ours)
 ATTEMPTS_PER_NAME = parse("50 per 1 hour")  # slows guessing from many addresses, without locking an account for long
 
 _hasher = PasswordHasher()  # argon2id; RFC 9106 low-memory profile is the library's default
-# Hashed once per process, verified when the name is unknown, so that unknown names take as long as wrong passwords.
-_NOBODY = _hasher.hash(secrets.token_urlsafe(16))
+
+
+@cache
+def _nobody() -> str:
+    """Hashed once per process, verified when the name is unknown: unknown names take as long as wrong passwords."""
+    return _hasher.hash(secrets.token_urlsafe(16))
 
 
 class AccountError(ValueError):
@@ -251,7 +256,7 @@ def sign_in(
             return refused
     with database.session() as s:
         user = s.scalar(select(User).where(User.name == name))
-        known_hash = user.password_hash if user else _NOBODY
+        known_hash = user.password_hash if user else _nobody()
         user_id = user.id if user else None
     if not _verified(known_hash, password[:LONGEST_PASSWORD]) or user_id is None:
         for limit, key in windows:

@@ -151,7 +151,7 @@ def _draw(told: dict[str, Any]) -> dict[str, Any]:
     policies = [(name, Policy.from_bytes(base64.b64decode(content))) for name, content in told["policies"]]
     setup = require_same(**{name: policy.setup for name, policy in policies})
     made = flow_files(
-        [(name, policy.driver) for name, policy in policies],
+        [(name, policy.rollout_policy) for name, policy in policies],
         get_setup(setup),
         draw_scene(setup, told["scene_seed"]),
         cell_m=told["cell_m"],

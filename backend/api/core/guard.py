@@ -5,7 +5,11 @@ Plain ASGI, because Starlette's function middleware costs two tasks and a stream
 
 from __future__ import annotations
 
+import re
 import time
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import unquote
 
 import structlog
 from fastapi import Request
@@ -15,12 +19,14 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.core import auditing, auth
+from backend.api.core.contract import DEEPEST, Refusal, Trouble, is_deeper
 from backend.api.core.dependencies import page, route_of, services_of, stage_origin
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
 
 READING = ("GET", "HEAD", "OPTIONS")
 BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
 SIGN_IN = "/lab/sign-in"
+NUL = re.compile("\x00")
 
 log = structlog.get_logger("desirepath.web")
 
@@ -51,7 +57,10 @@ class Guard:
         limit = LARGEST_BODY if _behind_sign_in(request) else LARGEST_OPEN_BODY
         try:
             refusal = await _refusal(request, limit)
-            await (refusal or self._app)(scope, _counted(receive, limit), sending)
+            bounded = _counted(receive, limit)
+            if refusal is None and "json" in request.headers.get("content-type", ""):
+                bounded, refusal = await _shallow(request, bounded)
+            await (refusal or self._app)(scope, bounded, sending)
         except Exception:
             log.exception("request failed", method=request.method, route=route_of(request))
             if answered:
@@ -66,6 +75,10 @@ def _behind_sign_in(request: Request) -> bool:
 
 async def _refusal(request: Request, limit: int) -> Response | None:
     """What is to be answered without reading the body, None where the request may go on."""
+    if NUL.search(request.url.path):
+        return trouble(request, 404, "not_found", "There is nothing at this address.")
+    if NUL.search(unquote(request.url.query)):
+        return trouble(request, 422, "bad_value", "must be texts without NUL characters", field="query")
     if declared_too_large(request, limit):
         return trouble(request, 413, "too_large", TooLarge(limit).detail)
     if request.method in READING or not _behind_sign_in(request):
@@ -92,6 +105,28 @@ def _counted(receive: Receive, limit: int) -> Receive:
     return counted
 
 
+async def _shallow(request: Request, receive: Receive) -> tuple[Receive, Response | None]:
+    """A JSON body read whole before anything parses it, to be received again; or why it is refused."""
+    body, more = b"", True
+    try:
+        while more:
+            message = await receive()
+            if message["type"] != "http.request":
+                return receive, Response(status_code=400)  # who asked is gone
+            body, more = body + message.get("body", b""), message.get("more_body", False)
+    except TooLarge as problem:
+        return receive, trouble(request, 413, "too_large", problem.detail)
+    if is_deeper(body, DEEPEST):
+        told = f"has more than {DEEPEST} arrays and objects inside each other"
+        return receive, trouble(request, 422, "bad_value", told, field="body")
+    whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def again() -> Message:
+        return whole.pop() if whole else await receive()
+
+    return again, None
+
+
 def _finish(request: Request, start: Message, began: float) -> None:
     """Security headers, and an access log that holds neither tokens nor query strings."""
     headers = MutableHeaders(scope=start)
@@ -115,10 +150,23 @@ def _finish(request: Request, start: Message, began: float) -> None:
     )
 
 
-def trouble(request: Request, status: int, code: str, message: str) -> Response:
-    """A page for people, JSON for scripts. Reads no table: it has to work when the store does not."""
-    if request.url.path.startswith(("/api/", "/static/")):
-        return JSONResponse({"error": {"code": code, "message": message}}, status)
+def trouble(
+    request: Request,
+    status: int,
+    code: str,
+    message: str,
+    *,
+    headers: Mapping[str, str] | None = None,
+    **where: Any,
+) -> Response:
+    """A page for people, JSON for scripts. Reads no table: it has to work when the store does not.
+
+    where: `field` and `value`, where it is a value that is refused.
+    """
+    sent_json = "json" in request.headers.get("content-type", "")
+    if sent_json or request.url.path.startswith(("/api/", "/static/")):
+        told = Refusal(error=Trouble(code=code, message=message, **where))
+        return JSONResponse(told.model_dump(), status, headers)
     services = services_of(request)
     language = services.texts.best(request.headers.get("Accept-Language"))
     contact = services.settings.contact

@@ -17,7 +17,6 @@ from backend.api.core.dependencies import Db, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.api.lab.whole_reports import MadeFrom, ReportFiles
-from backend.report.study_report import REPORT_FILE
 from backend.store.models import Study
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
@@ -93,6 +92,8 @@ def analysis_file(request: Request, study_id: str, who: str, name: str, database
 
 
 def _file(request: Request, study_id: str, who: str, name: str, database: Db) -> Response:
+    from backend.report.study_report import REPORT_FILE  # scipy comes with it; a server starts without
+
     with database.session() as s:
         study = _study_of(s, study_id, who)
         report = _there(request, study, who, s)

@@ -16,7 +16,7 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.analysis.choices import CHANCE_CIRCULAR, is_circular, whole_triads
+from backend.analysis.triads import CHANCE_CIRCULAR, is_circular, whole_triads
 from backend.report.study_data import TRIAD
 from backend.store.models import Event, Response, Session, Trial
 from backend.store.sides import is_side, shown_on

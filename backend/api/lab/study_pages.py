@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Form, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.background import BackgroundTask
-from starlette.responses import FileResponse, JSONResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, RedirectResponse, Response
 
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, SignedIn, checked_csrf
@@ -30,7 +30,8 @@ from backend.api.lab import (
     settings_pages,
     study_rows,
 )
-from backend.api.lab.study_report import study_report
+from backend.api.lab.lab_data import Monitor
+from backend.api.lab.study_report import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.dataset import data_dictionary
 from backend.store.events import log_event
@@ -88,7 +89,7 @@ def now(request: Request, study_id: str, database: Db) -> Response:
         )
 
 
-@router.get("/api/lab/studies/{study_id}/monitor")
+@router.get("/api/lab/studies/{study_id}/monitor", response_model=Monitor)
 def monitor(study_id: str, database: Db) -> dict[str, Any]:
     """The Now tab as data: one object per participant, and how many are in and were lost at each stage."""
     with database.session() as s:
@@ -328,12 +329,13 @@ def report(request: Request, study_id: str, database: Db, who: str = "people") -
         return study_tab(request, study, "report", report=study_report(s, study, who, utc_now()), who=who)
 
 
-@router.get("/api/lab/studies/{study_id}/report")
-def report_data(study_id: str, database: Db, user: SignedIn, who: str = "people") -> Response:
+@router.get("/api/lab/studies/{study_id}/report", response_model=Report)
+def report_data(study_id: str, database: Db, user: SignedIn, who: str = "people") -> Report:
+    """The summary numbers as data."""
     with database.session() as s:
         study = the_study(s, study_id)
         wanted = who if who in GROUPS else "people"
-        return JSONResponse(study_report(s, study, wanted, utc_now()).as_dict())
+        return study_report(s, study, wanted, utc_now())
 
 
 def _stage_keys(s: DatabaseSession, study: Study) -> list[str]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import datetime
 from statistics import median, quantiles
 from typing import Any
@@ -78,9 +78,6 @@ class Report:
     guesses_right: Share
     personalisation: dict[str, int]
     items: list[Item]
-
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> Report:

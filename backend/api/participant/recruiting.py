@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
-from typing import Annotated, Any
+from typing import Annotated
 from urllib.parse import quote
 
 from fastapi import APIRouter, Form, Query, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import ValidationError
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
+from backend.api.participant.bodies import Joining
 from backend.api.participant.device_check import remember
-from backend.api.participant.requests import storable, told_device, too_many
+from backend.api.participant.replies import Joined
+from backend.api.participant.requests import too_many
 from backend.store.models import Participant
 from backend.study.links import as_issued
 from backend.study.protocol.schema import DeviceGate
@@ -27,6 +31,15 @@ from backend.study.studies import study_by_link
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 
+JOINING = {  # read by hand, as it comes in two forms
+    "requestBody": {
+        "required": True,
+        "content": {
+            "application/json": {"schema": Joining.model_json_schema()},
+            "application/x-www-form-urlencoded": {"schema": Joining.model_json_schema()},
+        },
+    }
+}
 PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
 
 
@@ -56,51 +69,45 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
     )
 
 
-@router.post("/join/{recruiting_token}")
+@router.post("/join/{recruiting_token}", status_code=201, response_model=Joined, openapi_extra=JOINING)
 async def join(recruiting_token: str, request: Request) -> Response:
-    """A new participant. A form is answered with the way to the session, JSON (bots) with its token."""
+    """A new participant. A form is answered with the way to the session (303), JSON (bots) with its token."""
     is_json = request.headers.get("content-type", "").startswith("application/json")
-    given = await _body(request, is_json)
-    return await asyncio.to_thread(_join, recruiting_token, request, given, is_json)
-
-
-async def _body(request: Request, is_json: bool) -> dict[str, Any]:
-    if not is_json:
-        return {key: storable(str(value)) for key, value in (await request.form()).items()}
     try:
-        given = await request.json()
+        given = await request.json() if is_json else dict(await request.form())
     except ValueError:
         given = None
-    if not isinstance(given, dict):
-        raise Refused(422, "bad_value", "The body must be a JSON object.", field="body")
-    cleaned: dict[str, Any] = storable(given)
-    return cleaned
+    try:
+        asked = Joining.model_validate(given)
+    except ValidationError as wrong:
+        raise RequestValidationError([{**one, "loc": ("body", *one["loc"])} for one in wrong.errors()]) from None
+    return await asyncio.to_thread(_join, recruiting_token, request, asked, is_json)
 
 
-def _join(recruiting_token: str, request: Request, given: dict[str, Any], is_json: bool) -> Response:
+def _join(recruiting_token: str, request: Request, asked: Joining, is_json: bool) -> Response:
     services = services_of(request)
-    recruiting = {field: str(given[name]) for name, field in PLATFORM_FIELDS.items() if given.get(name)}
-    simulated = is_json and given.get("simulated") is True
+    recruiting = {field: given for name, field in PLATFORM_FIELDS.items() if (given := getattr(asked, name))}
+    simulated = is_json and asked.simulated
     if simulated and not _from_here(request):
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
-    oracle = given.get("oracle")
     with services.database.transaction() as s:
         session, token = join_study(
             s,
             study_by_link(s, recruiting_token),
             files=services.files,
-            language=str(given.get("language", "")),
+            language=asked.language,
             recruiting={"platform": "prolific", **recruiting} if recruiting else None,
-            device=told_device(given.get("device")),
+            device=asked.device,
             simulated=simulated,
-            oracle=oracle if isinstance(oracle, dict) else None,
+            oracle=asked.oracle,
         )
         code = s.get_one(Participant, session.participant_id).code
         response: Response = RedirectResponse(f"/p/{token}", status_code=303)
         if is_json:
-            response = JSONResponse({"token": token, "participant": code, "simulated": simulated}, 201)
+            joined = Joined(token=token, participant=code, simulated=simulated)
+            response = JSONResponse(joined.model_dump(), 201)
         remember(request, response, session)
     return response
 

@@ -6,7 +6,6 @@ trials and the stream have files of their own.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from datetime import datetime
 from typing import Annotated, Any
@@ -19,7 +18,9 @@ from starlette.responses import RedirectResponse, Response
 from backend.api.core.dependencies import TheServices, contact, page, services_of
 from backend.api.core.throttle import EVENTS_PER_SESSION, count
 from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
-from backend.api.participant.requests import Json, client_time_of, not_guessing, request_id_of, too_many
+from backend.api.participant.bodies import AnswerSent, Noticed, ProblemTold
+from backend.api.participant.replies import Answered, SessionState
+from backend.api.participant.requests import not_guessing, too_many
 from backend.api.participant.session_view import looking, page_context, state_of
 from backend.api.stage.admission import stage_cookie
 from backend.store.events import log_event
@@ -30,14 +31,11 @@ from backend.study.kinds.base import Page
 from backend.study.kinds.consent import ConsentStep
 from backend.study.links import token_hash
 from backend.study.protocol.freezing import FrozenProtocol
-from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
 from backend.study.session.versions import protocol_of
 
 router = APIRouter(dependencies=[Depends(not_guessing)])
-PAGE_EVENTS = {"stage_ready", "stage_slow", "visibility", "resized", "script_error", "connection", "device", "viewed"}
-LARGEST_EVENT = 4000  # bytes of JSON; ours
 
 
 # ---- pages --------------------------------------------------------------------------------------------------------
@@ -125,29 +123,27 @@ def help_page(token: str, request: Request) -> Response:
 # ---- the API -------------------------------------------------------------------------------------------------------
 
 
-@router.get("/api/session/{token}")
+@router.get("/api/session/{token}", response_model=SessionState, response_model_exclude_unset=True)
 def state(token: str, request: Request) -> dict[str, Any]:
     """Where the session stands."""
     with looking(services_of(request), token) as (s, session):
         return state_of(request, s, session, machine.current(s, session))
 
 
-@router.post("/api/session/{token}/steps/{key}")
-def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@router.post("/api/session/{token}/steps/{key}", response_model=Answered, response_model_exclude_unset=True)
+def answer(token: str, key: str, request: Request, body: AnswerSent) -> dict[str, Any]:
     """Store an answer; the reply is the acknowledgement."""
     services = services_of(request)
     now = utc_now()
-    request_id = request_id_of(body)
-    client_time = client_time_of(body.get("client_time"))
     with acting(services.database, token, request="answer", now=now) as (s, session):
         submitted = machine.submit(
             s,
             services.files,
             session,
             key,
-            body.get("value") or {},
-            request_id=request_id,
-            client_time=client_time,
+            body.value,
+            request_id=body.request_id,
+            client_time=body.client_time,
             now=now,
         )
         reply = state_of(request, s, session, machine.current(s, session))
@@ -158,49 +154,45 @@ def answer(token: str, key: str, request: Request, body: Json) -> dict[str, Any]
 
 
 @router.post("/api/session/{token}/events", status_code=204)
-def page_event(token: str, request: Request, services: TheServices, body: Json) -> Response:
+def page_event(token: str, request: Request, services: TheServices, body: Noticed) -> Response:
     """Something the page noticed: into the log, with the browser's own time."""
     if not count(request, EVENTS_PER_SESSION, "page_event", token_hash(token)):
         raise too_many()
-    kind, data = body.get("kind"), body.get("data") or {}
-    if kind not in PAGE_EVENTS or not isinstance(data, dict) or len(json.dumps(data)) > LARGEST_EVENT:
-        allowed = ", ".join(sorted(PAGE_EVENTS))
-        raise Refused(422, "bad_value", f"must be one of {allowed} with a small object as data", field="kind")
     with acting(services.database, token, request="event", now=utc_now()) as (s, session):
         log_event(
             s,
-            f"page_{kind}",
+            f"page_{body.kind}",
             session_id=session.id,
-            client_time=client_time_of(body.get("client_time")),
+            client_time=body.client_time,
             step=machine.step_of(session).key,
-            page=data,
+            page=body.data,
         )
     return Response(status_code=204)
 
 
-@router.post("/api/session/{token}/pause")
+@router.post("/api/session/{token}/pause", response_model=SessionState, response_model_exclude_unset=True)
 def pause(token: str, request: Request) -> dict[str, Any]:
     """Stop for now; the link stays valid."""
     return _change(request, token, "pause", lambda s, session, now: machine.pause(s, session, now=now))
 
 
-@router.post("/api/session/{token}/resume")
+@router.post("/api/session/{token}/resume", response_model=SessionState, response_model_exclude_unset=True)
 def resume(token: str, request: Request) -> dict[str, Any]:
     """Go on."""
     return _change(request, token, "resume", lambda s, session, now: machine.resume(s, session, now=now))
 
 
-@router.post("/api/session/{token}/withdraw")
+@router.post("/api/session/{token}/withdraw", response_model=SessionState, response_model_exclude_unset=True)
 def withdraw(token: str, request: Request) -> dict[str, Any]:
     """Leave the study for good."""
     return _change(request, token, "withdraw", lambda s, session, now: machine.withdraw(s, session, now=now))
 
 
 @router.post("/api/session/{token}/problem", status_code=204)
-def problem(token: str, services: TheServices, body: Json) -> Response:
+def problem(token: str, services: TheServices, body: ProblemTold) -> Response:
     """Report a problem."""
     with acting(services.database, token, request="problem", now=utc_now()) as (s, session):
-        machine.report_problem(s, session, str(body.get("text", "")))
+        machine.report_problem(s, session, body.text)
     return Response(status_code=204)
 
 

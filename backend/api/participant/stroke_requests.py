@@ -7,13 +7,15 @@ what the stage shows `drawing_sheet.py`'s.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import Services, services_of
-from backend.api.participant.requests import Json, client_time_of, request_id_of
+from backend.api.participant.bodies import Driven, Interrupted, StrokeSent, WalkAgain
+from backend.api.participant.replies import DrawingReply
 from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, StrokeRow, utc_now
 from backend.study.drawing import paths, strokes, walks
@@ -23,32 +25,39 @@ from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
 
-REASONS = ("hidden", "webgl_lost", "connection")
 router = APIRouter()  # included in participant.router, which keeps guessers out
+changing = partial(router.post, response_model=DrawingReply, response_model_exclude_unset=True)
 
 
-@router.post("/api/session/{token}/drawing/{key}/stroke")
-def stroke(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/drawing/{key}/stroke")
+def stroke(token: str, key: str, request: Request, body: StrokeSent) -> dict[str, Any]:
     """Store a drawn path; one that can be driven is driven at once. `problem` says kindly why another cannot."""
     services = services_of(request)
-    request_id = request_id_of(body)
     with looking(services, token) as (_, session):
         step = _step(session, key)
         if not session.simulated and not services.presenter.connected(session.id):
             raise Refused(409, "stage_not_ready", "The picture is not there yet.", session_id=session.id)
         simulated = session.simulated
-    attempt = strokes.attempt_of(step, body, simulated=simulated)  # outside any transaction: it computes
-    client_time = client_time_of(body.get("client_time"))
+    attempt = strokes.attempt_of(
+        step, body.model_dump(exclude_unset=True), simulated=simulated
+    )  # outside any transaction: it computes
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
         return strokes.add_stroke(
-            s, services.files, session, step, attempt, request_id=request_id, client_time=client_time, now=utc_now()
+            s,
+            services.files,
+            session,
+            step,
+            attempt,
+            request_id=body.request_id,
+            client_time=body.client_time,
+            now=utc_now(),
         )
 
     return _on_drawing(request, token, key, "stroke", act)
 
 
-@router.post("/api/session/{token}/drawing/{key}/drive")
+@changing("/api/session/{token}/drawing/{key}/drive")
 def drive(token: str, key: str, request: Request) -> dict[str, Any]:
     """Let the robot drive the path, again if it did before."""
     return _on_drawing(
@@ -60,11 +69,11 @@ def drive(token: str, key: str, request: Request) -> dict[str, Any]:
     )
 
 
-@router.post("/api/session/{token}/drawing/{key}/driven")
-def driven(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/drawing/{key}/driven")
+def driven(token: str, key: str, request: Request, body: Driven) -> dict[str, Any]:
     """The stage told the page that the drive has been watched to its end."""
-    services, playback = services_of(request), body.get("playback_id")
-    walked = _walked(services, token, key, body["walk"]) if body.get("walk") is not None else None
+    services, playback = services_of(request), body.playback_id
+    walked = _walked(services, token, key, body.walk.model_dump()) if body.walk is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
         return strokes.driven(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
@@ -83,31 +92,27 @@ def _walked(services: Services, token: str, key: str, given: object) -> Walked |
     return walks.walked_beside(step, paths.scene_of(step), drawn, beside, given, simulated=simulated)
 
 
-@router.post("/api/session/{token}/drawing/{key}/walk")
-def walk(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/drawing/{key}/walk")
+def walk(token: str, key: str, request: Request, body: WalkAgain) -> dict[str, Any]:
     """Walk once more beside the drive of the path that is there."""
-    request_id = request_id_of(body)
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes.walk_again(s, session, _step(session, key), request_id=request_id, now=utc_now())
+        return strokes.walk_again(s, session, _step(session, key), request_id=body.request_id, now=utc_now())
 
     return _on_drawing(request, token, key, "walk", act)
 
 
-@router.post("/api/session/{token}/drawing/{key}/interrupted")
-def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/drawing/{key}/interrupted")
+def interrupted(token: str, key: str, request: Request, body: Interrupted) -> dict[str, Any]:
     """The drive could not be watched to its end; the path stays, and can be driven again."""
-    reason = body.get("reason")
-    if reason not in REASONS:
-        raise Refused(422, "bad_value", f"must be one of {', '.join(REASONS)}", field="reason", value=str(reason)[:40])
 
     def act(s: DatabaseSession, session: Session) -> None:
-        strokes.interrupted(s, session, _step(session, key), reason=str(reason))
+        strokes.interrupted(s, session, _step(session, key), reason=body.reason)
 
     return _on_drawing(request, token, key, "interrupted", act, afresh=True)
 
 
-@router.post("/api/session/{token}/drawing/{key}/redraw")
+@changing("/api/session/{token}/drawing/{key}/redraw")
 def redraw(token: str, key: str, request: Request) -> dict[str, Any]:
     """Take the path back and draw another one."""
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import TheServices, services_of
-from backend.api.participant.requests import Json, side_of
+from backend.api.participant.bodies import Interrupted, Seen, Start
+from backend.api.participant.replies import SessionState, TrialData
 from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, utc_now
 from backend.study.refusals import Refused
@@ -19,10 +21,11 @@ from backend.study.session import machine
 from backend.study.session.finding import acting
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
+changing = partial(router.post, response_model=SessionState, response_model_exclude_unset=True)
 
 
-@router.post("/api/session/{token}/trials/{key}/start")
-def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/trials/{key}/start")
+def start(token: str, key: str, request: Request, body: Start) -> dict[str, Any]:
     """Play the first drive that was not seen yet."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
@@ -34,43 +37,36 @@ def start(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
                 session_id=session.id,
                 study_id=session.study_id,
             )
-        return machine.start_trial(s, session, key, request_id=str(body.get("request_id", ""))[:64], now=now)
+        return machine.start_trial(s, session, key, request_id=body.request_id, now=now)
 
     return _on_trial(request, token, "start", act)
 
 
-@router.post("/api/session/{token}/trials/{key}/seen")
-def seen(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/trials/{key}/seen")
+def seen(token: str, key: str, request: Request, body: Seen) -> dict[str, Any]:
     """The stage told the page that a drive has been watched to its end."""
-    side = side_of(body)
-    playback = body.get("playback_id")
     return _on_trial(
         request,
         token,
         "seen",
-        lambda s, session, now: machine.trajectory_seen(s, session, key, side, playback, now=now),
+        lambda s, session, now: machine.trajectory_seen(s, session, key, body.side, body.playback_id, now=now),
     )
 
 
-@router.post("/api/session/{token}/trials/{key}/again")
-def again(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/trials/{key}/again")
+def again(token: str, key: str, request: Request) -> dict[str, Any]:
     """Play both drives once more, where the protocol allows it."""
     return _on_trial(request, token, "again", lambda s, session, now: machine.watch_again(s, session, key, now=now))
 
 
-@router.post("/api/session/{token}/trials/{key}/interrupted")
-def interrupted(token: str, key: str, request: Request, body: Json) -> dict[str, Any]:
+@changing("/api/session/{token}/trials/{key}/interrupted")
+def interrupted(token: str, key: str, request: Request, body: Interrupted) -> dict[str, Any]:
     """A drive could not be watched: hidden tab (that drive again), lost picture or connection (the trial again)."""
-    reason = body.get("reason")
-    if reason not in ("hidden", "webgl_lost", "connection"):
-        raise Refused(
-            422, "bad_value", "must be hidden, webgl_lost or connection", field="reason", value=str(reason)[:40]
-        )
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> None:
         if machine.step_of(session).key == key:
-            again = machine.restart_trajectory if reason == "hidden" else machine.interrupted
-            again(s, session, reason=reason, now=now)
+            again = machine.restart_trajectory if body.reason == "hidden" else machine.interrupted
+            again(s, session, reason=body.reason, now=now)
 
     return _on_trial(request, token, "interrupted", act, afresh=True)
 
@@ -100,7 +96,7 @@ def _on_trial(
     return reply
 
 
-@router.get("/api/session/{token}/trial-data")
+@router.get("/api/session/{token}/trial-data", response_model=TrialData)
 def trial_data(token: str, services: TheServices) -> dict[str, str]:
     """The two drives of the current trial as NPZ in base64, for oracles; simulated sessions only."""
     with looking(services, token) as (s, session):

@@ -14,23 +14,23 @@ from backend.simulation.trajectory import Trajectory
 
 NEAR_M = 0.15  # standard deviation of robot, person and goal around their demonstrated places, ours
 NEAR_RAD = 0.3
-NOT_AT_THE_GOAL = 10  # last poses of a drive that are no beginning
+NOT_AT_THE_GOAL = 10  # last poses of a trajectory that are no beginning
 TRIES = 20
 
 
 class Placements:
     """A start pool (`FastEngine`'s `pool`) of both kinds.
 
-    near: share of episodes that begin around a pose of a demonstrated drive, with person and goal about where they
+    near: share of episodes that begin around a pose of a demonstrated trajectory, with person and goal about where they
     were at that moment. mixed: share in which each of robot, person and goal is, by chance, either there or where it is
     in a drawn scene. The others are drawn scenes of the environment. People stand in all of them.
     """
 
-    def __init__(self, drives: Sequence[Trajectory], *, near: float, mixed: float = 0.0, seed: int) -> None:
-        self._anywhere = ScenePool(drives[0].scene.setup, seed)
-        self._rows = scenes_to_rows([drive.scene for drive in drives])
-        self._poses = [drive.poses.astype(float) for drive in drives]
-        self._people = [drive.scene.person_poses(drive.times) for drive in drives]
+    def __init__(self, trajectories: Sequence[Trajectory], *, near: float, mixed: float = 0.0, seed: int) -> None:
+        self._anywhere = ScenePool(trajectories[0].scene.setup, seed)
+        self._rows = scenes_to_rows([one.scene for one in trajectories])
+        self._poses = [one.poses.astype(float) for one in trajectories]
+        self._people = [one.scene.person_poses(one.times) for one in trajectories]
         self._near, self._mixed = near, mixed
         self._random = np.random.default_rng([seed, 0xDE])
 
@@ -39,12 +39,12 @@ class Placements:
         rows, seeds = self._anywhere.take(count)
         kinds = self._random.random(count)
         for i in np.flatnonzero(kinds < self._near + self._mixed):
-            beside = self._beside_a_drive(rows[i] if kinds[i] >= self._near else None)
+            beside = self._beside_a_trajectory(rows[i] if kinds[i] >= self._near else None)
             if beside is not None:
                 rows[i] = beside
         return rows, seeds
 
-    def _beside_a_drive(self, drawn: k.Row | None) -> k.Row | None:
+    def _beside_a_trajectory(self, drawn: k.Row | None) -> k.Row | None:
         """A demonstrated scene with everything moved a little, None where that did not fit after some tries.
 
         drawn: where each of robot, person and goal is taken from instead, half of the time.

@@ -16,7 +16,7 @@ from backend.simulation.trajectory import Trajectory
 def returns_along(
     trajectory: Trajectory, rewards: NDArray[np.floating], steps: int, gamma: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Of every step of a finished drive: (T,) rewards, (T, obs) observations led to, (T,) continues."""
+    """Of every step of a finished trajectory: (T,) rewards, (T, obs) observations led to, (T,) continues."""
     length = len(rewards)
     first = np.arange(length)
     last = np.minimum(first + steps, length) - 1

@@ -112,7 +112,7 @@ class DemonstrationTraining:
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedController:
     """The chosen controller and the curve of its training, all of it on selection scenes: two entries per checkpoint.
 
     Entries: updates, transitions, averaged (0 or 1), everything of `Judgement` from the demonstrated starts,
@@ -131,7 +131,7 @@ class Trained:
 
 def train_with_demonstrations(
     demonstrations: Sequence[Demonstration], config: DemonstrationConfig, on_progress: OnProgress = no_progress
-) -> Trained:
+) -> TrainedController:
     """Train, then keep the checkpoint of the highest score.
 
     score: success from demonstrated starts + success in unseen scenes + (t* - f in metres) of the median rollout; ours.
@@ -174,4 +174,4 @@ def train_with_demonstrations(
             on_progress(min(1.0, training.done), {name: v for name, v in history[-1].items() if v is not None})
             if score > best:
                 best, kept = score, policy
-    return Trained(kept, history, max(range(len(history)), key=lambda k: history[k]["score"] or -math.inf))
+    return TrainedController(kept, history, max(range(len(history)), key=lambda k: history[k]["score"] or -math.inf))

@@ -27,8 +27,8 @@ def benchmark_parity(*, policy: str = "open_field/base", scenes: int = 1_000, se
     driven = load_policy(policy)
     setup = get_setup(driven.setup)
     drawn = scene_set(setup.name, scenes, purpose=Purpose.REPORT, seed=FIRST_PARITY_SEED + seed)
-    fast = evaluate(driven.driver, setup, drawn)
-    pybullet = evaluate_reference(driven.driver, setup, drawn, drive_mode="wheels")
+    fast = evaluate(driven.rollout_policy, setup, drawn)
+    pybullet = evaluate_reference(driven.rollout_policy, setup, drawn, drive_mode="wheels")
     gap = mean_estimate(100 * (fast.success.astype(np.float64) - pybullet.success))
     compared = compare_tables(fast, pybullet)
     return {

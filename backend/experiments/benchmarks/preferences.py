@@ -67,7 +67,7 @@ class _Driven:
 
     @classmethod
     def of(cls, policy: Policy, scenes: Sequence[Scene], tastes: Sequence[str]) -> _Driven:
-        trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.driver, scenes)
+        trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.rollout_policy, scenes)
         return cls(
             MeasuredRollouts.of(trajectories), {name: ORACLE_PREFERENCES[name].value(trajectories) for name in tastes}
         )

@@ -140,7 +140,7 @@ class PreferenceReward:
     def _fair_weight(self, base: Policy) -> float:
         setup, config = get_setup(base.setup), self._config
         scenes = scene_set(setup.name, config.weighing_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
-        trajectories = rollout(setup, base.driver, scenes)
+        trajectories = rollout(setup, base.rollout_policy, scenes)
         standing = np.array([[-1.0, 0.0]], dtype=np.float32)
         paid = []
         for d in trajectories:
@@ -239,8 +239,8 @@ def align(
         replay,
         reward,
         config,
-        judge=lambda policy: _summary(evaluate(policy.driver, setup, scenes)),
-        base_success=success_rate(evaluate(base.driver, setup, scenes).outcome),
+        judge=lambda policy: _summary(evaluate(policy.rollout_policy, setup, scenes)),
+        base_success=success_rate(evaluate(base.rollout_policy, setup, scenes).outcome),
         on_progress=on_progress,
         checkpoint_folder=checkpoint_folder,
     )
@@ -369,6 +369,6 @@ def check_gate(policy: Policy, base: Policy, config: AlignConfig) -> Gate:
     """Drive both policies in the gate's scenes; passed if success is near the base policy's and above the floor."""
     setup = get_setup(require_same(policy=policy.setup, base=base.setup))
     scenes = scene_set(setup.name, config.gate_scenes, purpose=Purpose.GATE, seed=config.seed)
-    own, raw = (success_rate(evaluate(p.driver, setup, scenes).outcome) for p in (policy, base))
+    own, raw = (success_rate(evaluate(p.rollout_policy, setup, scenes).outcome) for p in (policy, base))
     passed = own >= raw - config.gate_max_loss and own >= config.gate_min_success
     return Gate(passed, own, raw, config.gate_scenes)

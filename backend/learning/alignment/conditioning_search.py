@@ -160,7 +160,7 @@ def search_conditioning(
     course = Course(scenes)
     own = course.rollout(policy)
     better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
-    raw, rate = success_rate(evaluate(base.driver, get_setup(setup), scenes).outcome), float(own.success.mean())
+    raw, rate = success_rate(evaluate(base.rollout_policy, get_setup(setup), scenes).outcome), float(own.success.mean())
     passed = rate >= raw - config.gate_max_loss and rate >= config.gate_min_success
     wanted, score = mean_estimate(better.wanted), mean_estimate(better.scores(length_weight_of(weights)))
     takes_over = passed and wanted.low > -TOLERANCE and score.low > 0

@@ -95,11 +95,11 @@ def episodes(policy: Policy, scenes: list[Scene], engine: str = "fast") -> Episo
     """Drive every scene once, on the fast engine or (slowly) on PyBullet. Raises LearningError for another engine."""
     setup = get_setup(require_same(policy=policy.setup, **{f"scene {k}": s.setup for k, s in enumerate(scenes)}))
     if engine == "fast":
-        return evaluate_fast(policy.driver, setup, scenes)
+        return evaluate_fast(policy.rollout_policy, setup, scenes)
     if engine == "pybullet":
         from backend.simulation.reference import evaluate_reference  # PyBullet is imported only when asked for
 
-        return evaluate_reference(policy.driver, setup, scenes)
+        return evaluate_reference(policy.rollout_policy, setup, scenes)
     raise LearningError(f"engine = {engine!r}: known are fast, pybullet")
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.policies.shape import NetworkShape
-from backend.simulation.driving import ActFunction, Driver, RecoveringDriver, Recovery
+from backend.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
 from backend.simulation.npz import NpzError, from_npz, npz_header, to_npz
 from backend.simulation.setups import SetupError, get_setup
 
@@ -148,12 +148,12 @@ class Policy(StoredPolicy):
             check_networks(self.shape, recovery_policy, ())
 
     @cached_property
-    def driver(self) -> ActFunction | Driver:
-        """What drives whole episodes: `act`, with a recovery where the policy has recovery policies."""
+    def rollout_policy(self) -> ActFunction | EpisodicPolicy:
+        """What acts in whole episodes: `act`, with a recovery where the policy has recovery policies."""
         if not self.recovery_policies:
             return self.act
         others = [Policy(self.setup, self.shape, recovery_policy).act for recovery_policy in self.recovery_policies]
-        return RecoveringDriver(get_setup(self.setup), self.act, others)
+        return RecoveringPolicy(get_setup(self.setup), self.act, others)
 
     def act(self, observations: Floats) -> Floats:
         """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1].

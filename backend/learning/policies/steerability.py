@@ -25,7 +25,7 @@ from backend.learning.preferences.objectives import (
     measures,
     near_person_m,
 )
-from backend.simulation.driving import begin
+from backend.simulation.acting import begin
 from backend.simulation.fast import FastEngine
 from backend.simulation.kernels import surface_distance
 from backend.simulation.scene import Scene
@@ -74,7 +74,7 @@ class Course:
         require_same(policy=policy.setup, scenes=self.setup)
         engine, n = self._engine, len(self._starts)
         engine.start_at(self._starts)
-        steer = begin(policy.driver, n)
+        steer = begin(policy.rollout_policy, n)
         actions = np.zeros((n, 2), dtype=np.float32)
         most = get_setup(self.setup).max_steps
         distances, speeds = np.full((most, n), np.inf), np.zeros((most, n))  # by step

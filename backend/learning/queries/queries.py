@@ -227,7 +227,7 @@ def generate_queries(
     of_scenes: list[list[Query]] = []
     for first in range(0, config.max_scenes, config.scenes_per_round):
         round_scenes = scenes[first : first + config.scenes_per_round]
-        trajectories = [rollout(setup, member.driver, round_scenes) for member in members]
+        trajectories = [rollout(setup, member.rollout_policy, round_scenes) for member in members]
         for row in range(len(round_scenes)):
             filtered["scenes"] += 1
             found = _queries_in_scene([trajectory[row] for trajectory in trajectories], config, random, filtered)
@@ -276,7 +276,7 @@ def segment_queries(
 ) -> list[tuple[Trajectory, Trajectory]]:
     """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy trajectories in different scenes."""
     setup = get_setup(base.setup)
-    pool = rollout(setup, base.driver, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
+    pool = rollout(setup, base.rollout_policy, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
     long_enough = [trajectory for trajectory in pool if len(trajectory.actions) >= segment_steps]
     if len(long_enough) < 2:
         raise LearningError(

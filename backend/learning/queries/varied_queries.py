@@ -81,7 +81,7 @@ def generate_varied_queries(
     needed = asked.count * config.scenes_per_query
     for first in range(0, asked.max_scenes, asked.scenes_per_round):
         round_scenes = scenes[first : first + asked.scenes_per_round]
-        trajectories = [rollout(setup, policy.driver, round_scenes) for policy in policies]
+        trajectories = [rollout(setup, policy.rollout_policy, round_scenes) for policy in policies]
         for row in range(len(round_scenes)):
             if len(set(places)) == needed:
                 break

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from backend.learning.policies.policy import Policy
 from backend.learning.td3.td3 import Batch
-from backend.simulation.driving import ActFunction
+from backend.simulation.acting import ActFunction
 from backend.simulation.fast import FastEngine
 from backend.simulation.setups import get_setup
 

@@ -62,7 +62,7 @@ def scene_with(scene: Scene, walk: Mapping[str, Any] | None) -> Scene:
 @lru_cache(maxsize=8)  # all situations that there are
 def planned_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
     """The walks that can be chosen in a situation, as they are stored; the same for everybody."""
-    from backend.demonstrations.people import walking_scene  # numba comes with it
+    from backend.demonstrations.planned_walks import walking_scene  # numba comes with it
     from backend.simulation.demonstration_scenes import demonstration_scene
 
     scene = demonstration_scene(environment, pair)

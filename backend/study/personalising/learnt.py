@@ -74,5 +74,5 @@ def _drives(setup: str, told: NDArray[np.float32]) -> tuple[tuple[Trajectory, Tr
         return ()
     scenes = scene_set(setup, SCENES, purpose=Purpose.FIGURE, seed=SCENES_SEED)
     policies = (load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(told))
-    drives = [rollout(get_setup(setup), policy.driver, scenes) for policy in policies]
+    drives = [rollout(get_setup(setup), policy.rollout_policy, scenes) for policy in policies]
     return tuple(zip(*drives, strict=True))

@@ -201,7 +201,7 @@ class SimulatedParticipant:
         self._give_up(f"{DRAWING_TRIES} paths were refused, the last one: {told}")
 
     def _walked(self, key: str, scene: Scene, shown: Mapping[str, Any]) -> State:
-        from backend.demonstrations.people import record_walk  # numba comes with it
+        from backend.demonstrations.planned_walks import record_walk  # numba comes with it
 
         times, poses = record_walk(scene, shown["duration_s"], int(self.random.integers(2**31)))
         walk = {"times_s": times.tolist(), "poses": poses.tolist()}

@@ -9,7 +9,7 @@ import { newRequestId } from "./send.js";
 import { speaker } from "./say.js";
 import { StageBar } from "./stage-bar.js";
 
-/** @typedef {import("./types.js").TrialState} TrialState */
+/** @typedef {import("./contract.js").DrawingState} DrawingState */
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
 
 /**
@@ -23,10 +23,11 @@ const ANNOUNCE_EVERY_MS = 1500;
 const PEN_KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Enter", "Backspace", "+", "-"];
 const FEET_KEYS = ["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"];
 
+/** @extends {StageBar<DrawingState>} */
 export class Drawing extends StageBar {
   /**
    * @param {HTMLElement} root the bar
-   * @param {TrialState} state
+   * @param {DrawingState} state
    * @param {import("./stage-bar.js").StageNeeds & DrawingNeeds} needs
    */
   constructor(root, state, needs) {
@@ -134,21 +135,22 @@ export class Drawing extends StageBar {
   async send({ id, points, speeds, times_s, pointer, walk }) {
     if (id !== this.needs.key || this.state.phase !== "drawing" || this.busy) return;
     const client_time = new Date().toISOString();
+    /** @type {import("./contract.js").StrokeSent} */
     const body = { request_id: newRequestId(), points, speeds, times_s, pointer, walk, client_time };
     await this.work(() => this.needs.post("stroke", body));
   }
 
-  /** @param {any} answered */
+  /** @param {import("./contract.js").DrawingReply | undefined} answered */
   taken(answered) {
     if (answered?.problem) this.tellProblem(answered.problem);
   }
 
-  /** @param {Record<string, any>} problem */
+  /** @param {import("./contract.js").StrokeProblemTold} problem */
   tellProblem(problem) {
     const known = Object.keys(this.words.script.problems);
     const walks = this.root.dataset.person === "walks";
     const you = walks || this.root.dataset.view !== "top_down";
-    const thing = problem.thing === "person" && you ? "you" : problem.thing;
+    const thing = problem.thing === "person" && you ? "you" : (problem.thing ?? "");
     const met = problem.thing === "person" && problem.after_s !== undefined;
     const code = met ? (walks ? "met_you" : "met_person") : problem.code;
     this.problem = this.own(`problems.${known.includes(code) ? code : "other"}`, {
@@ -178,7 +180,7 @@ export class Drawing extends StageBar {
     if (!taken && !this.over && this.state.playback_id === id) await this.interrupted("connection");
   }
 
-  /** @param {"hidden" | "connection" | "webgl_lost"} reason */
+  /** @param {import("./contract.js").Interrupted["reason"]} reason */
   async interrupted(reason) {
     if (!this.playing) return;
     await super.interrupted(reason);

@@ -7,7 +7,7 @@
 /**
  * @typedef {object} Pending
  * @property {string} url
- * @property {Record<string, unknown>} body
+ * @property {object} body
  */
 
 /** @param {string} token of the session; every session keeps its own things */

@@ -1,9 +1,11 @@
 // @ts-check
 /** Tells the server's log what happened in this browser, with the browser's own time. Nobody waits for it. */
 
+/** @typedef {import("./contract.js").Noticed} Noticed */
+
 /**
  * @param {string} api address of the session
- * @returns {(kind: "viewed" | "stage_ready" | "stage_slow" | "visibility" | "connection" | "resized" | "script_error", data?: object) => void}
+ * @returns {(kind: Noticed["kind"], data?: Noticed["data"]) => void}
  */
 export function noticer(api) {
   return (kind, data = {}) => {

@@ -5,7 +5,7 @@
 export class Refused extends Error {
   /**
    * @param {number} status
-   * @param {{code?: string, field?: string, message?: string}} error
+   * @param {Partial<import("./contract.js").Trouble>} error
    */
   constructor(status, error) {
     super(error.message ?? `refused (${status})`);

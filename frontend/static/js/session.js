@@ -62,7 +62,7 @@ async function follow(state) {
   const moved = identity(state) !== identity(current);
   current = state;
   if (moved) await arrive();
-  else if (state.step?.trial) trial?.update(state.step.trial);
+  else if (state.step.trial) trial?.update(/** @type {any} its own kind of state */ (state.step.trial));
 }
 
 /** Asks the server where the session stands, and shows it. Calls that come meanwhile share the answer. */
@@ -77,6 +77,7 @@ async function askState() {
   try {
     for (;;) {
       const before = sent;
+      /** @type {SessionState} */
       const state = await ask(api);
       if (before === sent) return await follow(state);
     }
@@ -134,7 +135,7 @@ function mount() {
 
   if (onStage && current.step) {
     const key = current.step.key;
-    const state = current.step.trial ?? { phase: "ready" };
+    const state = /** @type {any} either kind's, as the template says */ (current.step.trial ?? { phase: "ready" });
     const needs = {
       key,
       answer: (/** @type {object} */ value) => answer(key, value),
@@ -209,11 +210,13 @@ function listen() {
   stream = new EventSource(`${api}/stream`);
   stream.addEventListener("state", () => refresh());
   stream.addEventListener("moved", (event) => {
+    /** @type {Partial<import("./contract.js").Moved>} */
     const told = parse(event);
-    if (told.reason === "step" || told.reason === "step_changed") refresh();
+    if (told.reason === "step") refresh();
     else moveOut();
   });
   stream.addEventListener("job", (event) => {
+    /** @type {import("./contract.js").JobNews} */
     const job = parse(event);
     wait?.(job);
     if (job.done) refresh();
@@ -237,15 +240,17 @@ function parse(event) {
  */
 async function answer(key, value) {
   const url = `${api}/steps/${encodeURIComponent(key)}`;
+  /** @type {import("./contract.js").AnswerSent} */
   const body = { request_id: newRequestId(), value, client_time: new Date().toISOString() };
   keep.hold({ url, body });
   await deliver(url, body);
   keep.forget(key);
 }
 
-/** @param {string} url @param {Record<string, unknown>} body */
+/** @param {string} url @param {object} body */
 async function deliver(url, body) {
   try {
+    /** @type {import("./contract.js").Answered} */
     const answered = await send(url, body);
     keep.release();
     await follow(answered);
@@ -317,7 +322,9 @@ $("problem-form").addEventListener("submit", async (event) => {
     return;
   }
   try {
-    await ask(`${api}/problem`, { request_id: newRequestId(), text });
+    /** @type {import("./contract.js").ProblemTold} */
+    const told = { text };
+    await ask(`${api}/problem`, told);
     field.value = "";
     $("problem-result").textContent = say("problem_sent");
   } catch (error) {

@@ -6,7 +6,8 @@
 
 import { Refused, pause } from "./send.js";
 
-/** @typedef {import("./types.js").TrialState} TrialState */
+/** @typedef {import("./types.js").BarState} BarState */
+/** @typedef {import("./contract.js").Interrupted["reason"]} Cut */
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
 
 /**
@@ -27,13 +28,14 @@ import { Refused, pause } from "./send.js";
 const EARLY_WAIT_MS = 400;
 const EARLY_TRIES = 25;
 
-/** Why the stage stopped a drive, in the words of the server. @type {Record<string, "hidden" | "connection" | "webgl_lost">} */
+/** Why the stage stopped a drive, in the words of the server. @type {Record<string, Cut>} */
 const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
 
+/** @template {BarState} S how the server sees what is shown */
 export class StageBar {
   /**
    * @param {HTMLElement} root the bar
-   * @param {TrialState} state
+   * @param {S} state
    * @param {StageNeeds} needs
    */
   constructor(root, state, needs) {
@@ -46,7 +48,7 @@ export class StageBar {
     /** The end of the requests under way. @type {Promise<unknown>} */
     this.line = Promise.resolve();
     this.cutting = false;
-    /** @type {import("./types.js").Phase | null} */
+    /** @type {S["phase"] | null} */
     this.shown = null;
     /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
@@ -75,7 +77,7 @@ export class StageBar {
     this.needs.cover(null);
   }
 
-  /** @param {TrialState} state as the server sees it now */
+  /** @param {S} state as the server sees it now */
   update(state) {
     this.state = { ...this.state, ...state };
     if (!this.busy) this.show();
@@ -172,7 +174,7 @@ export class StageBar {
     });
   }
 
-  /** @param {"hidden" | "connection" | "webgl_lost"} reason */
+  /** @param {Cut} reason */
   async interrupted(reason) {
     if (!this.playing || this.cutting) return;
     this.cutting = true;

@@ -7,11 +7,12 @@
 import { newRequestId } from "./send.js";
 import { StageBar } from "./stage-bar.js";
 
-/** @typedef {import("./types.js").TrialState} TrialState */
+/** @typedef {import("./contract.js").TrialState} TrialState */
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
 
 const SLOW_STAGE_MS = 25000;
 
+/** @extends {StageBar<TrialState>} */
 export class Trial extends StageBar {
   /**
    * @param {HTMLElement} root the bar
@@ -80,7 +81,11 @@ export class Trial extends StageBar {
 
   /** @param {StageMessage} message */
   played({ playback_id: id }) {
-    this.reportPlayed(id, () => ({ path: "seen", body: { side: this.state.phase === "playing_b" ? "b" : "a" } }));
+    this.reportPlayed(id, () => {
+      /** @type {import("./contract.js").Seen} */
+      const body = { side: this.state.phase === "playing_b" ? "b" : "a" };
+      return { path: "seen", body };
+    });
   }
 
   /** @param {HTMLButtonElement} pick */

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.analysis.metrics import collision_rate, measure, success_rate, timeout_rate
-from backend.demonstrations.controllers import drive
+from backend.demonstrations.controllers import roll_out
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.demonstrators import demonstrate
-from backend.demonstrations.judging import KINDS, judge_drives, speed_profile, unseen_scenes
+from backend.demonstrations.judging import KINDS, judge_rollouts, speed_profile, unseen_scenes
 from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
 from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.experiments.reproduction.tasks import Function, TaskResult
@@ -62,9 +62,9 @@ def _driver(params: Mapping[str, Any], needs: Sequence[TaskResult]) -> str | Pol
 def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Drives from every demonstrated start, measured; the demonstrations measured beside them."""
     demonstrations = demonstrations_of(params)
-    drives = drive(_driver(params, needs), [d.scene for d in demonstrations])
+    drives = roll_out(_driver(params, needs), [d.scene for d in demonstrations])
     arrays = {**_shown(drives, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
-    return TaskResult({"judged": judge_drives(drives, demonstrations).as_dict()}, arrays)
+    return TaskResult({"judged": judge_rollouts(drives, demonstrations).as_dict()}, arrays)
 
 
 def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -73,7 +73,7 @@ def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     found: dict[str, Any] = {}
     for kind in KINDS:
         scenes = unseen_scenes(pairs, kind, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
-        measured = measure(drive(_driver(params, needs), scenes))
+        measured = measure(roll_out(_driver(params, needs), scenes))
         found[kind] = {
             "n": len(scenes),
             "success_rate": success_rate(measured.outcome),

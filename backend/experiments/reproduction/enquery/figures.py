@@ -27,7 +27,7 @@ from backend.experiments.reproduction.enquery.results import (
     SweepCell,
     TableRow,
 )
-from backend.explain.flow_field import COLUMNS, difference, drives_from, flow_field, spread_starts
+from backend.explain.flow_field import COLUMNS, difference, flow_field, rollouts_from, spread_starts
 from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE, pair_figure, starts_figure
 from backend.learning.policies.policy import Policy
@@ -244,7 +244,7 @@ def _dots(ax: Axes, rows: Sequence[TableRow]) -> None:
 
 def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts: Sequence[Scene]) -> Picture:
     """Figures 6.3 and 6.7: several policies from the same starts."""
-    drives = drives_from({told: policy.driver for told, policy in policies.items()}, get_setup(SETUP), starts)
+    drives = rollouts_from({told: policy.rollout_policy for told, policy in policies.items()}, get_setup(SETUP), starts)
     rows: Rows = [
         {
             "policy": told,
@@ -269,7 +269,7 @@ def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts
 def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: Policy, scene: Scene) -> Picture:
     """Figures 6.5 and 6.6: raw against aligned, as flow fields with their difference."""
     setup = get_setup(SETUP)
-    fields = flow_field(base.driver, setup, scene), flow_field(aligned.driver, setup, scene)
+    fields = flow_field(base.rollout_policy, setup, scene), flow_field(aligned.rollout_policy, setup, scene)
     apart = difference(*fields)
     rows: Rows = [
         {"policy": told, **dict(zip(COLUMNS, values, strict=True))}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.simulation.driving import ActFunction
+from backend.simulation.acting import ActFunction
 from backend.simulation.setups import Setup
 
 

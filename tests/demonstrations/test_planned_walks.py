@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.demonstrations.controllers import DWA, drive
+from backend.demonstrations.controllers import DWA, roll_out
 from backend.demonstrations.demonstration import Demonstration, augmented, demonstration_from
 from backend.demonstrations.demonstrators import draw_stroke
-from backend.demonstrations.people import MODES, walking_scene
+from backend.demonstrations.planned_walks import MODES, walking_scene
 from backend.demonstrations.stroke import StrokeProblem
 from backend.simulation import kernels
 from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
@@ -86,5 +86,5 @@ def test_unknown_modes_are_named_and_baselines_meet_walking_people() -> None:
     scene = demonstration_scene("room", 0)
     with pytest.raises(SceneError, match="opposite, random"):
         walking_scene(scene, "dancing", 0)
-    (driven,) = drive(DWA, [walking_scene(scene, "random", 3)])
+    (driven,) = roll_out(DWA, [walking_scene(scene, "random", 3)])
     assert driven.outcome in (Outcome.SUCCESS, Outcome.COLLISION)  # the window does not foresee where people go

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.simulation.driving import ActFunction, Driver, Floats, RecoveringDriver, Recovery, Rows, Steering
+from backend.simulation.acting import ActFunction, EpisodeActs, EpisodicPolicy, Floats, RecoveringPolicy, Recovery, Rows
 from backend.simulation.fast import evaluate, rollout
 from backend.simulation.reference import rollout_reference
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import CORRIDOR, STUDY_ROOM, SetupError
 from backend.simulation.trajectory import Outcome
-from tests.simulation.driving import towards_goal
+from tests.simulation.simple_policies import towards_goal
 
 SETUP = STUDY_ROOM
 PATIENCE = Recovery().patience_steps
@@ -48,18 +48,18 @@ def arriving(*, count: int) -> list[Scene]:
 def test_stuck_robots_are_freed_and_those_that_get_on_never_notice() -> None:
     scenes = arriving(count=8)
     stuck = evaluate(circling, SETUP, scenes)
-    freed = evaluate(RecoveringDriver(SETUP, circling, [straight]), SETUP, scenes)
+    freed = evaluate(RecoveringPolicy(SETUP, circling, [straight]), SETUP, scenes)
     assert not stuck.success.any()
     assert freed.success.mean() > 0.5
     assert (freed.steps[freed.success] > PATIENCE).all()
-    undisturbed = RecoveringDriver(SETUP, straight, [circling])
+    undisturbed = RecoveringPolicy(SETUP, straight, [circling])
     for ours, plain in zip(rollout(SETUP, undisturbed, scenes), rollout(SETUP, straight, scenes), strict=True):
         np.testing.assert_array_equal(ours.actions, plain.actions)
 
 
 def test_free_again_it_drives_as_usual() -> None:
     scene = arriving(count=1)
-    driver = RecoveringDriver(SETUP, half_way, [straight], Recovery(patience_s=2.0, free_m=0.3))
+    driver = RecoveringPolicy(SETUP, half_way, [straight], Recovery(patience_s=2.0, free_m=0.3))
     (drive,) = rollout(SETUP, driver, scene)
     ways = [int(np.allclose(action, [-0.9, 0.9])) for action in drive.actions]
     changes = np.count_nonzero(np.diff(ways))
@@ -69,7 +69,7 @@ def test_free_again_it_drives_as_usual() -> None:
 
 def test_where_nothing_frees_it_the_robot_stands_until_its_time_is_up() -> None:
     scene = arriving(count=1)
-    (drive,) = rollout(SETUP, RecoveringDriver(SETUP, circling, [circling]), scene)
+    (drive,) = rollout(SETUP, RecoveringPolicy(SETUP, circling, [circling]), scene)
     assert drive.outcome == Outcome.TIMEOUT
     np.testing.assert_array_equal(
         drive.actions[4 * PATIENCE :], np.tile([-1.0, 0.0], (len(drive.actions) - 4 * PATIENCE, 1))
@@ -80,7 +80,7 @@ def test_where_nothing_frees_it_the_robot_stands_until_its_time_is_up() -> None:
 
 def test_every_episode_has_a_memory_of_its_own() -> None:
     scenes = arriving(count=5)
-    driver = RecoveringDriver(SETUP, half_way, [straight])
+    driver = RecoveringPolicy(SETUP, half_way, [straight])
     together = rollout(SETUP, driver, scenes)
     alone = [rollout(SETUP, driver, [scene])[0] for scene in scenes]
     for one, other in zip(together, alone, strict=True):
@@ -89,18 +89,18 @@ def test_every_episode_has_a_memory_of_its_own() -> None:
 
 def test_pybullet_asks_drivers_with_a_memory_alike() -> None:
     scene = arriving(count=1)
-    (drive,) = rollout_reference(SETUP, RecoveringDriver(SETUP, circling, []), scene, max_steps=3 * PATIENCE)
+    (drive,) = rollout_reference(SETUP, RecoveringPolicy(SETUP, circling, []), scene, max_steps=3 * PATIENCE)
     np.testing.assert_array_equal(drive.actions[-1], [-1.0, 0.0])
 
 
 def test_who_remembers_is_asked_with_the_rows_still_running() -> None:
     asked: list[Rows] = []
 
-    class Counting(Driver):
+    class Counting(EpisodicPolicy):
         def act(self, observations: Floats) -> Floats:
             return straight(observations)
 
-        def begin(self, episodes: int) -> Steering:
+        def begin(self, episodes: int) -> EpisodeActs:
             def steer(observations: Floats, rows: Rows) -> Floats:
                 asked.append(rows)
                 return self.act(observations)
@@ -115,4 +115,4 @@ def test_who_remembers_is_asked_with_the_rows_still_running() -> None:
 def test_setups_whose_observation_does_not_begin_with_the_goal_are_refused() -> None:
     usual: ActFunction = towards_goal(CORRIDOR)
     with pytest.raises(SetupError, match="corridor observes closest points"):
-        RecoveringDriver(CORRIDOR, usual, [])
+        RecoveringPolicy(CORRIDOR, usual, [])

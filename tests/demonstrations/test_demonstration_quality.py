@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backend.demonstrations.demonstration import Demonstration, demonstration_from
-from backend.demonstrations.quality import qualities
+from backend.demonstrations.demonstration_quality import qualities
 from backend.demonstrations.stroke import Stroke
 from backend.simulation.demonstration_scenes import demonstration_scene
 

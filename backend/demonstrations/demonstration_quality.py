@@ -25,8 +25,8 @@ PLACES = 64  # at which paths are compared
 
 
 @dataclass(frozen=True)
-class Quality:
-    """One demonstration. Lengths m, times s, speeds m/s; acceleration: largest change of the driven speed, m/s^2.
+class DemonstrationQuality:
+    """One demonstration. Lengths m, times s, speeds m/s; acceleration: largest change of the executed speed, m/s^2.
 
     human_m, room_m: smallest distances of the robot's edge to the person's and to anything else. same_as: index of an
     earlier one of the same situation that is the same path. apart_m: mean distance to the nearest other path there,
@@ -44,7 +44,7 @@ class Quality:
     flags: tuple[str, ...]
 
 
-def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object]) -> list[Quality]:
+def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object]) -> list[DemonstrationQuality]:
     """One per demonstration, in order. groups: the situation (and hand) of each; paths are compared within one.
 
     Raises ValueError if there are not as many groups.
@@ -61,7 +61,7 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
         apart = {j: float(np.linalg.norm(paths[i] - paths[j], axis=1).mean()) for j in others}
         same = next((j for j in others if j < i and apart[j] < SAME_M), None)
         nearest = min(apart.values(), default=None)
-        speeds = one.driven_speeds
+        speeds = one.executed_speeds
         acceleration = float(np.abs(np.diff(speeds)).max(initial=0.0) / CONTROL_DT_S)
         human = float(measured.min_human_distance[i]) - one.drawn_in.person.radius - ROBOT_RADIUS_M
         room = float(measured.min_obstacle_distance[i])
@@ -72,7 +72,7 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
             "outlier": nearest is not None and nearest > OUTLYING_M,
         }
         found.append(
-            Quality(
+            DemonstrationQuality(
                 length_m=float(measured.path_length[i]),
                 duration_s=float(measured.time[i]),
                 mean_speed=float(measured.mean_speed[i]),

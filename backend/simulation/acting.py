@@ -1,6 +1,6 @@
-"""Who drives: a function of what is observed, or a driver that remembers its episodes; and getting unstuck.
+"""What acts in a rollout: a function of what is observed, or a policy that remembers its episodes; getting unstuck.
 
-The engines ask every driver the same way (`begin`). Networks and files live in `backend.learning`.
+The engines ask every policy the same active (`begin`). Networks and files live in `backend.learning`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 ActFunction = Callable[[Floats], Floats]
 """(n, obs) float32 observations -> (n, 2) float32 actions in [-1, 1]. Called with the rows still running."""
-Steering = Callable[[Floats, Rows], Floats]
+EpisodeActs = Callable[[Floats, Rows], Floats]
 """(observations of the episodes still running, which of them these are) -> their actions; asked once per step."""
 
 
@@ -26,28 +26,28 @@ class ActionError(ValueError):
     """Actions of the wrong shape, or not numbers."""
 
 
-class Driver(ABC):
-    """Somebody who drives with a memory of each episode."""
+class EpisodicPolicy(ABC):
+    """A policy with a memory of each episode."""
 
     @abstractmethod
     def act(self, observations: Floats) -> Floats:
         """As an ActFunction: what is done in such a state where nothing is remembered."""
 
     @abstractmethod
-    def begin(self, episodes: int) -> Steering:
-        """Drive so many new episodes, side by side."""
+    def begin(self, episodes: int) -> EpisodeActs:
+        """Act in so many new episodes, side by side."""
 
 
-def begin(driver: ActFunction | Driver, episodes: int) -> Steering:
-    """Drive so many new episodes. Actions are checked for shape; raises ActionError where they are wrong."""
-    if isinstance(driver, Driver):
-        return driver.begin(episodes)
-    return lambda observations, _: act_on(driver, observations)
+def begin(policy: ActFunction | EpisodicPolicy, episodes: int) -> EpisodeActs:
+    """Act in so many new episodes. Actions are checked for shape; raises ActionError where they are wrong."""
+    if isinstance(policy, EpisodicPolicy):
+        return policy.begin(episodes)
+    return lambda observations, _: act_on(policy, observations)
 
 
-def act_on(driver: ActFunction | Driver, observations: Floats) -> Floats:
+def act_on(policy: ActFunction | EpisodicPolicy, observations: Floats) -> Floats:
     """The actions in these states, without memory, checked for shape. Raises ActionError."""
-    act = driver.act if isinstance(driver, Driver) else driver
+    act = policy.act if isinstance(policy, EpisodicPolicy) else policy
     actions = np.asarray(act(observations), dtype=np.float32)
     if actions.shape != (len(observations), 2):
         raise ActionError(f"the policy gave actions of shape {actions.shape} for {len(observations)} observations")
@@ -72,31 +72,36 @@ class Recovery:
         return round(self.patience_s / CONTROL_DT_S)
 
 
-class RecoveringDriver(Driver):
-    """Drives as usual until it is stuck, then by one escape after the other until it is free; at last it stands.
+class RecoveringPolicy(EpisodicPolicy):
+    """Acts as usual until the robot is stuck, then by one recovery policy after the other until it is free; at last it
+    stands.
 
-    A function of what is observed cannot leave a loop that it drives in: what it did here it does again. Standing ends
-    by the time limit, so a drive that nothing frees counts as what it is, a timeout.
+    A function of what is observed cannot leave a loop: what it did here it does again. Standing ends by the time limit,
+    so a rollout that nothing frees counts as what it is, a timeout.
     """
 
     def __init__(
-        self, setup: Setup, usual: ActFunction, escapes: Sequence[ActFunction], recovery: Recovery | None = None
+        self,
+        setup: Setup,
+        usual: ActFunction,
+        recovery_policies: Sequence[ActFunction],
+        recovery: Recovery | None = None,
     ) -> None:
-        """escapes: other ways to drive, the first to be tried first. Raises SetupError where the goal's distance is not
-        the first that is observed, or where the robot cannot stand.
+        """recovery_policies: the first is tried first. Raises SetupError where the goal's distance is not observed
+        first, or where the robot cannot stand.
         """
         require_lidar(setup)
         if setup.limits.v_min > 0:
             raise SetupError(f"setup {setup.name}: v_min = {setup.limits.v_min}; a robot that cannot stand cannot stop")
         self._scale = setup.distance_scale_m
-        self._ways = (usual, *escapes, _stand)
+        self._policies = (usual, *recovery_policies, _stand)
         self.recovery = recovery or Recovery()
 
     def act(self, observations: Floats) -> Floats:
-        return self._ways[0](observations)
+        return self._policies[0](observations)
 
-    def begin(self, episodes: int) -> Steering:
-        way = np.zeros(episodes, dtype=np.int64)
+    def begin(self, episodes: int) -> EpisodeActs:
+        active = np.zeros(episodes, dtype=np.int64)
         nearest = np.full(episodes, np.inf)
         waited = np.zeros(episodes, dtype=np.int64)
         freed_at = np.full(episodes, -np.inf)
@@ -107,16 +112,16 @@ class RecoveringDriver(Driver):
             nearer = distance < nearest[rows] - recovery.closer_m
             nearest[rows] = np.where(nearer, distance, nearest[rows])
             waited[rows] = np.where(nearer, 0, waited[rows] + 1)
-            free = rows[(way[rows] > 0) & (distance < freed_at[rows])]
-            way[free], waited[free] = 0, 0
+            free = rows[(active[rows] > 0) & (distance < freed_at[rows])]
+            active[free], waited[free] = 0, 0
             stuck = rows[waited[rows] >= patience]
-            beginning = stuck[way[stuck] == 0]
+            beginning = stuck[active[stuck] == 0]
             freed_at[beginning] = nearest[beginning] - recovery.free_m
-            way[stuck], waited[stuck] = np.minimum(way[stuck] + 1, len(self._ways) - 1), 0
-            actions = act_on(self._ways[0], observations)
-            for number in np.unique(way[rows[way[rows] > 0]]):
-                these = way[rows] == number
-                actions[these] = act_on(self._ways[number], observations[these])
+            active[stuck], waited[stuck] = np.minimum(active[stuck] + 1, len(self._policies) - 1), 0
+            actions = act_on(self._policies[0], observations)
+            for number in np.unique(active[rows[active[rows] > 0]]):
+                these = active[rows] == number
+                actions[these] = act_on(self._policies[number], observations[these])
             return actions
 
         return steer

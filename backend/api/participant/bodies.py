@@ -1,0 +1,143 @@
+"""What participants' pages and bots send, bounded field by field. What an answer may be is the step's (`study`)."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
+
+from backend.api.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
+from backend.study.drawing.strokes import MOST_POINTS
+from backend.study.drawing.walks import MOST_POSES
+from backend.study.session.leaving import LONGEST_PROBLEM
+
+LARGEST_EVENT = 4_000  # bytes of JSON; ours
+LONGEST_DEVICE_VALUE = 40
+LONGEST_ID = 200  # characters of a recruiting platform's ids
+
+RequestId = Annotated[
+    str, Field(min_length=8, max_length=64, description="another one per answer; the same again counts once")
+]
+Side = Literal["a", "b"]
+Cut = Literal["hidden", "webgl_lost", "connection"]
+Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
+Point = Annotated[list[Number], Field(min_length=2, max_length=2)]
+Pose = Annotated[list[Number], Field(min_length=3, max_length=3)]
+
+
+def _small(data: dict[str, Any]) -> dict[str, Any]:
+    if len(json.dumps(data)) > LARGEST_EVENT:
+        raise ValueError(f"must have at most {LARGEST_EVENT} bytes of JSON")
+    return data
+
+
+Small = Annotated[MaybeObject, AfterValidator(_small)]
+
+
+class AnswerSent(Sent):
+    """An answer to the current step."""
+
+    request_id: RequestId
+    value: MaybeObject = Field({}, description="as the kind of step wants it")
+    client_time: Clock = None
+
+
+class Noticed(Sent):
+    """Something the page noticed."""
+
+    kind: Literal[
+        "stage_ready", "stage_slow", "visibility", "resized", "script_error", "connection", "device", "viewed"
+    ]
+    data: Small = {}
+    client_time: Clock = None
+
+
+class ProblemTold(Sent):
+    """What a participant writes by `report a problem`."""
+
+    text: str = Field("", max_length=LONGEST_PROBLEM)
+
+
+class Start(Sent):
+    """Play the first trajectory that was not seen yet."""
+
+    request_id: str = Field("", max_length=64)
+
+
+class Seen(Sent):
+    """A trajectory of a pair was watched to its end."""
+
+    side: Side = Field(validation_alias=AliasChoices("side", "drive"))  # pages from before an update say `drive`
+    playback_id: str | None = Field(None, max_length=64)
+
+
+class Interrupted(Sent):
+    """Something could not be watched to its end."""
+
+    reason: Cut
+
+
+class StrokeSent(Sent):
+    """A drawn path: points (n, 2) m, speeds (n,) m/s wanted there, times_s (n,) of the hand."""
+
+    request_id: RequestId
+    points: list[Point] = Field(max_length=MOST_POINTS)
+    speeds: list[Number] = Field(max_length=MOST_POINTS)
+    times_s: list[Number] = Field(max_length=MOST_POINTS)
+    pointer: str = Field("mouse", max_length=40, description="mouse, touch, pen or keys, or several with +")
+    walk: int | None = Field(None, ge=0, le=99, description="which of the walks that were offered")
+    client_time: Clock = None
+
+
+class WalkSent(Sent):
+    """What a participant walked: times_s (n,), poses (n, 3) x, y, yaw in m and radians."""
+
+    times_s: list[Number] = Field(max_length=MOST_POSES)
+    poses: list[Pose] = Field(max_length=MOST_POSES)
+
+
+class Driven(Sent):
+    """The rollout of a drawn path was watched to its end."""
+
+    playback_id: str | None = Field(None, max_length=64)
+    walk: WalkSent | None = None
+
+
+class WalkAgain(Sent):
+    """Walk once more beside the rollout of the path that is there."""
+
+    request_id: RequestId
+
+
+DEVICE_FIELDS = (
+    *("width", "height", "pixel_ratio", "frame_rate"),
+    *("pointer", "touch", "webgl", "scheme", "reduced_motion"),
+)
+
+
+def told_device(given: Any) -> dict[str, Any]:
+    """What the device check told, only the fields we know, long words cut; {} for what is no such thing."""
+    if isinstance(given, str):
+        try:
+            given = storable(json.loads(given))
+        except (ValueError, RecursionError):
+            given = None
+    if not isinstance(given, dict):
+        return {}
+    known = {name: given[name] for name in DEVICE_FIELDS if isinstance(given.get(name), str | int | float | bool)}
+    return {name: value[:LONGEST_DEVICE_VALUE] if isinstance(value, str) else value for name, value in known.items()}
+
+
+class Joining(Sent):
+    """The way in: a form of the welcome page, or a bot's JSON. Capital letters: ids of a recruiting platform."""
+
+    language: str = Field("", max_length=LONGEST_ID)
+    device: Annotated[dict[str, str | float | int | bool], BeforeValidator(told_device)] = Field(
+        {}, description=f"what the device check measured: {', '.join(DEVICE_FIELDS)}"
+    )
+    simulated: bool = False
+    oracle: OpenObject | None = Field(None, description="which simulated person answers; of simulated sessions only")
+    PROLIFIC_PID: str | None = Field(None, max_length=LONGEST_ID)
+    STUDY_ID: str | None = Field(None, max_length=LONGEST_ID)
+    SESSION_ID: str | None = Field(None, max_length=LONGEST_ID)

@@ -1,0 +1,132 @@
+"""What was chosen, in sentences and tables: agreement, what changes where choices differ, own policy against others.
+
+Numbers are `choice_findings.py`'s; the report's other parts `report_text.py`'s.
+"""
+
+from __future__ import annotations
+
+import math
+
+from backend.analysis.tested import Mean
+from backend.analysis.triads import CHANCE_CIRCULAR
+from backend.explain.printed import Section, Table
+from backend.report.analysis_plan import METRICS
+from backend.report.choice_findings import Agreement
+from backend.report.findings import Findings
+from backend.report.report_cells import NONE, number_words, pair_words, percent, share_words
+
+
+def agreement_section(found: Findings) -> Section:
+    """Agreement between and within conditions, circular triads, position."""
+    if not found.of_condition:
+        return Section("Agreement")
+    tables = []
+    if found.between:
+        rows = [[pair_words(pair), *_agreement_cells(of)] for pair, of in found.between.items()]
+        tables.append(Table("Between conditions, the same person and query.", _AGREEMENT_HEADS, rows))
+    again = [
+        [f"{name.replace('_', ' ')}, {words}", *_agreement_cells(of)]
+        for name, one in found.of_condition.items()
+        for words, of in (("asked again", one.repeat), ("sides exchanged", one.swap))
+        if of.share.n
+    ]
+    if again:
+        caption = (
+            "Within a condition: a person's second answer against the first. People with fewer than "
+            f"{found.plan.min_probes} repeated queries are left out."
+        )
+        tables.append(Table(caption, _AGREEMENT_HEADS, again))
+    rows = [
+        [
+            name.replace("_", " "),
+            f"{one.answers:,}",
+            share_words(one.second_shown),
+            number_words(one.decision_s.mean, "{:.1f}"),
+        ]
+        for name, one in found.of_condition.items()
+    ]
+    position = "Position: an answer that follows the order of showing looks like agreement."
+    if found.triads:
+        told = [
+            [name.replace("_", " "), str(of.triads), str(of.circular), share_words(of.share), str(of.share.n)]
+            for name, of in found.triads.items()
+        ]
+        caption = (
+            "Circular triads: of three trajectories compared in all three pairs, A was chosen over B, B over C and C "
+            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, an order of preference none."
+        )
+        shares = "share of a person's, mean, 95 % interval"
+        tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], told))
+    heads = ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"]
+    tables.append(Table(position, heads, rows))
+    sentence = (
+        "Shares of equal answers per person, then mean and SD over people; intervals over people (Wilson's, of as many "
+        "independent answers as people's shares vary like). Cohen's kappa is that of the trajectories chosen, by the "
+        "place (first or second shown) that each had at first: it is near 0 where people agree only because they like "
+        "one place. It is not defined for who always chose the same place."
+    )
+    return Section("Agreement", [sentence], tables)
+
+
+_AGREEMENT_HEADS = ["", "agreement", "SD", "95 % interval", "kappa", "people", "kappa not defined"]
+
+
+def _agreement_cells(of: Agreement) -> list[str]:
+    interval = NONE if math.isnan(of.share.low) else f"{percent(of.share.low)} to {percent(of.share.high)}"
+    return [
+        percent(of.share.mean),
+        percent(of.share.sd),
+        interval,
+        number_words(of.kappa.mean, "{:.2f}"),
+        str(of.share.n),
+        str(of.no_kappa),
+    ]
+
+
+def disagreement_section(found: Findings) -> Section:
+    """What changes in the preferred trajectory where a choice flips."""
+    rows = [
+        [pair_words(pair, " → "), *(_with_se(metrics[name]) for name in found.plan.metrics)]
+        for pair, metrics in found.disagreement.items()
+        if any(of.n for of in metrics.values())
+    ]
+    heads = ["from → to", *(METRICS[name][0] for name in found.plan.metrics)]
+    caption = "Change in z, mean ± standard error over the people who chose differently at least once."
+    return Section("What changes where choices differ", [], [Table(caption, heads, rows)] if rows else [])
+
+
+def _with_se(mean: Mean) -> str:
+    return f"{mean.mean:+.2f} ± {mean.se:.2f} (n = {mean.n})" if mean.n > 1 else NONE
+
+
+def personalised_sentence(found: Findings, k: int) -> str:
+    """One of these comparisons in a sentence."""
+    one = found.personalised[k]
+    sentence = one.test.sentence(found.plan.alpha)
+    return f"{sentence} Share of choices for the own policy: {share_words(one.share)} over people."
+
+
+def personalised_section(found: Findings) -> Section:
+    """The own policy against the base policy and against another person's."""
+    if not found.personalised:
+        return Section("Does it personalise?")
+    told = [personalised_sentence(found, k) for k in range(len(found.personalised))]
+    against = {one.against: one for one in found.personalised}
+    if {"base", "other"} <= against.keys():
+        over_base, over_other = (against[name].test.significant(found.plan.alpha) for name in ("base", "other"))
+        own_wins = against["other"].share.mean > 0.5
+        if over_base and not (over_other and own_wins):
+            told.append(
+                "The own policy differs from the base policy, but was not shown to be preferred to one that another "
+                "participant's answers made: this does not show that it is personal."
+            )
+        elif over_other and own_wins:
+            told.append("The own policy is preferred to one that another participant's answers made: it is personal.")
+    alike = sum(one.look_alike for one in found.personalised)
+    if alike:
+        told.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
+    told.append(
+        "Sign tests over people: a person counts once, for the policy chosen more often; answers of one person depend "
+        "on each other."
+    )
+    return Section("Does it personalise?", told)

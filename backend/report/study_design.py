@@ -1,0 +1,114 @@
+"""What a study compares: the factors of its blocks, which of them everybody meets and which groups do, and who is in
+which cell. Read from the frozen protocol, else from who met what. Pure.
+
+How a design is tested is `rating_findings.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from typing import Any
+
+from backend.report.study_data import StudyData
+
+Levels = Mapping[str, Sequence[str]]
+CONDITION = "condition"  # the one factor of a study whose protocol does not name one
+
+
+@dataclass(frozen=True)
+class StudyDesign:
+    """One block's comparison. within, between: factor -> levels. cells: conditions within, as answers carry them; of a
+    design without factors within the one of each group. groups: person -> cell of the factors between."""
+
+    within: Levels
+    between: Levels
+    cells: Sequence[str]
+    groups: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def group_names(self) -> list[str]:
+        """The cells between people; one empty name where everybody meets the same."""
+        return ["-".join(cell) for cell in product(*self.between.values())]
+
+    @property
+    def factorial(self) -> bool:
+        """Whether there is more than one factor."""
+        return len(self.within) + len(self.between) > 1
+
+    @property
+    def words(self) -> str:
+        """The design as papers name it."""
+        sizes = " × ".join(str(len(levels)) for levels in (*self.within.values(), *self.between.values()))
+        where = [
+            f"{', '.join(factors)} {words}"
+            for factors, words in ((self.within, "within people"), (self.between, "between people"))
+            if factors
+        ]
+        return f"{sizes} conditions ({'; '.join(where)})".replace("_", " ")
+
+    def values(self, rated: Mapping[str, Mapping[str, float]]) -> tuple[list[str], list[list[float]]]:
+        """The people who rated every cell that they met, with their ratings of the cells in order. rated: person ->
+        condition -> rating. A design without factors within has one column."""
+        people, rows = [], []
+        for person, of in rated.items():
+            if self.between and person not in self.groups:
+                continue
+            cells = self.cells if self.within else [self.cells[self.groups[person]]]
+            if all(cell in of for cell in cells):
+                people.append(person)
+                rows.append([of[cell] for cell in cells])
+        return people, rows
+
+
+def designs_of(data: StudyData) -> list[StudyDesign]:
+    """Every comparison of a study: one per block with factors; without such a block all conditions that were met."""
+    conditions = data.conditions
+    found = [one for one in _declared(data) if len(one.within) or len(one.between)]
+    met = [one for one in found if set(one.cells) & set(conditions)]
+    if met:
+        return met
+    if len(conditions) < 2:
+        return []
+    of = {person: [name for name in conditions if name in names] for person, names in _met(data).items()}
+    levels = {CONDITION: tuple(conditions)}
+    if all(len(names) == 1 for names in of.values()):
+        groups = {person: conditions.index(names[0]) for person, names in of.items()}
+        return [StudyDesign({}, levels, conditions, groups)]
+    return [StudyDesign(levels, {}, conditions)]
+
+
+def _met(data: StudyData) -> dict[str, set[str]]:
+    """Person -> conditions that they answered something under."""
+    found: dict[str, set[str]] = {}
+    told = [(one.person, one.condition) for one in data.choices]
+    for person, condition in told + [(one.person, one.condition) for one in data.ratings if one.condition]:
+        if condition in data.conditions:
+            found.setdefault(person, set()).add(condition)
+    return found
+
+
+def _declared(data: StudyData) -> Iterator[StudyDesign]:
+    newest = data.newest or data.protocol
+    for key, block in _blocks(newest):
+        within, between = block.get("each") or {}, block.get("one_of") or {}
+        within = {"view": within} if isinstance(within, list) else within
+        between = {"view": between} if isinstance(between, list) else between
+        names = ["-".join(cell) for cell in product(*between.values())]
+        cells = ["-".join(cell) for cell in product(*within.values())] if within else names
+        if not within:  # a group's one condition is called as the group
+            told = {person: next(iter(of & set(names)), "") for person, of in _met(data).items()}
+        else:
+            told = {one.code: one.groups.get(key, "") for one in data.people}
+        groups = {person: names.index(name) for person, name in told.items() if between and name in names}
+        yield StudyDesign(within, between, cells, groups)
+
+
+def _blocks(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The blocks of a protocol by their stage keys: `block`, `block_2`, ..."""
+    number = 0
+    for entry in protocol.get("stages", ()):
+        if entry.get("block"):
+            number += 1
+            yield f"block_{number}" if number > 1 else "block", entry["block"]

@@ -1,0 +1,69 @@
+"""Corrections for families, marks, and what a sentence says."""
+
+from __future__ import annotations
+
+import pytest
+from statsmodels.stats.multitest import multipletests
+
+from backend.analysis import tested as results
+from backend.analysis.tested import corrected, corrected_pairs, star_bounds, stars
+
+
+def result(p: float, *, least: float = 0.0) -> results.Tested:
+    return results.Tested(
+        "Test", "fun", "W", 3.0, None, p, p, "uncorrected", "r", 0.5, 9, 9, "a is higher", least_p=least,
+        least_p_corrected=least,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("how", ["holm", "bonferroni"])
+def test_corrections_are_statsmodels(how: str) -> None:
+    raw = [0.04, 0.001, 0.03, 0.2, 0.011]
+    theirs = multipletests(raw, method=how)[1]
+    assert [one.p_corrected for one in corrected([result(p) for p in raw], how)] == pytest.approx(list(theirs))
+    assert [one.p_corrected for one in corrected([result(p) for p in raw], "none")] == raw
+
+
+def test_marks_follow_alpha() -> None:
+    assert [stars(p) for p in (0.06, 0.05, 0.01, 0.001)] == ["", "*", "**", "***"]
+    assert [stars(p, 0.01) for p in (0.05, 0.011, 0.01, 0.001)] == ["", "", "*", "**"]
+    assert [stars(p, 0.1) for p in (0.11, 0.1, 0.01, 0.001)] == ["", "*", "**", "***"]
+    assert star_bounds(0.0005) == [0.0005]
+
+
+def test_who_could_not_have_found_anything_is_told_so() -> None:
+    """Five people: no signed-rank test can be below 2 / 2^5."""
+    few = result(0.0625, least=2 / 2**5)
+    assert not few.possible(0.05)
+    assert few.sentence().startswith("Fun: no difference was found and none could be with so few people (p cannot be ")
+    assert few.possible(0.1)
+    three = corrected([result(0.3, least=0.03), result(0.4, least=0.03)], "bonferroni")
+    assert [one.least_p_corrected for one in three] == [0.06, 0.06]
+    enough = corrected([result(0.3, least=0.001), result(0.4, least=0.03)], "holm")
+    assert [one.possible() for one in enough] == [True, True]
+
+
+def test_pairs_behind_a_gate_are_corrected_over_pairs_and_items() -> None:
+    """Of three conditions that are not all alike at most one pair is (Shaffer): times items; of four at most three."""
+    gate = result(0.002)
+    pairs = corrected_pairs([result(0.001), result(0.004), result(0.3)], 10, gate)
+    assert [one.p_corrected for one in pairs] == pytest.approx([0.02, 0.04, 1.0])
+    assert {one.correction for one in pairs} == {"Shaffer, Bonferroni over the items"}
+    alone = corrected_pairs([result(0.001), result(0.004), result(0.3)], 1, gate)
+    assert [one.p_corrected for one in alone] == pytest.approx([0.002, 0.004, 0.3])
+    of_four = corrected_pairs([result(0.001)] * 6, 2, result(0.0001))
+    assert of_four[0].p_corrected == pytest.approx(0.006)
+    free = corrected_pairs([result(0.001, least=0.0005)] * 3, 10, None)
+    assert (free[0].p_corrected, free[0].least_p_corrected) == pytest.approx((0.03, 0.015))
+    assert free[0].correction == "Bonferroni"
+
+
+def test_the_sentence_says_how_p_was_found() -> None:
+    test = result(0.004)
+    assert test.sentence() == "Fun: a is higher, W(N = 9) = 3.00, p = 0.004, r = 0.50."
+    (found,) = corrected(
+        [results.Tested(**{**test.as_dict(), "method": "exact", "effect_low": 0.1, "effect_high": 0.8})], "holm"
+    )
+    assert found.sentence() == "Fun: a is higher, W(N = 9) = 3.00, p = 0.004 (exact, Holm), r = 0.50 [0.10, 0.80]."
+    f = results.Tested(**{**test.as_dict(), "symbol": "F", "df": 2, "df_error": 24, "used": 7, "z": -2.0})
+    assert "F(2, 24, N = 9, 7 used) = 3.00, z = -2.00, p = 0.004, r" in f.sentence()
