@@ -181,9 +181,9 @@ def test_a_page_tells_what_comes_next_and_shows_pairs_only_before_pairs() -> Non
         frozen = freeze_text((PROTOCOLS / f"{name}.yaml").read_text())
         plan = make_plan(frozen.protocol, 0, example_queries(frozen.protocol))
         told |= {
-            (name, step["key"]): (next_kind(plan, k), leads_to(plan, k))
+            (name, step.key): (next_kind(plan, k), leads_to(plan, k))
             for k, step in enumerate(plan)
-            if step["kind"] == "instruction"
+            if step.kind == "instruction"
         }
     assert told == {
         ("demonstration_study", "instruction"): ("demonstration", "demonstration"),
