@@ -90,7 +90,9 @@ def parity(
 @plain_errors
 def align(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
-    mode: Annotated[str, typer.Option(help="instant, refine, from_base or thesis.")] = "refine",
+    mode: Annotated[
+        str, typer.Option(help="instant, conditioning_search, fine_tuning or thesis.")
+    ] = "conditioning_search",
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
     queries: Annotated[int, typer.Option(min=2)] = 15,
     seed: Annotated[int, typer.Option()] = 0,

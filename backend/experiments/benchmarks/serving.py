@@ -222,7 +222,7 @@ def _alignments(database: Database, files: ArtefactStore, study: Study) -> Itera
             enqueue_job(
                 s,
                 "align",
-                {"snapshot": snapshot.id, "setup": snapshot.setup, "recipe": "refine", "seed": seed},
+                {"snapshot": snapshot.id, "setup": snapshot.setup, "recipe": "fine_tuning", "seed": seed},
                 priority=PARTICIPANT_WAITS,
                 study_id=study.id,
                 session_id=session_id,  # its process gets the priority of one that somebody waits for

@@ -42,8 +42,8 @@ def start_training(
 ) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
-    Recipe instant: two jobs, the second a refinement. None where there are too few answers, or where the participant
-    did not consent to learning from theirs; the session's `personalisation` says so.
+    Recipe instant: two jobs, the second the conditioning search behind it. None where there are too few answers, or
+    where the participant did not consent to learning from theirs; the session's `personalisation` says so.
     """
     stage = train_stage(protocol)
     if (s.get_one(Participant, session.participant_id).consents or {}).get("training") is False:
@@ -63,7 +63,7 @@ def start_training(
     other = _policy_of_another(s, session) if comparison is not None and "other" in comparison.opponents else None
     recipes: list[dict[str, str]] = [{"recipe": stage.recipe}]
     if stage.recipe == "instant":
-        recipes.append({"recipe": "refine", "start": "conditioned"})
+        recipes.append({"recipe": "conditioning_search"})
     for recipe in recipes:
         job = enqueue_job(
             s,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from backend.study.grammar.parts import Address, Code, FileName, Localized, Part, Slug, Version
 from backend.study.grammar.skipping import When
@@ -73,17 +73,22 @@ class Meanwhile(Part):
     questionnaire: Slug
 
 
+def _recipe_in_new_words(given: object) -> object:
+    """Protocols of before call fine-tuning `refine`."""
+    return "fine_tuning" if given == "refine" else given
+
+
 class TrainStage(Part):
     """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
 
     job: `align` learns from choices between drives, `demonstrations` from drawn paths, one controller per environment.
-    recipe (of `align`): `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs behind it and
-    takes its place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
+    recipe (of `align`): `instant` is there at once (a conditioning search runs behind it and takes its place where it
+    is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4.
     """
 
     job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
-    recipe: Literal["instant", "refine", "thesis"] = "instant"
+    recipe: Annotated[Literal["instant", "fine_tuning", "thesis"], BeforeValidator(_recipe_in_new_words)] = "instant"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # DESIGN.md, sketch of a protocol
 
