@@ -240,7 +240,7 @@ def test_every_number_links_to_as_many_rows(lab, walked: Walked, tab):
     assert len(numbers) > 5
     for href, number in numbers:
         address = urljoin(f"/lab/studies/{walked.id}/now", html.unescape(href))
-        if "Restarted trajectories" in page and address.endswith(("#events", ",kept")):
+        if "Interrupted trajectories" in page and address.endswith(("#events", ",kept")):
             continue  # restarts are counted per trial; their link leads to whose they are
         shown = lab.get(address)
         assert shown.status_code == 200, address
