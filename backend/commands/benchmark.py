@@ -90,7 +90,9 @@ def parity(
 @plain_errors
 def align(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
-    mode: Annotated[str, typer.Option(help="instant, refine, from_base or thesis.")] = "refine",
+    mode: Annotated[
+        str, typer.Option(help="instant, conditioning_search, fine_tuning or thesis.")
+    ] = "conditioning_search",
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
     queries: Annotated[int, typer.Option(min=2)] = 15,
     seed: Annotated[int, typer.Option()] = 0,
@@ -120,7 +122,10 @@ def align(
 def asking(
     query_set: Annotated[str, typer.Argument(help="A shipped query set or a file.")] = "study_room/queries_200",
     oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
-    habits: Annotated[str, typer.Option(help="Any of right,mistakes,indifference,myopia; default all.")] = "",
+    response_models: Annotated[
+        str,
+        typer.Option("--response-models", "--habits", help="Any of right,mistakes,indifference,myopia; default all."),
+    ] = "",
     answers: Annotated[int, typer.Option(min=1)] = 30,
     repetitions: Annotated[int, typer.Option(min=2)] = 20,
     seed: Annotated[int, typer.Option()] = 0,
@@ -129,13 +134,13 @@ def asking(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
-    from backend.experiments.asking import HABITS, AskingConfig, asking_study, summarise
+    from backend.experiments.asking import RESPONSE_MODELS, AskingConfig, asking_study, summarise
     from backend.learning.policies.shipped import load_queries
     from backend.learning.preferences.oracles import ORACLE_PREFERENCES
 
     config = AskingConfig(
         oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
-        habits=tuple(habits.split(",")) if habits else tuple(HABITS),
+        response_models=tuple(response_models.split(",")) if response_models else tuple(RESPONSE_MODELS),
         answers=answers,
         repetitions=repetitions,
         seed=seed,
@@ -153,15 +158,16 @@ def asking(
     say(summary, as_json)
 
 
-@commands.command()
+@commands.command("wants", hidden=True, deprecated=True)
+@commands.command("preferences")
 @plain_errors
-def wants(
+def preferences_command(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
     oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
     noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0",
     seeds: Annotated[str, typer.Option(help="Of the query sets: FIRST-LAST.")] = "70-79",
     queries: Annotated[
-        str, typer.Option(help="Whose drives: ensemble, or varied (of the conditioned policy).")
+        str, typer.Option(help="Whose trajectories: ensemble, or varied (of the conditioned policy).")
     ] = "varied",
     answers: Annotated[int, typer.Option(min=2)] = 15,
     choose: Annotated[
@@ -175,14 +181,14 @@ def wants(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
-    from backend.experiments.benchmarks.preferences import WantsConfig, benchmark_wants
+    from backend.experiments.benchmarks.preferences import PreferencesConfig, benchmark_preferences
     from backend.learning.policies.shipped import load_card, load_conditioned
     from backend.learning.preferences.oracles import ORACLE_PREFERENCES
 
     first, _, last = seeds.partition("-")
     if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
         raise typer.BadParameter(f"queries = {queries}, seeds = {seeds}: ensemble or varied; such as 70-79")
-    config = WantsConfig(
+    config = PreferencesConfig(
         oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
         noises=tuple(float(noise) for noise in noises.split(",")),
         query_seeds=tuple(range(int(first), int(last or first) + 1)),
@@ -193,8 +199,8 @@ def wants(
     )
     names = pretrainings.split(",") if pretrainings else [f"{setup}/conditioned"]
     cards = [load_card(name) for name in names]
-    told = {f"seed {card.seed}": load_conditioned(name) for name, card in zip(names, cards, strict=True)}
-    result = benchmark_wants(setup, told, config, lambda done: typer.echo(f"{done:.0%}", err=True))
+    conditioned = {f"seed {card.seed}": load_conditioned(name) for name, card in zip(names, cards, strict=True)}
+    result = benchmark_preferences(setup, conditioned, config, lambda done: typer.echo(f"{done:.0%}", err=True))
     result |= {
         "pretrainings": {f"seed {card.seed}": {"command": card.command, "sha256": card.sha256} for card in cards}
     }
@@ -260,8 +266,8 @@ def _write(out: Path, result: dict[str, Any]) -> None:
     from backend.learning.cards import source_commit
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    told = {"command": " ".join(["desirepath", *sys.argv[1:]]), "commit": source_commit()} | _short(result)
-    out.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    written = {"command": " ".join(["desirepath", *sys.argv[1:]]), "commit": source_commit()} | _short(result)
+    out.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
 
 
 def _short(value: Any) -> Any:

@@ -11,9 +11,11 @@ import typer
 from backend.commands.output import JsonFlag, plain_errors, say
 
 if TYPE_CHECKING:
+    from backend.jobs.kinds import Params
     from backend.report.policy_table import PolicyRow
     from backend.store.artefacts import ArtefactStore
     from backend.store.database import Database
+    from backend.store.models import Job
     from backend.store.who_counts import Whose
 
 
@@ -39,7 +41,9 @@ def report(
     model: Annotated[
         str, typer.Option(help="Reward models of the policies, with commas: interface, linear, weights, mlp.")
     ] = "interface,weights",
-    recipe: Annotated[str, typer.Option(help="Recipe of the policies: refine, instant or thesis.")] = "refine",
+    recipe: Annotated[
+        str, typer.Option(help="Algorithm of the policies: fine_tuning, instant, conditioning_search or thesis.")
+    ] = "fine_tuning",
     scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy drives.")] = 1_000,
     as_json: JsonFlag = False,
 ) -> None:
@@ -127,7 +131,17 @@ def known_job(database: Database, kind: str, params: dict[str, Any]) -> dict[str
     from backend.jobs.kinds import get_kind
     from backend.store.models import Job
 
-    wanted = get_kind(kind).parse(params).model_dump(mode="json")
+    wanted = get_kind(kind).parse(params)
     with database.session() as s:
         done = s.scalars(select(Job).where(Job.kind == kind, Job.state == "succeeded").order_by(Job.created_at.desc()))
-        return next((job.result for job in done if job.params == wanted and job.result), None)
+        return next((job.result for job in done if job.result and _asks(job, wanted)), None)
+
+
+def _asks(job: Job, wanted: Params) -> bool:
+    """Whether a stored job, of any version, was asked just that."""
+    from backend.jobs.kinds import JobParamsError, get_kind
+
+    try:
+        return get_kind(job.kind).read(job.params) == wanted
+    except JobParamsError:
+        return False

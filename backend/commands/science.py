@@ -94,7 +94,9 @@ def align(
     study: StudyFlag = None,
     snapshot: SnapshotFlag = None,
     answers: AnswersFlag = None,
-    recipe: Annotated[str, typer.Option(help="refine (spec 06, recipe B) or thesis (lambda 0.06).")] = "refine",
+    recipe: Annotated[
+        str, typer.Option(help="The algorithm: fine_tuning, instant, conditioning_search or thesis.")
+    ] = "fine_tuning",
     seed: SeedFlag = 0,
     out: OutFlag = None,
     more: SetFlag = None,

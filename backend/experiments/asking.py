@@ -1,8 +1,8 @@
-"""A simulation study of asking: how well wants are known after 1, 2, ... answers, by how queries are chosen.
+"""A simulation study of asking: how well weights are known after 1, 2, ... answers, by how queries are chosen.
 
 Who answers lives in `oracles.py`, what is chosen in `choosing.py`, what answers say in `posterior.py`. Everything here
 is simulated and says so; an oracle's answer to a query is drawn once per repetition, so that strategies differ in
-nothing but the choice. Every taste has answers and test queries of its own, so that means over tastes are of
+nothing but the choice. Every preference has answers and test queries of its own, so that means over preferences are of
 independent repetitions.
 """
 
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.evaluate import wilson
 from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, ResponseModel, make_oracle
@@ -27,9 +28,9 @@ from backend.simulation.setups import require_same
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 T_95 = 1.96
-SEEDS_APART = 1_000_000  # more than a study has repetitions over all tastes
+SEEDS_APART = 1_000_000  # more than a study has repetitions over all preferences
 
-HABITS: dict[str, ResponseModel] = {
+RESPONSE_MODELS: dict[str, ResponseModel] = {
     "right": ResponseModel(),
     "mistakes": ResponseModel(lapse_rate=0.1),
     "indifference": ResponseModel(indifference=0.25),
@@ -43,7 +44,7 @@ class AskingConfig:
     """What is simulated. test_share: of the queries, drawn anew per repetition; accuracy is measured on these."""
 
     oracles: tuple[str, ...] = tuple(ORACLE_PREFERENCES)
-    habits: tuple[str, ...] = tuple(HABITS)
+    response_models: tuple[str, ...] = tuple(RESPONSE_MODELS)
     strategies: tuple[str, ...] = STRATEGIES
     answers: int = 30
     repetitions: int = 20
@@ -65,13 +66,17 @@ def asking_study(
 
     Result: {"simulated": True, "config", "curves": [{oracle, held_out, habits, strategy, accuracy, low, high (95 %, of
     the mean), dominant, dominant_low, dominant_high (Wilson)}]}, each a list by number of answers from 1 on; dominant
-    is null for a taste outside the vocabulary. Accuracy is agreement with the taste itself, without mistakes. The test
-    queries and the random stream of a repetition are the same for all strategies. plain: another set of the setup to
-    compare with, such as an ensemble's: its queries are asked at random (strategy `random_plain`) and what was learned
-    is tested on those of `query_set`. Raises LearningError for unknown names or too few queries, SetupError.
+    is null for a preference outside the vocabulary. Accuracy is agreement with the preference itself, without lapses.
+    The test queries and the random stream of a repetition are the same for all strategies. plain: another set of the
+    setup to compare with, such as an ensemble's: its queries are asked at random (strategy `random_plain`) and what was
+    learned is tested on those of `query_set`. Raises LearningError for unknown names or too few queries, SetupError.
     """
     config = config or AskingConfig()
-    for name, known in (("oracles", ORACLE_PREFERENCES), ("habits", HABITS), ("strategies", STRATEGIES)):
+    for name, known in (
+        ("oracles", ORACLE_PREFERENCES),
+        ("response_models", RESPONSE_MODELS),
+        ("strategies", STRATEGIES),
+    ):
         unknown = [value for value in getattr(config, name) if value not in known]
         if unknown:
             raise LearningError(f"{name} = {', '.join(unknown)}: known are {', '.join(known)}")
@@ -81,13 +86,13 @@ def asking_study(
     if plain is not None:
         require_same(queries=query_set.setup, plain=plain.setup)
     sets = [_Measured.of(asked) for asked in (query_set, plain) if asked is not None]
-    cells = [(oracle, habits) for oracle in config.oracles for habits in config.habits]
+    cells = [(oracle, model) for oracle in config.oracles for model in config.response_models]
     curves: list[dict[str, Any]] = []
-    for number, (oracle, habits) in enumerate(cells):
-        curves += _curves_of(sets, oracle, habits, config)
+    for number, (oracle, model) in enumerate(cells):
+        curves += _curves_of(sets, oracle, model, config)
         if on_progress:
             on_progress((number + 1) / len(cells))
-    return {"simulated": True, "setup": query_set.setup, "config": asdict(config), "curves": curves}
+    return {"simulated": True, "setup": query_set.setup, "config": stored_config(config), "curves": curves}
 
 
 @dataclass(frozen=True)
@@ -102,11 +107,11 @@ class _Measured:
         return cls(queries, seen_in(queries.queries))
 
 
-def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: AskingConfig) -> list[dict[str, Any]]:
+def _curves_of(sets: Sequence[_Measured], oracle: str, model: str, config: AskingConfig) -> list[dict[str, Any]]:
     """sets: the first is tested on; a second one is asked at random, too."""
     tested = sets[0]
     truth = make_oracle(oracle).advantages(tested.queries.queries) < 0
-    seen = [make_oracle(oracle, **asdict(HABITS[habits])).advantages(one.queries.queries) for one in sets]
+    seen = [make_oracle(oracle, **asdict(RESPONSE_MODELS[model])).advantages(one.queries.queries) for one in sets]
     curves = []
     place = tuple(ORACLE_PREFERENCES).index(oracle)
     ways = [(strategy, strategy, 0) for strategy in config.strategies] + [(PLAIN, "random", 1)] * (len(sets) - 1)
@@ -116,7 +121,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
         found = np.zeros((config.repetitions, config.answers), dtype=np.bool_)
         for repetition in range(config.repetitions):
             drawn = (place * config.repetitions + repetition) + 1
-            answerer = make_oracle(oracle, **asdict(HABITS[habits]), seed=SEEDS_APART * config.seed + drawn)
+            answerer = make_oracle(oracle, **asdict(RESPONSE_MODELS[model]), seed=SEEDS_APART * config.seed + drawn)
             answers = np.equal(answerer.decide(seen[which]), 0)
             random = np.random.default_rng([config.seed, drawn, 41])
             order = random.permutation(len(tested.differences))
@@ -131,7 +136,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
             {
                 "oracle": oracle,
                 "held_out": oracle in HELD_OUT,
-                "habits": habits,
+                "habits": model,
                 "strategy": name,
                 **_with_intervals(accuracy),
                 **(_shares(found) if ORACLE_PREFERENCES[oracle].objectives else {"dominant": None}),
@@ -141,7 +146,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, habits: str, config: Aski
 
 
 def _agreement(posterior: Posterior, differences: Doubles, truth: Flags) -> float:
-    """Share of pairs that are predicted as the taste itself would answer. differences: (n, 7), of whole drives."""
+    """Share of pairs that are predicted as the preference itself would answer. differences: (n, 7), of whole pairs."""
     predicted = posterior.sample(PARTICLES).predict(differences) > 0.5
     return float((predicted == truth).mean())
 
@@ -162,7 +167,7 @@ def _shares(found: Flags) -> dict[str, list[float]]:
 
 
 def _dominant_row(curves: Sequence[dict[str, Any]], answers: int, repetitions: int) -> dict[str, Any]:
-    """Over the tastes of the vocabulary, as `dominant_N`; null if there are none."""
+    """Over the preferences of the vocabulary, as `dominant_N`; null if there are none."""
     name, found = f"dominant_{answers}", [curve["dominant"][answers - 1] for curve in curves if curve["dominant"]]
     if not found:
         return {name: None}
@@ -171,24 +176,25 @@ def _dominant_row(curves: Sequence[dict[str, Any]], answers: int, repetitions: i
 
 
 def summarise(result: dict[str, Any]) -> dict[str, Any]:
-    """The study in a few numbers, by habits and strategy, over the tuning and the held-out tastes apart.
+    """The study in a few numbers, by response model and strategy, over the tuning and the held-out
+    preferences apart.
 
     dominant_15: share of repetitions in which 15 answers found it, with its Wilson interval over all of them; accuracy:
-    mean after 8, 15 and the last answer, with the 95 % interval for these very tastes.
+    mean after 8, 15 and the last answer, with the 95 % interval for these very preferences.
     """
     rows = []
     last = result["config"]["answers"]
     for split, names in (("tuning", TUNING), ("held_out", HELD_OUT)):
-        for habits in result["config"]["habits"]:
+        for model in result["config"]["habits"]:
             for strategy in dict.fromkeys(curve["strategy"] for curve in result["curves"]):
                 of = [
                     curve
                     for curve in result["curves"]
-                    if curve["oracle"] in names and (curve["habits"], curve["strategy"]) == (habits, strategy)
+                    if curve["oracle"] in names and (curve["habits"], curve["strategy"]) == (model, strategy)
                 ]
                 if not of:
                     continue
-                row: dict[str, Any] = {"oracles": split, "habits": habits, "strategy": strategy}
+                row: dict[str, Any] = {"oracles": split, "habits": model, "strategy": strategy}
                 for n in sorted({min(8, last), min(15, last), last}):
                     mean = float(np.mean([curve["accuracy"][n - 1] for curve in of]))
                     halves = np.array([curve["accuracy"][n - 1] - curve["low"][n - 1] for curve in of])

@@ -37,7 +37,8 @@ def free_port_pair() -> int:
 def loopback_server(
     settings: Settings, *, worker: bool = True, log: Path | None = None, arguments: tuple[str, ...] = ()
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """Run `desirepath serve` on free ports over the given data folder; yields its URL and process, stops it after.
+    """Run `desirepath serve` on free ports over the given data folder; yields its URL and process, stops it after. It
+    stops as well when this process is killed.
 
     Raises RuntimeError with the end of its log if it does not answer within a minute.
     """
@@ -51,8 +52,9 @@ def loopback_server(
     log = log or settings.data / "loopback-server.log"
     with log.open("wb") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "backend.cli", "serve", *arguments],
+            [sys.executable, "-m", "backend.experiments.ends_with_parent", "serve", *arguments],
             env=environment,
+            stdin=subprocess.PIPE,
             stdout=out,
             stderr=out,
             start_new_session=True,
@@ -68,6 +70,8 @@ def loopback_server(
                     process.wait(15)
                 except subprocess.TimeoutExpired:
                     os.killpg(process.pid, signal.SIGKILL)
+            assert process.stdin is not None  # noqa: S101  a pipe, above
+            process.stdin.close()
 
 
 def _await_answer(url: str, process: subprocess.Popen[bytes], log: Path) -> None:

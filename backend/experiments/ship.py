@@ -32,7 +32,7 @@ def main() -> None:
     if arguments.what == "varied-queries":
         ship_varied_queries(*given, count=arguments.count)
     elif arguments.what in ("queries", "triples"):
-        ship_queries(*given, count=arguments.count, drives=3 if arguments.what == "triples" else 2)
+        ship_queries(*given, count=arguments.count, trajectories=3 if arguments.what == "triples" else 2)
     else:
         {"base": ship_base, "ensemble": ship_ensemble, "conditioned": ship_conditioned}[arguments.what](*given)
 

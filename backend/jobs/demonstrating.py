@@ -1,6 +1,6 @@
 """The job that learns a personal controller from kept demonstrations of one environment (spec 02).
 
-The algorithm is `backend.demonstrations.td3_bc`'s; here the demonstrations are loaded, the controller, its drives and
+The algorithm is `backend.demonstrations.td3_bc`'s; here the demonstrations are loaded, the controller, its rollouts and
 what they are compared with are kept.
 """
 
@@ -18,6 +18,7 @@ from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import TrainDemonstrationsParams
+from backend.learning.alignment.gate import GateRule, verdict
 from backend.learning.policies.policy import Policy
 from backend.learning.queries.queries import QueryConfig, look_alike
 from backend.learning.scene_sets import Purpose, describe
@@ -29,12 +30,12 @@ from backend.store.models import Artefact
 
 
 def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams) -> dict[str, Any]:
-    """A controller learned from a snapshot of demonstrations, its drives from their starts, and blind comparisons.
+    """A controller learned from a snapshot of demonstrations, its rollouts from their starts, and blind comparisons.
 
-    The result holds `policy` (artefact id), `passed` (success from the demonstrated starts), `judged` (those drives
+    The result holds `policy` (artefact id), `passed` (success from the demonstrated starts), `judged` (those rollouts
     against the demonstrations), `rollouts`: [{demonstration (sha256), pair, trajectory}], and `situations`, one per
     demonstrated pair in turn: [{scene, scene_seed, base, own, social_cost, look_alike}]. `base`, the word for what an
-    own policy is compared with, is the drive of the dynamic window approach; drives are ids of stored trajectories.
+    own policy is compared with, is the rollout of the dynamic window approach; rollouts are ids of stored trajectories.
     `comparisons` are those of them in which both that are compared arrive, at most as many as asked for; who rates the
     controllers one by one is shown every situation, arrived or not.
     """
@@ -43,9 +44,11 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     config = DemonstrationConfig(seed=params.seed, updates=params.updates)
     trained = train_with_demonstrations(demonstrations, config, context.progress.part(0.02, 0.9))
     policy = trained.policy.without_critic()
-    drives = roll_out(policy, [d.scene for d in demonstrations])
-    judged = judge_rollouts(drives, demonstrations)
-    passed = judged.success_rate >= params.gate_least_success
+    made = roll_out(policy, [d.scene for d in demonstrations])
+    judged = judge_rollouts(made, demonstrations)
+    # From the demonstrated starts; nothing else has driven there, so there is nothing to compare it with.
+    rule = GateRule(scenes=len(demonstrations), min_success=params.gate_min_success, max_loss=None)
+    gate = verdict(rule, judged.success_rate, scenes=rule.scenes)
     policy_id = keep(
         context,
         kind="policy",
@@ -54,21 +57,27 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
         content=policy.to_bytes(),
         params=params,
         config=config.as_dict(),
-        results={"judged": judged.as_dict(), "passed": passed, "history": trained.history, "chosen": trained.chosen},
+        results={
+            "gate": gate.as_dict(),
+            "judged": judged.as_dict(),
+            "history": trained.history,
+            "chosen": trained.chosen,
+        },
         parents=[(artefact, "demonstrations")],
         scenes={"select": describe(Purpose.SELECT, config.selection_scenes, params.seed)},
         departures=DEPARTURES,
     )
     rollouts = [
         {"demonstration": one.demonstration, "pair": one.pair, "trajectory": trajectory}
-        for one, trajectory in zip(kept, _keep_drives(context, drives, policy_id), strict=True)
+        for one, trajectory in zip(kept, _keep_rollouts(context, made, policy_id), strict=True)
     ]
     context.progress(0.95)
     pairs = sorted({one.pair for one in kept})
-    situations, both_arrive = _situations(context, pairs, policy, policy_id) if passed else ([], [])
+    situations, both_arrive = _situations(context, pairs, policy, policy_id) if gate.passed else ([], [])
     return {
         "policy": policy_id,
-        "passed": passed,
+        "passed": gate.passed,
+        "gate": gate.as_dict(),
         "judged": judged.as_dict(),
         "rollouts": rollouts,
         "situations": situations,
@@ -86,9 +95,9 @@ def _demonstrations(
     return artefact, kept, [Demonstration.from_bytes(context.files.get(one.demonstration)) for one in kept]
 
 
-def _keep_drives(context: JobContext, drives: Sequence[Trajectory], made_by: str | None) -> list[str]:
+def _keep_rollouts(context: JobContext, rollouts: Sequence[Trajectory], made_by: str | None) -> list[str]:
     with context.database.transaction() as s:
-        return [row.id for row in save_trajectories(s, context.files, drives, made_by)]
+        return [row.id for row in save_trajectories(s, context.files, rollouts, made_by)]
 
 
 def _situations(
@@ -101,9 +110,9 @@ def _situations(
         scenes,
         own,
         dwa,
-        _keep_drives(context, own, policy_id),
-        _keep_drives(context, dwa, None),
-        _keep_drives(context, social, None),
+        _keep_rollouts(context, own, policy_id),
+        _keep_rollouts(context, dwa, None),
+        _keep_rollouts(context, social, None),
         strict=True,
     )
     situations = [

@@ -117,6 +117,6 @@ def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -
 def command_of(kind: str, params: Params) -> str:
     """The command that starts the same job again."""
     settings: list[str] = []
-    for name, value in params.model_dump(mode="json", exclude_defaults=True).items():
+    for name, value in params.asked().items():
         settings += ["--set", f"{name}={json.dumps(value) if isinstance(value, list) else value}"]
     return shlex.join(["desirepath", "jobs", "start", kind, *settings])

@@ -6,11 +6,11 @@ Labels and hints live in `locales/*/analyst.yaml` under `kinds.KIND.fields.NAME`
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticUndefined
 
 SetupName = Literal["study_room", "open_field"]
@@ -35,6 +35,10 @@ class Params(BaseModel):
 
     RENAMED: ClassVar[Mapping[str, str]] = {}
     """Old name -> name, of parameters in stored job rows and on old command lines: read, never written."""
+
+    def asked(self) -> dict[str, Any]:
+        """What differs from the defaults, JSON-ready: enough to ask for the same again."""
+        return self.model_dump(mode="json", exclude_defaults=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -92,29 +96,117 @@ class RewardModelParams(Params):
 
 
 class AlignParams(Params):
-    """Turn the answers of a snapshot into a policy, and check that it may be shown."""
+    """Turn the answers of a snapshot into a policy, and check that it may be shown: what every algorithm is asked."""
 
     snapshot: str = _artefact("snapshot")
     setup: SetupName | None = _from("from_snapshot", None, advanced=True)
     base: str | None = Field(None, json_schema_extra={"source": "from_setup", "artefact": "policy", "advanced": True})
-    recipe: Literal["instant", "refine", "thesis"] = _from("spec_06_recipe_b", "refine")
-    start: Literal["base", "conditioned"] = _from("spec_06_recipe_b", "base", advanced=True)
-    conditioned: str | None = Field(
-        None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
-    )
-    model: ModelName | None = _from("from_recipe_model", None, advanced=True)
     symmetry: Literal["none", "left_right"] = _from("ours_symmetry", "none", advanced=True)
-    reward_weight: float | None = _from("from_recipe_weight", None, gt=0, le=10)
-    updates: int | None = _from("from_recipe_updates", None, ge=1, le=200_000)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     gate_scenes: int = _from("ours", 500, ge=50, le=5_000, advanced=True)
-    gate_least_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
-    gate_most_loss: float = _from("issue_gate", 0.05, ge=0, le=1, advanced=True)
+    gate_min_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
+    gate_max_loss: float = _from("issue_gate", 0.05, ge=0, le=1, advanced=True)
     comparisons: int = _from("spec_07_comparisons", 3, ge=0, le=10, advanced=True)
     hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
     other: str | None = Field(
         None, min_length=1, json_schema_extra={"source": "yours", "artefact": "policy", "advanced": True}
     )
+
+    def asked(self) -> dict[str, Any]:
+        return {**super().asked(), RECIPE: self.algorithm}
+
+    @property
+    def algorithm(self) -> str:
+        """Which one it is, as `recipe` names it."""
+        return str(getattr(self, RECIPE))
+
+    @property
+    def model_name(self) -> str:
+        """The kind of reward model that the answers become."""
+        return str(getattr(self, "model"))  # noqa: B009 - every algorithm has its own choice of them
+
+
+class ConditionedAlignParams(AlignParams):
+    """What is asked where a conditioned policy is used as it is: nothing is trained."""
+
+    conditioned: str | None = Field(
+        None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
+    )
+    model: Literal["weights"] = _from("preference_weights_only", "weights", advanced=True)
+
+
+class InstantParams(ConditionedAlignParams):
+    """The conditioned policy at the preference weights that the answers speak for; there at once (recipe A)."""
+
+    recipe: Literal["instant"] = _from("spec_06_recipe_a", "instant")
+
+
+class ConditioningSearchParams(ConditionedAlignParams):
+    """Searches what else to condition the policy on, and where; shown only where it is better than the instant one.
+
+    tried: candidates that the search drives, in rounds of 16.
+    """
+
+    recipe: Literal["conditioning_search"] = _from("ours_conditioning_search", "conditioning_search")
+    gate_scenes: int = _from("ours_search_gate", 1_500, ge=1_500, le=5_000, advanced=True)
+    tried: int = _from("ours_tried", 144, ge=1, le=10_000)
+
+
+class FineTuningParams(AlignParams):
+    """Goes on training the base policy on its core reward and the learned one (recipe B).
+
+    reward_weight: of the learned reward; None: found while training, by success. updates: of the critic.
+    """
+
+    recipe: Literal["fine_tuning"] = _from("spec_06_recipe_b", "fine_tuning")
+    model: ModelName = _from("spec_06_linear", "linear", advanced=True)
+    reward_weight: float | None = _from("follows_success", None, gt=0, le=10)
+    updates: int = _from("ours", 8_000, ge=1, le=200_000)
+
+
+class ThesisParams(AlignParams):
+    """The thesis's recipe: relabels the base policy's replay buffer and learns from it alone.
+
+    reward_weight: lambda of equation 6.5, the learned reward's share. updates: of the critic, in three epochs.
+    """
+
+    recipe: Literal["thesis"] = _from("thesis_6_4_5", "thesis")
+    model: ModelName = _from("thesis_6_4_4", "mlp", advanced=True)
+    reward_weight: float = _from("table_6_1", 0.06, gt=0, le=1)
+    updates: int = _from("thesis_6_4_5", 30_000, ge=1, le=200_000)
+
+
+RECIPE = "recipe"
+"""The parameter that says which algorithm an alignment is."""
+AnyAlignment = Annotated[
+    FineTuningParams | InstantParams | ConditioningSearchParams | ThesisParams, Field(discriminator="recipe")
+]
+ALIGNMENTS: Mapping[str, type[AlignParams]] = {
+    "fine_tuning": FineTuningParams,
+    "instant": InstantParams,
+    "conditioning_search": ConditioningSearchParams,
+    "thesis": ThesisParams,
+}
+"""By `recipe`; the first is the one that is meant where none is named."""
+
+
+def alignment_in_new_words(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of an alignment as they were asked before algorithms had names of their own, in today's words.
+
+    `refine` was fine-tuning, and with `start: conditioned` the conditioning search, whose `updates` were the candidates
+    it tried and whose gate had at least 1,500 scenes. What was left open (null) is left out.
+    """
+    new = with_new_names(given, {"gate_least_success": "gate_min_success", "gate_most_loss": "gate_max_loss"})
+    start = new.pop("start", None)
+    searches = start == "conditioned" and new.get(RECIPE, "refine") == "refine"
+    if searches:
+        new[RECIPE] = "conditioning_search"
+        new = with_new_names(new, {"updates": "tried"})
+        if isinstance(new.get("gate_scenes"), int):
+            new["gate_scenes"] = max(new["gate_scenes"], 1_500)
+    elif new.get(RECIPE, "refine") == "refine":
+        new[RECIPE] = next(iter(ALIGNMENTS))
+    return {name: value for name, value in new.items() if value is not None}
 
 
 class TrainBaseParams(Params):
@@ -166,47 +258,91 @@ class TrainDemonstrationsParams(Params):
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     updates: int = _from("ours_demonstrations", 40_000, ge=16, le=2_000_000)
     comparisons: int = _from("spec_02_pairs", 4, ge=0, le=4, advanced=True)
-    gate_least_success: float = _from("issue_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+    gate_min_success: float = _from("issue_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+
+    RENAMED: ClassVar[Mapping[str, str]] = {"gate_least_success": "gate_min_success"}
+
+
+def _as_it_is(given: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(given)
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of job."""
+    """One kind of job. variants: its parameters; where it has several algorithms, one class by each `recipe`."""
 
     name: str
-    params: type[Params]
+    variants: Mapping[str, type[Params]]
+    union: Any = None  # of the variants, discriminated by `recipe`
+    in_new_words: Callable[[Mapping[str, Any]], dict[str, Any]] = _as_it_is
 
-    def parse(self, given: dict[str, Any]) -> Params:
+    @property
+    def params(self) -> type[Params]:
+        """The parameters, of several variants the first."""
+        return next(iter(self.variants.values()))
+
+    def model_for(self, given: Mapping[str, Any]) -> type[Params]:
+        """The class of these parameters; of an unknown algorithm the first one's."""
+        return self.variants.get(self.algorithm_of(given), self.params)
+
+    def algorithm_of(self, given: Mapping[str, Any]) -> str:
+        """The algorithm that these parameters name; empty where there is only one way."""
+        return str(self.in_new_words(given).get(RECIPE, "")) if self.union is not None else ""
+
+    def parse(self, given: Mapping[str, Any]) -> Params:
         """Check parameters. Raises JobParamsError naming every field that is wrong and what would work."""
+        asked = self.in_new_words(given)
         try:
-            return self.params.model_validate(given)
+            parsed: Params = TypeAdapter(self.union or self.params).validate_python(asked)
         except ValidationError as wrong:
             raise JobParamsError(
-                self.name,
-                [
-                    {
-                        "field": ".".join(str(part) for part in error["loc"]) or "params",
-                        "value": None if error["type"] == "missing" else error["input"],
-                        "message": error["msg"],
-                        "type": error["type"],
-                        "limits": {k: v for k, v in error.get("ctx", {}).items() if isinstance(v, int | float | str)},
-                    }
-                    for error in wrong.errors(include_url=False)
-                ],
+                self.name, [self._problem(error) for error in wrong.errors(include_url=False)]
             ) from None
+        return parsed
+
+    def read(self, stored: Mapping[str, Any]) -> Params:
+        """Parameters of a stored job, of any version: what its algorithm never looked at is left out."""
+        known = self.model_for(stored).model_fields
+        others = {name for variant in self.variants.values() for name in variant.model_fields} - set(known)
+        return self.parse({name: v for name, v in self.in_new_words(stored).items() if name not in others})
+
+    def _problem(self, error: Any) -> dict[str, Any]:
+        if error["type"].startswith("union_tag"):
+            known = ", ".join(repr(name) for name in self.variants)
+            return {
+                "field": RECIPE,
+                "value": error["input"].get(RECIPE),
+                "message": f"Input should be one of {known}",
+                "type": "literal_error",
+                "limits": {"expected": known},
+            }
+        where = [str(part) for part in error["loc"]]
+        if self.union is not None:
+            where = where[1:]  # the algorithm comes first
+        return {
+            "field": ".".join(where) or "params",
+            "value": None if error["type"] == "missing" else error["input"],
+            "message": error["msg"],
+            "type": error["type"],
+            "limits": {k: v for k, v in error.get("ctx", {}).items() if isinstance(v, int | float | str)},
+        }
+
+
+def _one(name: str, params: type[Params]) -> Kind:
+    return Kind(name, {"": params})
 
 
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("align", AlignParams),
-        Kind("reward_model", RewardModelParams),
-        Kind("compare", CompareParams),
-        Kind("evaluate", EvaluateParams),
-        Kind("train_base", TrainBaseParams),
-        Kind("ensemble", EnsembleParams),
-        Kind("queries", QueriesParams),
-        Kind("train_demonstrations", TrainDemonstrationsParams),
+        Kind("align", ALIGNMENTS, AnyAlignment, alignment_in_new_words),
+        _one("reward_model", RewardModelParams),
+        _one("compare", CompareParams),
+        _one("evaluate", EvaluateParams),
+        _one("train_base", TrainBaseParams),
+        _one("ensemble", EnsembleParams),
+        _one("queries", QueriesParams),
+        _one("train_demonstrations", TrainDemonstrationsParams),
     )
 }
 

@@ -115,7 +115,7 @@ def _work(context: JobContext) -> dict[str, object]:
     # Imported late, so that its failure is written to the row, too.
     from backend.jobs.runners import run_kind
 
-    return run_kind(context, get_kind(context.job.kind).parse(context.job.params))
+    return run_kind(context, get_kind(context.job.kind).read(context.job.params))
 
 
 def _measure_later(s: DatabaseSession, job: Job) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from backend.jobs import aligning, comparing, demonstrating, kinds, training
+from backend.jobs import aligning, comparing, demonstrating, kinds, reward_models, training
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 
@@ -15,7 +15,7 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
         case kinds.AlignParams():
             return aligning.align(context, params)
         case kinds.RewardModelParams():
-            return aligning.learn_reward_model(context, params)
+            return reward_models.learn_reward_model(context, params)
         case kinds.EvaluateParams():
             return comparing.evaluate_one(context, params)
         case kinds.CompareParams():

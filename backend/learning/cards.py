@@ -59,6 +59,7 @@ STORED_AS = {
     "reward_weights": "stakes",
     "trajectories": "drives",
     "settings": "wants",
+    "response_models": "habits",
 }
 """Setting -> its key on cards, of those renamed since the first release. Cards, and whatever is named by a hash of
 settings, keep their keys: what was shipped can be made again, byte for byte."""

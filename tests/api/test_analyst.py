@@ -23,11 +23,11 @@ from stable_baselines3 import TD3
 
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
-from backend.jobs.aligning import learn_reward_model
 from backend.jobs.comparing import compare_two, evaluate_one
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import CompareParams, EvaluateParams, Params, RewardModelParams
 from backend.jobs.process import finish, log_file
+from backend.jobs.reward_models import learn_reward_model
 from backend.learning.policies.policy import Policy
 from backend.settings import Settings
 from backend.simulation.fast import FastEngine

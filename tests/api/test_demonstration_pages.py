@@ -45,7 +45,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     assert "S001" not in people
     simulated = f"{here}?who=simulated"
     shown = lab.get(simulated).text
-    assert f'<a href="{here}" aria-current="page">Paths</a>' in shown
+    assert f'<a href="{here}" aria-current="page">Drawn paths</a>' in shown
     assert shown.count("<polyline") == 4  # two drives and two walks
     assert "drawn by S001" in shown
     assert "where the person walked meanwhile" in shown

@@ -196,7 +196,7 @@ def test_every_step_can_be_looked_at_in_both_languages_and_nothing_is_stored(lab
     draft = draft_of(lab, source="shipped:quick_preference_study")
     before = row_counts(lab_services)
     steps = preview_steps(freeze(QUICK))
-    kinds = [step["kind"] for step in steps]
+    kinds = [step.kind for step in steps]
     assert {"information", "consent", "questionnaire", "instruction", "trial", "wait", "comparison", "guess"} <= set(
         kinds
     )
@@ -204,10 +204,10 @@ def test_every_step_can_be_looked_at_in_both_languages_and_nothing_is_stored(lab
         for language in ("en", "de"):
             page = lab.get(f"{draft}/preview/{number}?language={language}")
             assert page.status_code == 200
-            assert f'data-kind="{step["kind"]}"' in page.text
+            assert f'data-kind="{step.kind}"' in page.text
             assert f'<html lang="{language}">' in page.text
         data = json.loads(re.search(r'id="page-data">(.*?)</script>', page.text, re.DOTALL).group(1))
-        assert bool(data["stage_token"]) == (step["kind"] in ("trial", "comparison"))
+        assert bool(data["stage_token"]) == (step.kind in ("trial", "comparison"))
     assert lab.get(f"{draft}/preview/{len(steps) + 1}").status_code == 404
     assert row_counts(lab_services) == before
 
@@ -240,7 +240,7 @@ def test_every_number_links_to_as_many_rows(lab, walked: Walked, tab):
     assert len(numbers) > 5
     for href, number in numbers:
         address = urljoin(f"/lab/studies/{walked.id}/now", html.unescape(href))
-        if "Restarted trajectories" in page and address.endswith(("#events", ",kept")):
+        if "Interrupted trajectories" in page and address.endswith(("#events", ",kept")):
             continue  # restarts are counted per trial; their link leads to whose they are
         shown = lab.get(address)
         assert shown.status_code == 200, address

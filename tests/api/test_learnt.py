@@ -44,7 +44,7 @@ def test_the_person_page_leads_there(lab, walked):
 def test_before_any_answer_the_page_says_so(lab, walked):
     page = lab.get(page_of(walked, walked.fresh))
     assert page.status_code == 200
-    assert "No answer to a question yet" in page.text
+    assert "No query answered yet" in page.text
     assert lab.get(page_of(walked, walked.fresh) + ".svg").status_code == 404
 
 

@@ -64,10 +64,10 @@ def test_every_stage_is_told_in_words_and_versions_stand_apart(lab: TestClient, 
 def test_every_step_of_a_protocol_can_be_previewed(lab: TestClient, lab_services: Services, study: Study):
     with lab_services.database.session() as s:
         steps = preview_steps(newest_protocol(s, s.get_one(Study, study.id))[1])
-    assert {"attention", "comprehension", "break", "appointment", "trial"} <= {step["kind"] for step in steps}
+    assert {"attention", "comprehension", "break", "appointment", "trial"} <= {step.kind for step in steps}
     for number, step in enumerate(steps, 1):
         answered = lab.get(f"/lab/studies/{study.id}/preview/{number}")
-        assert answered.status_code == 200, (step["kind"], answered.text[:500])
+        assert answered.status_code == 200, (step.kind, answered.text[:500])
 
 
 def test_a_running_study_is_changed_here_and_what_it_means_is_said_before(lab: TestClient, study: Study):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from backend.jobs.aligning import align, learn_reward_model
+from backend.jobs.aligning import align
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kept_artefacts import ArtefactError
-from backend.jobs.kinds import AlignParams, RewardModelParams
-from backend.learning.errors import LearningError
+from backend.jobs.kinds import ConditioningSearchParams, FineTuningParams, InstantParams, RewardModelParams
+from backend.jobs.reward_models import learn_reward_model
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.objectives import NAMES
@@ -55,7 +55,7 @@ def snapshot_of(services: tuple[Settings, Database, ArtefactStore], **study: obj
 def test_alignment_walks_back_to_the_answers_and_is_repeatable(services):
     _, database, files = services
     snapshot = snapshot_of(services, answers=15)
-    params = AlignParams(snapshot=snapshot, **QUICK)
+    params = FineTuningParams(snapshot=snapshot, **QUICK)
     first = align(begin(services, "align", params.model_dump()), params)
     assert first["passed"] is True
     assert first["gate"]["scenes"] == 50
@@ -86,9 +86,7 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(services):
 
 def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(services):
     _, database, files = services
-    params = AlignParams(
-        snapshot=snapshot_of(services, answers=15), recipe="instant", gate_scenes=50, comparisons=2, hold_out=2
-    )
+    params = InstantParams(snapshot=snapshot_of(services, answers=15), gate_scenes=50, comparisons=2, hold_out=2)
     result = align(begin(services, "align", params.model_dump()), params)
     assert result["passed"]
     assert len(result["comparisons"]) == 2
@@ -112,7 +110,7 @@ def test_people_who_want_the_same_have_a_policy_each(services):
     tree = {}
     for answers in (13, 14):
         snapshot = snapshot_of(services, answers=answers)
-        params = AlignParams(snapshot=snapshot, recipe="instant", gate_scenes=50, comparisons=0)
+        params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=0)
         result = align(begin(services, "align", params.model_dump()), params)
         with database.session() as s:
             tree[answers] = lineage(s, result["policy"])
@@ -121,9 +119,9 @@ def test_people_who_want_the_same_have_a_policy_each(services):
     assert {answers: len(one.all_answers()) for answers, one in tree.items()} == {13: 13, 14: 14}
 
 
-def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(services):
+def test_conditioning_search_goes_on_from_the_instant_policy_and_is_shown_only_if_better(services):
     _, database, _ = services
-    params = AlignParams(snapshot=snapshot_of(services, answers=15), recipe="refine", start="conditioned", **QUICK)
+    params = ConditioningSearchParams(snapshot=snapshot_of(services, answers=15), tried=12, comparisons=2)
     result = align(begin(services, "align", params.model_dump()), params)
     with database.session() as s:
         card = s.get_one(Artefact, result["policy"]).card
@@ -139,15 +137,9 @@ def test_refinement_goes_on_from_the_instant_policy_and_is_shown_only_if_better(
     assert better["low"] <= better["value"] <= better["high"]
 
 
-def test_recipe_instant_needs_preference_weights(services):
-    params = AlignParams(snapshot=snapshot_of(services, answers=4), recipe="instant", model="linear")
-    with pytest.raises(LearningError, match="model = weights"):
-        align(begin(services, "align", params.model_dump()), params)
-
-
 def test_policy_that_does_not_pass_the_gate_gets_no_comparison(services):
-    params = AlignParams(
-        snapshot=snapshot_of(services, answers=3), **{**QUICK, "gate_least_success": 1.0, "gate_scenes": 2_000}
+    params = FineTuningParams(
+        snapshot=snapshot_of(services, answers=3), **{**QUICK, "gate_min_success": 1.0, "gate_scenes": 2_000}
     )
     result = align(begin(services, "align", params.model_dump()), params)
     assert result["passed"] is False
@@ -156,7 +148,7 @@ def test_policy_that_does_not_pass_the_gate_gets_no_comparison(services):
 
 def test_nothing_is_kept_of_answers_that_are_erased_meanwhile(services):
     _, database, _ = services
-    params = AlignParams(snapshot=snapshot_of(services, answers=4), **QUICK)
+    params = FineTuningParams(snapshot=snapshot_of(services, answers=4), **QUICK)
     context = begin(services, "align", params.model_dump())
     context.progress.part = lambda first, last: erase_then(context, params.snapshot)  # type: ignore[method-assign]
     with pytest.raises(ArtefactError, match="quarantined"):

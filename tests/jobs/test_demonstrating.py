@@ -43,7 +43,7 @@ def run(services: tuple[Settings, Database, ArtefactStore, str], **changes: obje
 
 def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_them(services) -> None:
     _, database, files, snapshot = services
-    made = run(services, gate_least_success=0.0)
+    made = run(services, gate_min_success=0.0)
     policy = Policy.from_bytes(files.get(made["policy"]))
     assert policy.setup == "room"
     with database.session() as s:
@@ -51,6 +51,7 @@ def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_th
         assert artefact.simulated  # who drew was programmed
         assert artefact.card["config"]["updates"] == 60
         assert artefact.card["results"]["judged"] == made["judged"]
+        assert artefact.card["results"]["gate"] == made["gate"]  # shown on its page as every policy's
         assert [(p.artefact.id, p.role) for p in lineage(s, artefact.id).parents] == [(snapshot, "demonstrations")]
     _, kept = read_demonstrations(files.get(snapshot))
     assert [r["demonstration"] for r in made["rollouts"]] == [one.demonstration for one in kept]
@@ -65,7 +66,7 @@ def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_th
 
 def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_compared_ones_arrive(services) -> None:
     files = services[2]
-    made = run(services, gate_least_success=0.0)
+    made = run(services, gate_min_success=0.0)
     assert [one["scene_seed"] for one in made["situations"]] == [0, 1, 2, 3]  # arrived or not: all of them are rated
     assert all(one in made["situations"] for one in made["comparisons"])
     for compared in made["comparisons"]:
@@ -80,7 +81,8 @@ def test_comparisons_hold_all_three_controllers_in_demonstrated_pairs_where_the_
 def test_a_controller_that_does_not_arrive_is_not_shown(services) -> None:
     made = run(services, updates=16, seed=3)
     arrived = made["judged"]["success_rate"]
-    assert made["passed"] == (arrived >= 0.95)
+    assert made["passed"] == made["gate"]["passed"] == (arrived >= 0.95)
+    assert (made["gate"]["success_rate"], made["gate"]["base_success_rate"]) == (arrived, None)
     assert arrived < 0.95  # 16 updates teach nobody
     assert made["comparisons"] == []
 

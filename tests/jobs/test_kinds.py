@@ -9,11 +9,21 @@ from pathlib import Path
 import pytest
 
 from backend.api.core.texts import Texts
-from backend.jobs.aligning import align_config
+from backend.jobs.alignment_algorithms import search_config, training_config
 from backend.jobs.kept_artefacts import command_of
-from backend.jobs.kinds import KINDS, AlignParams, JobParamsError, get_kind
-from backend.learning.alignment.align import AlignConfig, thesis_config
-from backend.learning.errors import LearningError
+from backend.jobs.kinds import (
+    ALIGNMENTS,
+    KINDS,
+    ConditioningSearchParams,
+    FineTuningParams,
+    InstantParams,
+    JobParamsError,
+    ThesisParams,
+    get_kind,
+)
+from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
+from backend.learning.alignment.fine_tuning import FineTuningConfig
+from backend.learning.alignment.thesis import thesis_config
 from backend.learning.queries.queries import QueryConfig
 from backend.learning.td3.base import BaseConfig
 from backend.learning.td3.ensemble import EnsembleConfig
@@ -36,16 +46,45 @@ def test_defaults_are_those_of_the_algorithm(kind, config):
     assert params == {name: getattr(config, name) for name in params}
 
 
-def test_alignment_without_settings_is_the_recipe_as_learning_defines_it():
-    assert align_config(AlignParams(snapshot="s")) == AlignConfig()
-    assert align_config(AlignParams(snapshot="s", recipe="thesis", seed=3)) == thesis_config(seed=3)
-    changed = align_config(AlignParams(snapshot="s", updates=2, reward_weight=0.5, gate_scenes=60))
-    assert (changed.updates, changed.checkpoints, changed.preference_weight, changed.gate_scenes) == (2, 2, 0.5, 60)
+def test_alignment_without_settings_is_the_algorithm_as_learning_defines_it():
+    assert training_config(FineTuningParams(snapshot="s")) == FineTuningConfig()
+    assert training_config(ThesisParams(snapshot="s", seed=3)) == thesis_config(seed=3)
+    assert search_config(ConditioningSearchParams(snapshot="s")) == ConditioningSearchConfig()
+    changed = training_config(FineTuningParams(snapshot="s", updates=2, reward_weight=0.5, gate_scenes=60))
+    assert (changed.updates, changed.checkpoints, changed.reward_weight, changed.gate.scenes) == (2, 2, 0.5, 60)
 
 
-def test_thesis_recipe_refuses_a_weight_that_is_no_share():
-    with pytest.raises(LearningError, match=r"reward_weight = 1\.5"):
-        align_config(AlignParams(snapshot="s", recipe="thesis", reward_weight=1.5))
+@pytest.mark.parametrize(
+    ("given", "meant"),
+    [
+        ({}, FineTuningParams(snapshot="s")),
+        ({"recipe": "refine"}, FineTuningParams(snapshot="s")),
+        ({"recipe": "refine", "start": "base", "updates": 12}, FineTuningParams(snapshot="s", updates=12)),
+        ({"recipe": "refine", "start": "conditioned"}, ConditioningSearchParams(snapshot="s")),
+        ({"start": "conditioned", "updates": 20, "gate_scenes": 50}, ConditioningSearchParams(snapshot="s", tried=20)),
+        ({"recipe": "thesis", "reward_weight": None}, ThesisParams(snapshot="s")),
+        (
+            {"recipe": "instant", "gate_least_success": 0.8, "gate_most_loss": 0.1},
+            InstantParams(snapshot="s", gate_min_success=0.8, gate_max_loss=0.1),
+        ),
+    ],
+)
+def test_alignments_of_before_their_algorithms_had_names_are_read(given, meant):
+    """Command lines, protocols' jobs and stored rows of earlier versions."""
+    assert KINDS["align"].parse({"snapshot": "s", **given}) == meant
+
+
+def test_a_stored_row_of_before_is_read_whatever_its_algorithm_never_looked_at():
+    row = {
+        "snapshot": "s", "setup": None, "base": None, "recipe": "instant", "start": "base", "conditioned": None,
+        "model": None, "symmetry": "none", "reward_weight": 0.5, "updates": 8_000, "seed": 4, "gate_scenes": 500,
+        "gate_least_success": 0.9, "gate_most_loss": 0.05, "comparisons": 3, "hold_out": 0, "other": None,
+    }  # fmt: skip
+    assert KINDS["align"].read(row) == InstantParams(snapshot="s", seed=4)
+    with pytest.raises(JobParamsError, match="updates"):
+        KINDS["align"].parse({"snapshot": "s", "recipe": "instant", "updates": 8_000})
+    assert KINDS["train_base"].read({"calm_weight": 0.1}).smoothness_penalty == 0.1
+    assert KINDS["train_demonstrations"].read({"snapshot": "s", "gate_least_success": 0.5}).gate_min_success == 0.5
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
@@ -54,20 +93,38 @@ def test_every_kind_field_source_and_choice_has_words(kind, language):
     t = Texts(LOCALES).get(language)
     for name in ("name", "action", "what"):
         assert t(f"analyst.kinds.{kind}.{name}")
-    for name, info in KINDS[kind].params.model_fields.items():
-        assert t(f"analyst.kinds.{kind}.fields.{name}.label")
-        assert t(f"analyst.sources.{info.json_schema_extra['source']}")
-    for field in KINDS[kind].params.model_json_schema()["properties"].values():
-        for choice in [*field.get("enum", []), *(c for one in field.get("anyOf", []) for c in one.get("enum", []))]:
-            assert t(f"analyst.choices.{choice}")
+    for algorithm, params in KINDS[kind].variants.items():
+        if algorithm:
+            assert t(f"analyst.algorithms.{algorithm}")
+            assert t(f"analyst.choices.{algorithm}")
+        for name, info in params.model_fields.items():
+            assert t(f"analyst.kinds.{kind}.fields.{name}.label")
+            assert t(f"analyst.sources.{info.json_schema_extra['source']}")
+        for field in params.model_json_schema()["properties"].values():
+            for choice in [*field.get("enum", []), *(c for one in field.get("anyOf", []) for c in one.get("enum", []))]:
+                assert t(f"analyst.choices.{choice}")
 
 
 @pytest.mark.parametrize(
     ("kind", "given", "field", "says"),
     [
         ("align", {}, "snapshot", "required"),
-        ("align", {"snapshot": "s", "recipe": "magic"}, "recipe", "'refine' or 'thesis'"),
-        ("align", {"snapshot": "s", "gate_least_success": 1.2}, "gate_least_success", "less than or equal to 1"),
+        ("align", {"snapshot": "s", "recipe": "magic"}, "recipe", "'conditioning_search', 'thesis'"),
+        ("align", {"snapshot": "s", "gate_least_success": 1.2}, "gate_min_success", "less than or equal to 1"),
+        (
+            "align",
+            {"snapshot": "s", "recipe": "thesis", "reward_weight": 1.5},
+            "reward_weight",
+            "less than or equal to 1",
+        ),
+        ("align", {"snapshot": "s", "recipe": "instant", "model": "linear"}, "model", "'weights'"),
+        ("align", {"snapshot": "s", "recipe": "instant", "updates": 5}, "updates", "not permitted"),
+        (
+            "align",
+            {"snapshot": "s", "recipe": "conditioning_search", "reward_weight": 0.5},
+            "reward_weight",
+            "not perm",
+        ),
         ("evaluate", {"policy": "p", "scenes": "many"}, "scenes", "integer"),
         ("evaluate", {"policy": "p", "scenes": 10**9}, "scenes", "10000"),
         ("queries", {"members": ["one"]}, "members", "at least 2"),
@@ -88,10 +145,13 @@ def test_unknown_kind_lists_the_known_ones():
         get_kind("bake")
 
 
-@pytest.mark.parametrize("kind", list(KINDS))
-def test_command_on_a_card_starts_the_same_job(kind):
+@pytest.mark.parametrize(
+    ("kind", "more"),
+    [(kind, {}) for kind in KINDS] + [("align", {"recipe": recipe}) for recipe in ALIGNMENTS],
+)
+def test_command_on_a_card_starts_the_same_job(kind, more):
     params = KINDS[kind].parse(
-        {**valid_params(kind), **({"seed": 7} if kind != "queries" else {"members": ["a", "b"]})}
+        {**valid_params(kind), **({"seed": 7} if kind != "queries" else {"members": ["a", "b"]}), **more}
     )
     words = shlex.split(command_of(kind, params))
     assert words[:4] == ["desirepath", "jobs", "start", kind]

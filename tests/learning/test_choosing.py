@@ -102,7 +102,7 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
     some = QuerySet(study_queries.setup, study_queries.queries[:60], {})
     config = AskingConfig(
         oracles=("min-human-distance", "seconds-to-person"),
-        habits=("right",),
+        response_models=("right",),
         strategies=("random", "information"),
         answers=6,
         repetitions=3,
@@ -134,7 +134,7 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
 def test_another_set_asked_at_random_is_tested_on_the_same_queries(study_queries: QuerySet) -> None:
     config = AskingConfig(
         oracles=("clearance",),
-        habits=("right",),
+        response_models=("right",),
         strategies=("random",),
         answers=3,
         repetitions=2,

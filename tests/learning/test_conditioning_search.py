@@ -18,6 +18,7 @@ from backend.learning.alignment.conditioning_search import (
     length_weight_of,
     search_conditioning,
 )
+from backend.learning.alignment.gate import GateRule
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.shipped import load_conditioned, load_policy
@@ -26,7 +27,7 @@ from backend.learning.preferences.objectives import MEASURES, SIZE, preference_w
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 
-TINY = ConditioningSearchConfig(tried=16, copies=8, survivors=3, selection_scenes=40, gate_scenes=60)
+TINY = ConditioningSearchConfig(tried=16, copies=8, survivors=3, selection_scenes=40, gate=GateRule(scenes=60))
 FARTHER = preference_weights({"farther": 1.0})
 
 

@@ -198,9 +198,8 @@ def own_policies(walker):
 def test_the_last_answer_starts_an_instant_policy_and_a_refinement(database, instant):
     with database.session() as s:
         jobs = {job.params["recipe"]: job for job in s.scalars(select(Job))}
-    assert set(jobs) == {"instant", "refine"}
-    assert jobs["refine"].params["start"] == "conditioned"
-    assert jobs["instant"].params["snapshot"] == jobs["refine"].params["snapshot"]
+    assert set(jobs) == {"instant", "conditioning_search"}
+    assert jobs["instant"].params["snapshot"] == jobs["conditioning_search"].params["snapshot"]
 
 
 def test_nobody_waits_for_the_refinement(instant):
@@ -212,14 +211,14 @@ def test_nobody_waits_for_the_refinement(instant):
 
 def test_a_refinement_that_is_there_and_better_is_shown(instant):
     end(instant, "instant")
-    end(instant, "refine")
+    end(instant, "conditioning_search")
     assert settle(instant)
-    assert own_policies(instant) == {"refine-policy"}
+    assert own_policies(instant) == {"conditioning_search-policy"}
 
 
 def test_a_refinement_that_is_no_better_is_not_shown(instant):
     end(instant, "instant")
-    end(instant, "refine", passed=False)
+    end(instant, "conditioning_search", passed=False)
     assert settle(instant)
     assert own_policies(instant) == {"instant-policy"}
 
@@ -227,14 +226,14 @@ def test_a_refinement_that_is_no_better_is_not_shown(instant):
 def test_a_refinement_stands_in_for_an_instant_policy_that_failed(database, instant):
     end(instant, "instant", state="failed")
     assert not settle(instant), "the refinement may still come"
-    end(instant, "refine")
+    end(instant, "conditioning_search")
     assert settle(instant)
-    assert own_policies(instant) == {"refine-policy"}
+    assert own_policies(instant) == {"conditioning_search-policy"}
     assert state(database, instant).personalisation == "shown"
 
 
 def test_when_both_fail_the_data_say_so(database, instant):
-    end(instant, "refine", state="failed")
+    end(instant, "conditioning_search", state="failed")
     end(instant, "instant", passed=False)
     assert settle(instant)
     assert state(database, instant).personalisation == "gate_not_passed"

@@ -51,7 +51,7 @@ def furnish(folder: Path, queries: Path) -> None:
     database.migrate()
     files = ArtefactStore((folder / "artefacts").as_uri())
     instant = QUICK.read_text().replace("study_room/queries_varied_200", str(queries))
-    full = instant.replace("recipe: instant", "recipe: refine").replace("choose: information", "choose: random")
+    full = instant.replace("recipe: instant", "recipe: fine_tuning").replace("choose: information", "choose: random")
     few = ("count: 15", "count: 3")
     texts = {"Full": full, "Short": full.replace(*few), "Instant": instant.replace(*few)}
     with database.transaction() as s:

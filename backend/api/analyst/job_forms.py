@@ -12,7 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
-from backend.jobs.kinds import JobParamsError, Kind
+from backend.jobs.kinds import RECIPE, JobParamsError, Kind
 from backend.store.models import Artefact
 
 TOLD_PROBLEMS = {
@@ -54,22 +54,23 @@ class FormField:
 def form_fields(
     s: Session, kind: Kind, values: Mapping[str, Any], wrong: JobParamsError | None = None
 ) -> list[FormField]:
-    """The fields of a kind, filled with `values` (else the defaults), with what is wrong at each."""
+    """The fields of a kind (of the algorithm that `values` name), filled with `values` (else the defaults), with what
+    is wrong at each. Nothing is asked that has only one answer."""
     problems = {problem["field"].split(".")[0]: problem for problem in wrong.problems} if wrong else {}
-    return [
-        _field(s, name, info, values.get(name), problems.get(name)) for name, info in kind.params.model_fields.items()
-    ]
+    fields = kind.model_for(values).model_fields.items()
+    return [_field(s, name, info, values.get(name), problems.get(name)) for name, info in fields if not _is_given(info)]
 
 
 def typed_values(kind: Kind, form: FormData) -> dict[str, Any]:
     """What was typed, blank fields left out, so that their defaults hold."""
     values: dict[str, Any] = {}
-    for name, info in kind.params.model_fields.items():
+    algorithm = {RECIPE: str(form[RECIPE])} if form.get(RECIPE) else {}
+    for name, info in kind.model_for(algorithm).model_fields.items():
         if _is_many(info):
             values[name] = [str(one) for one in form.getlist(name) if one]
         elif str(form.get(name) or "").strip():
             values[name] = str(form[name]).strip()
-    return values
+    return {**values, **algorithm}
 
 
 def _field(s: Session, name: str, info: FieldInfo, value: Any, wrong: Mapping[str, Any] | None) -> FormField:
@@ -140,6 +141,10 @@ def _without_none(annotation: Any) -> Any:
     if get_origin(annotation) in (Union, types.UnionType):
         return next(one for one in get_args(annotation) if one is not type(None))
     return annotation
+
+
+def _is_given(info: FieldInfo) -> bool:
+    return get_origin(info.annotation) is Literal and len(get_args(info.annotation)) == 1
 
 
 def _is_many(info: FieldInfo) -> bool:

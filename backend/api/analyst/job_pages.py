@@ -98,11 +98,12 @@ def choose_kind(request: Request) -> Response:
 def new_job(request: Request, kind_name: str, database: Db, again: str = "", study: str = "") -> Response:
     """The launch form; `again` fills it from another job, other query parameters fill single fields."""
     kind = _kind(kind_name)
-    values: dict[str, Any] = {name: v for name, v in request.query_params.items() if name in kind.params.model_fields}
+    known = {name for variant in kind.variants.values() for name in variant.model_fields}
+    values: dict[str, Any] = {name: v for name, v in request.query_params.items() if name in known}
     with database.session() as s:
         if again:
             earlier = _job(s, again)
-            values = {**earlier.params, **values}
+            values = {**kind.in_new_words(earlier.params), **values}
             study = study or earlier.study_id or ""
         return _form(request, s, kind, values, study=study, again=again)
 
@@ -129,7 +130,7 @@ def launch(
         job = enqueue_job(
             s,
             kind.name,
-            params.model_dump(mode="json", exclude_defaults=True),
+            params.asked(),
             study_id=study_id if study_id and s.get(Study, study_id) else None,
             created_by=user.name,
         )
@@ -274,6 +275,8 @@ def _form(
         status=status,
         kind=kind,
         fields=fields,
+        algorithms=list(kind.variants) if kind.union is not None else [],
+        algorithm=kind.algorithm_of(values),
         study=study,
         again=again,
         wrong=wrong,
@@ -287,7 +290,7 @@ def _check_artefacts(s: DatabaseSession, kind: Kind, params: Params) -> str | No
     problems: list[dict[str, Any]] = []
     setups: dict[str, str] = {}
     study: str | None = None
-    for name, info in kind.params.model_fields.items():
+    for name, info in type(params).model_fields.items():
         extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
         given = getattr(params, name)
         if "artefact" not in extra or given is None:
@@ -316,10 +319,12 @@ def _params(s: DatabaseSession, job: Job) -> list[Param]:
     if job.kind not in KINDS:
         return [Param(name, value, "yours", True, ()) for name, value in job.params.items()]
     shown = []
-    for name, info in KINDS[job.kind].params.model_fields.items():
+    kind = KINDS[job.kind]
+    given = kind.in_new_words(job.params)
+    for name, info in kind.model_for(given).model_fields.items():
         extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
         default = None if info.is_required() else info.get_default()
-        value = job.params.get(name, default)
+        value = given.get(name, default)
         ids = value if isinstance(value, list | tuple) else [value]
         artefacts = [s.get(Artefact, str(one)) for one in ids] if "artefact" in extra and value is not None else []
         shown.append(
@@ -327,7 +332,7 @@ def _params(s: DatabaseSession, job: Job) -> list[Param]:
                 name,
                 value,
                 str(extra["source"]),
-                name in job.params and value != default,
+                name in given and value != default,
                 tuple(one for one in artefacts if one is not None),
             )
         )
@@ -336,7 +341,7 @@ def _params(s: DatabaseSession, job: Job) -> list[Param]:
 
 def _command(job: Job) -> str | None:
     try:
-        return command_of(job.kind, get_kind(job.kind).parse(job.params))
+        return command_of(job.kind, get_kind(job.kind).read(job.params))
     except JobParamsError:
         return None
 

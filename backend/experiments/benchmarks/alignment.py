@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.alignment.align import AlignConfig, align, thesis_config
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
+from backend.learning.alignment.fine_tuning import FineTuningConfig
+from backend.learning.alignment.relabelling import RelabellingConfig, align
+from backend.learning.alignment.thesis import ThesisConfig, thesis_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import settings
 from backend.learning.policies.evaluate import compare_policies, evaluate_policy
@@ -34,7 +36,7 @@ from backend.learning.rewards.reward_weights import fit_weights
 from backend.learning.scene_sets import Purpose, scene_set
 
 Floats = NDArray[np.float32]
-Config = AlignConfig | ConditioningSearchConfig
+Config = RelabellingConfig | ConditioningSearchConfig
 FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
 FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
 LONGEST_DRIVE_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
@@ -61,7 +63,7 @@ def instant(setup: str, preferences: list[Preference], config: Config) -> Made:
 def refined(setup: str, preferences: list[Preference], config: Config) -> Made:
     """The refinement of the instant policy, which stays where that is not better on the gate's scenes."""
     if not isinstance(config, ConditioningSearchConfig):
-        raise LearningError(f"config = {config}: mode refine needs a ConditioningSearchConfig")
+        raise LearningError(f"config = {config}: mode conditioning_search needs a ConditioningSearchConfig")
     weights = fit_weights(preferences).preference_weights()
     conditioned = load_conditioned(f"{setup}/conditioned")
     result = search_conditioning(conditioned, weights, load_policy(f"{setup}/base"), config)
@@ -79,16 +81,16 @@ def refined(setup: str, preferences: list[Preference], config: Config) -> Made:
 
 
 def from_base(setup: str, preferences: list[Preference], config: Config) -> Made:
-    """Recipe B from the base policy with the nine-feature model, or the thesis's recipe with the neural one."""
-    if not isinstance(config, AlignConfig):
-        raise LearningError(f"config = {config}: modes from_base and thesis need an AlignConfig")
+    """Fine-tuning of the base policy with the nine-feature model, or the thesis's recipe with the neural one."""
+    if not isinstance(config, RelabellingConfig):
+        raise LearningError(f"config = {config}: modes fine_tuning and thesis need a RelabellingConfig")
     use_one_thread()
-    neural = config.recipe == "thesis"
+    neural = isinstance(config, ThesisConfig)
     model = fit_mlp(preferences, MlpConfig(seed=config.seed)) if neural else fit_linear(preferences)
     result = align(load_policy(f"{setup}/base"), model, config)
     told = {
         "gate": asdict(result.gate),
-        "preference_weight": result.preference_weight,
+        "preference_weight": result.reward_weight,
         "chosen_checkpoint": result.chosen,
     }
     return Made(result.policy, told)
@@ -104,17 +106,20 @@ class Mode:
 
 
 MODES = {
-    "instant": Mode(instant, lambda seed: AlignConfig(seed=seed), own_process=False),
-    "refine": Mode(refined, lambda seed: ConditioningSearchConfig(seed=seed)),
-    "from_base": Mode(from_base, lambda seed: AlignConfig(seed=seed)),
+    "instant": Mode(instant, lambda seed: FineTuningConfig(seed=seed), own_process=False),
+    "conditioning_search": Mode(refined, lambda seed: ConditioningSearchConfig(seed=seed)),
+    "fine_tuning": Mode(from_base, lambda seed: FineTuningConfig(seed=seed)),
     "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
 }
+
+MODES_BEFORE = {"refine": "conditioning_search", "from_base": "fine_tuning"}
+"""Old names of modes, on old command lines."""
 
 
 def benchmark_align(
     *,
     setup: str = "open_field",
-    mode: str = "refine",
+    mode: str = "conditioning_search",
     oracle: str = "min-human-distance",
     queries: int = 15,
     seed: int = 0,
@@ -132,8 +137,9 @@ def benchmark_align(
     `evaluate`; `paired_gain` is the ratio of mean minimum human distances (aligned / base) over the scenes in which
     both succeed, with its 95 % interval. `share_of_the_way` is of the oracle's foremost objective, from the base policy
     to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
-    refine): the refinement compared with the instant policy, whether it takes over or not.
+    conditioning_search): the refinement compared with the instant policy, whether it takes over or not.
     """
+    mode = MODES_BEFORE.get(mode, mode)
     if mode not in MODES:
         raise LearningError(f"mode = {mode!r}: known are {', '.join(MODES)}")
     chosen = MODES[mode]

@@ -44,7 +44,7 @@ class _Counted:
 
 
 def benchmark_evaluate(*, setup: str = "open_field", episodes: int = 2_000) -> dict[str, Any]:
-    """The setup's base policy, as it acts without a recovery: `evaluate` drives that many episodes to their end,
+    """The setup's base policy, as it acts without a recovery: `evaluate` rolls out that many episodes to their end,
     `flow_field` computes the plot of one scene and draws it (PNG, SVG, CSV), `flow_field_numbers` only computes it.
 
     Each with seconds of the processor and by the wall clock, the fastest of three rounds, one thread. `states`: how
@@ -57,7 +57,7 @@ def benchmark_evaluate(*, setup: str = "open_field", episodes: int = 2_000) -> d
     peak = matmul_gflops(LARGE)
 
     def measured(work: Callable[[_Counted], object]) -> dict[str, Any]:
-        seconds, wall, counted = min((_timed(work, _Counted(policy)) for _ in range(ROUNDS)), key=lambda told: told[0])
+        seconds, wall, counted = min((_timed(work, _Counted(policy)) for _ in range(ROUNDS)), key=lambda one: one[0])
         gflops = counted.gflop() / counted.seconds
         return {
             "seconds": seconds,

@@ -31,6 +31,7 @@ from backend.store.database import Database
 from backend.store.models import Job, Session, Study, utc_now
 from backend.store.outbox import cancel_job
 from backend.store.shipped import register_shipped
+from backend.store.sides import SIDES
 from backend.study.protocol.freezing import freeze
 from backend.study.session import machine
 from backend.study.session.finding import acting
@@ -127,8 +128,8 @@ class _Walker:
 
     def _choice(self, s: DatabaseSession, session: Session, key: str) -> dict[str, str]:
         machine.start_trial(s, session, key, request_id=None, now=utc_now())
-        for drive in ("a", "b"):
-            machine.trajectory_seen(s, session, key, drive, None, now=utc_now())
+        for side in SIDES:
+            machine.trajectory_seen(s, session, key, side, None, now=utc_now())
         trial = machine.trial_of(s, session, key)
         assert trial is not None  # noqa: S101  it was started just now
         a, b = (load_trajectory(self._files, t) for t in (trial.trajectory_a, trial.trajectory_b))

@@ -52,7 +52,7 @@ class Tally:
 
     sent: int = 0
     acknowledged: dict[str, tuple[str, str]] = field(default_factory=dict)
-    pairs: set[str] = field(default_factory=set)  # request ids of answers to pairs of drives
+    pairs: set[str] = field(default_factory=set)  # request ids of answers to pairs of trajectories
     ack_ms: list[float] = field(default_factory=list)
     stage_ms: list[float] = field(default_factory=list)
     stage_messages: int = 0
@@ -74,8 +74,8 @@ class OpenBrowser:
 
     async def walk(self, link: str, answers: int, ready: asyncio.Barrier, offset_s: float, pace_s: float) -> None:
         """Join, wait at the first pair for everybody else, then answer pairs at the pace."""
-        told = {"name": "random", "noise": 0.0, "seed": 0, "number": self._number}
-        joined = await self._post(f"/join/{link}", {"simulated": True, "language": "en", "oracle": told})
+        oracle = {"name": "random", "noise": 0.0, "seed": 0, "number": self._number}
+        joined = await self._post(f"/join/{link}", {"simulated": True, "language": "en", "oracle": oracle})
         self._token = joined["token"]
         await self._get(f"/p/{self._token}")  # brings the cookie that the stage's door wants
         state = (await self._get(self._api)).json()

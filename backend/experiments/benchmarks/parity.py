@@ -24,11 +24,11 @@ def benchmark_parity(*, policy: str = "open_field/base", scenes: int = 1_000, se
     bootstrap interval over scenes (paired). `paired`: the other numbers, PyBullet against fast, over the scenes in
     which both succeed. Takes minutes: PyBullet makes a few hundred steps per second.
     """
-    driven = load_policy(policy)
-    setup = get_setup(driven.setup)
+    rolled_out = load_policy(policy)
+    setup = get_setup(rolled_out.setup)
     drawn = scene_set(setup.name, scenes, purpose=Purpose.REPORT, seed=FIRST_PARITY_SEED + seed)
-    fast = evaluate(driven.rollout_policy, setup, drawn)
-    pybullet = evaluate_reference(driven.rollout_policy, setup, drawn, drive_mode="wheels")
+    fast = evaluate(rolled_out.rollout_policy, setup, drawn)
+    pybullet = evaluate_reference(rolled_out.rollout_policy, setup, drawn, drive_mode="wheels")
     gap = mean_estimate(100 * (fast.success.astype(np.float64) - pybullet.success))
     compared = compare_tables(fast, pybullet)
     return {

@@ -41,9 +41,9 @@ Source = Literal["ensemble", "varied"]
 
 
 @dataclass(frozen=True)
-class WantsConfig:
-    """What is measured. queries: drives of the ensemble, or of the shipped conditioned policy told different things,
-    as in `queries_varied_200`. choose: how the next query is chosen from a pool, as in studies; at random, all
+class PreferencesConfig:
+    """What is measured. queries: rollouts of the ensemble, or of the shipped conditioned policy at different preference
+    weights, as in `queries_varied_200`. choose: how the next query is chosen from a pool, as in studies; at random, all
     `answers` queries that were made are asked. report_seed: reporting scenes that no card and no other benchmark uses.
     """
 
@@ -60,53 +60,57 @@ class WantsConfig:
 
 @dataclass(frozen=True)
 class _Driven:
-    """One policy in the reporting scenes. worth: (n,) by taste that was asked for, what it thinks of each drive."""
+    """One policy in the reporting scenes. scores: (n,) by preference that was asked for, of each rollout."""
 
     trajectories: MeasuredRollouts
-    worth: dict[str, Doubles]
+    scores: dict[str, Doubles]
 
     @classmethod
-    def of(cls, policy: Policy, scenes: Sequence[Scene], tastes: Sequence[str]) -> _Driven:
+    def of(cls, policy: Policy, scenes: Sequence[Scene], preferences: Sequence[str]) -> _Driven:
         trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.rollout_policy, scenes)
         return cls(
-            MeasuredRollouts.of(trajectories), {name: ORACLE_PREFERENCES[name].value(trajectories) for name in tastes}
+            MeasuredRollouts.of(trajectories),
+            {name: ORACLE_PREFERENCES[name].value(trajectories) for name in preferences},
         )
 
 
-def benchmark_wants(
+def benchmark_preferences(
     setup: str,
     pretrainings: Mapping[str, ConditionedPolicy] | None = None,
-    config: WantsConfig | None = None,
+    config: PreferencesConfig | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Every oracle answers `answers` queries per query seed; each pre-training is told what the posterior says.
+    """Every oracle answers `answers` queries per query seed; each pre-training is conditioned on what the posterior
+    says.
 
-    pretrainings: by name; None: the shipped one. All policies drive the same scenes. Result: {"simulated": True,
+    pretrainings: by name; None: the shipped one. All policies roll out in the same scenes. Result: {"simulated": True,
     "setup", "config", "scenes", "base", "neutral" (per pre-training), "rows", "summary"}. A row holds the oracle, what
-    the policy was told, `dominant_found` (its foremost objective has the largest weight; null outside the vocabulary),
-    rates, and for each objective that the oracle wants `moved`: share of the way, gains against base and neutral with
-    intervals (`Movement.moved`). `preferred`: share of the scenes in which both arrive where the oracle itself would
-    rather have the told policy's drive than the base policy's, a tie half, with its Wilson interval (rounded down to
-    whole scenes). Raises LearningError for unknown oracles or no query seeds.
+    the policy was conditioned on, `dominant_found` (its foremost objective has the largest weight; null outside the
+    vocabulary), rates, and for each objective that the oracle has weights for `moved`: share of the way, gains against
+    base and neutral with intervals (`Movement.moved`). `preferred`: share of the scenes in which both arrive where the
+    oracle itself would rather have the conditioned policy's rollout than the base policy's, a tie half, with its Wilson
+    interval (rounded down to whole scenes). Raises LearningError for unknown oracles or no query seeds.
     """
-    config = config or WantsConfig()
+    config = config or PreferencesConfig()
     unknown = [name for name in config.oracles if name not in ORACLE_PREFERENCES]
     if unknown or not config.query_seeds or not config.oracles:
         known = ", ".join(ORACLE_PREFERENCES)
         raise LearningError(f"oracles = {list(config.oracles)}: known are {known}; at least 1 query seed")
     if config.choose not in STRATEGIES:
         raise LearningError(f"choose = {config.choose!r}: known are {', '.join(STRATEGIES)}")
-    told = dict(pretrainings) if pretrainings else {f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned")}
+    conditioned = (
+        dict(pretrainings) if pretrainings else {f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned")}
+    )
     scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=config.report_seed)
     possible = best_possible(scenes)
     base = _Driven.of(load_policy(f"{setup}/base"), scenes, config.oracles)
-    neutral = {name: _Driven.of(policy.at(settings()["neutral"]), scenes, ()) for name, policy in told.items()}
+    neutral = {name: _Driven.of(policy.at(settings()["neutral"]), scenes, ()) for name, policy in conditioned.items()}
     asked = {seed: _queries(setup, config, seed) for seed in config.query_seeds}
     rows: list[dict[str, Any]] = []
-    for row in _rows(told, asked, scenes, possible, base, neutral, config):
+    for row in _rows(conditioned, asked, scenes, possible, base, neutral, config):
         rows.append(row)
         if on_progress:
-            cells = len(told) * len(config.oracles) * len(config.noises) * len(asked)
+            cells = len(conditioned) * len(config.oracles) * len(config.noises) * len(asked)
             on_progress(len(rows) / cells)
     described = Steerability(
         base.trajectories, {name: rolled_out.trajectories for name, rolled_out in neutral.items()}, possible
@@ -124,7 +128,7 @@ def benchmark_wants(
     }
 
 
-def _queries(setup: str, config: WantsConfig, seed: int) -> Sequence[Query]:
+def _queries(setup: str, config: PreferencesConfig, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds."""
     count = config.answers if config.choose == "random" else max(config.answers, config.pool)
     asked = QueryConfig(count=count, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
@@ -133,7 +137,7 @@ def _queries(setup: str, config: WantsConfig, seed: int) -> Sequence[Query]:
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
 
 
-def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> list[Preference]:
+def _answers(oracle: Oracle, queries: Sequence[Query], config: PreferencesConfig) -> list[Preference]:
     """The oracle's answers to all queries, or to those of a pool that are chosen one after the other, as in studies."""
     preferences = oracle.answer(queries)
     if config.choose == "random":
@@ -146,26 +150,26 @@ def _answers(oracle: Oracle, queries: Sequence[Query], config: WantsConfig) -> l
 
 
 def _rows(
-    told: Mapping[str, ConditionedPolicy],
+    pretrainings: Mapping[str, ConditionedPolicy],
     asked: Mapping[int, Sequence[Query]],
     scenes: Sequence[Scene],
     possible: Doubles,
     base: _Driven,
     neutral: Mapping[str, _Driven],
-    config: WantsConfig,
+    config: PreferencesConfig,
 ) -> Iterator[dict[str, Any]]:
     driven_by: dict[tuple[str, str, bytes], _Driven] = {}
     for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
         answers = _answers(make_oracle(oracle, lapse_rate=noise, seed=seed), asked[seed], config)
         weights = fit_weights(answers).preference_weights()
         wanted = ORACLE_PREFERENCES[oracle].objectives
-        for name, conditioned in told.items():
+        for name, conditioned in pretrainings.items():
             key = (oracle, name, weights.tobytes())  # many query sets end in the very same weights
             if key not in driven_by:
                 driven_by[key] = _Driven.of(conditioned.at(weights), scenes, (oracle,))
             rolled_out = driven_by[key]
             both = rolled_out.trajectories.success & base.trajectories.success
-            better = np.sign(rolled_out.worth[oracle][both] - base.worth[oracle][both])
+            better = np.sign(rolled_out.scores[oracle][both] - base.scores[oracle][both])
             crossings, lengths = (rolled_out.trajectories.self_intersections, rolled_out.trajectories.measured[both, 3])
             yield {
                 "oracle": oracle,
@@ -173,7 +177,9 @@ def _rows(
                 "noise": noise,
                 "query_seed": seed,
                 "pretraining": name,
-                "told": {want: float(weight) for want, weight in zip(NAMES, weights, strict=True) if weight > 0},
+                "told": {
+                    objective: float(weight) for objective, weight in zip(NAMES, weights, strict=True) if weight > 0
+                },
                 "dominant_found": NAMES[int(weights.argmax())] == wanted[0] if wanted else None,
                 "success_rate": wilson(int(rolled_out.trajectories.success.sum()), len(scenes)).as_dict(),
                 "self_intersections": mean_estimate(crossings).as_dict(),

@@ -35,8 +35,8 @@ from backend.study.studies import create_study
 QUICK_STUDY = PROTOCOLS / "quick_preference_study.yaml"
 MOST_ANSWERS = 15  # the quick protocol's practice pair and 14 more; the next one would start each session's alignment
 LEAST_ALIGNED = 3  # one is a learning trial
-PACE_S = 20.0  # ours: a person's pair. The shipped drives take 11 to 14 s a pair; starting, changing over and choosing
-# take the rest.
+# Ours: a person's pair. The shipped trajectories take 11 to 14 s a pair, starting, changing over and choosing the rest.
+PACE_S = 20.0
 AT_LEAST = 50  # ours: fewer participants than this answer so much faster that they are as much work as so many people
 ALIGNMENTS = 3  # queued one behind the other, so that one runs for as long as the participants answer
 ALIGNMENT_BEGUN = 0.04  # progress past loading and fitting the reward model: the policy's training runs
@@ -60,7 +60,7 @@ def benchmark_serve(
     pace_s: between two answers of one participant; default `usual_pace_s`.
 
     Returns sessions, answers_sent, answers_acknowledged, answers_stored, p50_ack_ms and p95_ack_ms (from sending an
-    answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a drive to the stage's
+    answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a trajectory to the stage's
     websocket hearing of it), rss_mb of the server process with everybody connected, rss_per_session_mb,
     server_ms_per_answer (processor time of everything that belongs to one, joining included), what came through the
     stages, and errors: what had to be tried again, connections that broke and requests that a busy server put off.
@@ -222,7 +222,7 @@ def _alignments(database: Database, files: ArtefactStore, study: Study) -> Itera
             enqueue_job(
                 s,
                 "align",
-                {"snapshot": snapshot.id, "setup": snapshot.setup, "recipe": "refine", "seed": seed},
+                {"snapshot": snapshot.id, "setup": snapshot.setup, "recipe": "fine_tuning", "seed": seed},
                 priority=PARTICIPANT_WAITS,
                 study_id=study.id,
                 session_id=session_id,  # its process gets the priority of one that somebody waits for

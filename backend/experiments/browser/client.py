@@ -1,7 +1,8 @@
-"""The way of a simulated participant who uses the pages: a real Chromium, buttons that are pressed, drives watched.
+"""The session client of a simulated participant who uses the pages: a real Chromium, buttons that are pressed,
+trajectories that are watched.
 
-What is answered is the bot's (`bots.py`); this presses it. Drives play at their own speed, so a session takes its time.
-Playwright and Chromium belong to the tests' equipment and are asked for only here.
+What is answered is the bot's (`participant.py`); this presses it. Trajectories play at their own speed, so a session
+takes its time. Playwright and Chromium belong to the tests' equipment and are asked for only here.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader
 WINDOW = {"width": 1024, "height": 640}  # the smallest that everything has to fit into, UI.md
 PATIENCE_MS = 120_000.0  # software pictures on a busy machine take their time
 LOOK_S = 0.2
-WATCHED_FIRST_S = 1.5  # into a drive, when its picture is taken
+WATCHED_FIRST_S = 1.5  # into a trajectory, when its picture is taken
 
 
 @contextmanager
@@ -61,14 +62,16 @@ def walk_with_browser(
     """As `bots.simulate_study`, the first `in_browser` participants in a browser and the others over HTTP alone."""
     with httpx.Client(base_url=base_url, timeout=60.0) as client, chromium() as browser:
         seeing = (
-            BrowserWay(browser, client, recruiting_token, language=language, pictures=None if number else pictures)
+            BrowserSessionClient(
+                browser, client, recruiting_token, language=language, pictures=None if number else pictures
+            )
             for number in range(in_browser)
         )
         others = (HttpSessionClient(client, recruiting_token) for _ in range(participants - in_browser))
         return walk_all(chain(seeing, others), character)
 
 
-class BrowserWay:
+class BrowserSessionClient:
     """One participant in a window of their own. pictures: a folder for one picture of every kind of page and view."""
 
     def __init__(
@@ -88,7 +91,7 @@ class BrowserWay:
         context.set_default_timeout(PATIENCE_MS)
         self._page: Page = context.new_page()
 
-    def join(self, told: Mapping[str, Any]) -> str:
+    def join(self, oracle: Mapping[str, Any]) -> str:
         """The welcome page and its device check, then in by the API, which alone takes simulated participants.
 
         Software pictures on a busy machine may be too slow for the study's gate, which lets bots pass all the same.
@@ -96,7 +99,7 @@ class BrowserWay:
         self._page.goto(f"{self._url}/join/{self._link}?lang={self._language}")
         self._page.locator("[data-check=rate]:not([data-result=open])").wait_for()
         self._picture("join")
-        code = self._http.join(told)
+        code = self._http.join(oracle)
         self._page.goto(f"{self._url}/p/{self._http.token}")
         return code
 
@@ -119,17 +122,17 @@ class BrowserWay:
         start.wait_for()
         self._picture(f"ready_{self._view()}")
         start.click()
-        return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the drive to play")
+        return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the trajectory to play")
 
     def seen(self, key: str, side: str, playback_id: str) -> State:
-        """Wait while the page plays the drive and tells the server itself."""
+        """Wait while the page plays the trajectory and tells the server itself."""
         phase = f"playing_{side}"
         if side == "a":
             self._page.wait_for_timeout(1000 * (self._http.state()["step"]["trial"]["label_s"] + WATCHED_FIRST_S))
             self._picture(f"playing_{self._view()}")
-        state = self._until(lambda trial: trial["phase"] != phase, f"{key}: drive {side.upper()} to end")
+        state = self._until(lambda trial: trial["phase"] != phase, f"{key}: trajectory {side.upper()} to end")
         if state["step"]["trial"]["phase"] == "ready":
-            raise SimulationError(f"{key}: drive {side.upper()} was interrupted in the browser")
+            raise SimulationError(f"{key}: trajectory {side.upper()} was interrupted in the browser")
         return state
 
     def trajectories(self) -> Any:
@@ -156,10 +159,10 @@ class BrowserWay:
         return {**state, "problem": self._page.locator("#draw-hint").inner_text() if refused else None}
 
     def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
-        """Follow the walk with the keys, as well as they let, until the drive is over."""
+        """Follow the walk with the keys, as well as they let, until the rollout is over."""
         self._page.locator("#drawing[data-shown=walking]").wait_for()
         BrowserHand(self._page).walk(walk, lambda: self._picture("walking"))
-        state = self._until(lambda trial: not trial["walking"], f"{key}: the drive to end")
+        state = self._until(lambda trial: not trial["walking"], f"{key}: the rollout to end")
         refused = state["step"]["trial"]["phase"] == "drawing"
         return {**state, "problem": self._page.locator("#draw-hint").inner_text() if refused else None}
 
@@ -224,10 +227,10 @@ class BrowserWay:
 
     def _screen(self) -> str:
         """Which screen of which step is shown."""
-        told = self._page.evaluate(
+        shown = self._page.evaluate(
             "[document.querySelector('.step-body')?.dataset.key, document.querySelector('#page-count')?.textContent]"
         )
-        return str(told)
+        return str(shown)
 
     def _until(self, holds: Any, waited_for: str) -> State:
         deadline = time.monotonic() + PATIENCE_MS / 1000

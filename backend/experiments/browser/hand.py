@@ -69,11 +69,11 @@ class BrowserHand:
         """Draw through places on the floor, metres, in one go where all of them are in sight; else the pen is lifted,
         the gaze turned, and the path drawn on from its end.
         """
-        way = _thinned(places)
+        path = _thinned(places)
         done = 0  # places that the path has reached
-        while done < len(way):
-            end = way[max(0, done - 1)]
-            begin, *spots = self._in_sight_from(end, way[done:]) or self._turned(end, way[done:])
+        while done < len(path):
+            end = path[max(0, done - 1)]
+            begin, *spots = self._in_sight_from(end, path[done:]) or self._gaze_turned(end, path[done:])
             left, top = self._corner()
             self._page.mouse.move(left + begin[0], top + begin[1])
             self._page.mouse.down()
@@ -82,16 +82,20 @@ class BrowserHand:
             self._page.mouse.up()
             done += len(spots)
 
-    def _in_sight_from(self, end: Sequence[float], way: Sequence[Sequence[float]]) -> list[list[float]]:
+    def _in_sight_from(self, end: Sequence[float], ahead: Sequence[Sequence[float]]) -> list[list[float]]:
         """Pixels of the path's end and of as many of the next places as can be seen now; nothing if none can."""
-        begin, *seen = self._looks([end, *way])
-        ahead = next((k for k, one in enumerate(seen) if not self._in_sight(one)), len(seen))
-        return [begin["at"], *(one["at"] for one in seen[:ahead])] if ahead and begin["at"] is not None else []
+        begin, *seen = self._looks([end, *ahead])
+        first_hidden = next((k for k, one in enumerate(seen) if not self._in_sight(one)), len(seen))
+        return (
+            [begin["at"], *(one["at"] for one in seen[:first_hidden])]
+            if first_hidden and begin["at"] is not None
+            else []
+        )
 
-    def _turned(self, end: Sequence[float], way: Sequence[Sequence[float]]) -> list[list[float]]:
+    def _gaze_turned(self, end: Sequence[float], ahead: Sequence[Sequence[float]]) -> list[list[float]]:
         """The same, after the gaze was turned to the next place."""
-        self._turn_to(way[0])
-        spots = self._in_sight_from(end, way)
+        self._turn_to(ahead[0])
+        spots = self._in_sight_from(end, ahead)
         if not spots:
             raise SimulationError(
                 f"the path's end at {end[0]:.2f}, {end[1]:.2f} m cannot be seen together with what follows"
@@ -99,7 +103,7 @@ class BrowserHand:
         return spots
 
     def walk(self, walk: Mapping[str, Any], under_way: Callable[[], None]) -> None:
-        """Follow recorded poses with W, Q and E until the drive is over. under_way: called once, while walking."""
+        """Follow recorded poses with W, Q and E until the rollout is over. under_way: called once, while walking."""
         times, poses = np.array(walk["times_s"]), np.array(walk["poses"])
         held: set[str] = set()
         looks = 0

@@ -34,10 +34,10 @@ def report_scenes() -> dict[str, Any]:
     return {"report": [describe(Purpose.REPORT, REPORT_SCENES, seed) for seed in REPORT_SEEDS]}
 
 
-def store_policy(policy: Policy, name: str, config: BaseConfig | EnsembleConfig, folder: Path, **told: Any) -> Card:
+def store_policy(policy: Policy, name: str, config: BaseConfig | EnsembleConfig, folder: Path, **fields: Any) -> Card:
     """Write a trained policy, measured on the reporting scenes, with its card.
 
-    name: `SETUP/base` or `SETUP/ensemble/K`. told: further fields of the card; its `results` join the measured ones.
+    name: `SETUP/base` or `SETUP/ensemble/K`. fields: more of the card; its `results` join the measured ones.
     """
     setup, what = name.split("/")[:2]
     path = folder / f"{name}.npz"
@@ -53,8 +53,8 @@ def store_policy(policy: Policy, name: str, config: BaseConfig | EnsembleConfig,
         commit=source_commit(),
         config=config.as_dict(),
         scenes={"select": describe(Purpose.SELECT, config.selection_scenes, config.seed)} | report_scenes(),
-        results=report(policy) | told.pop("results"),
-        **told,
+        results=report(policy) | fields.pop("results"),
+        **fields,
     )
     card.save(card_path(path))
     return card
@@ -113,7 +113,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
     result.policy.save(path)
     reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed
     scenes = scene_set(config.setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
-    told = {name: result.policy.at(weights) for name, weights in settings().items()}
+    conditioned = {name: result.policy.at(weights) for name, weights in settings().items()}
     card = Card(
         kind="conditioned_policy",
         name=f"{config.setup}/conditioned",
@@ -128,7 +128,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
             "select": describe(Purpose.SELECT, max(config.selection_scenes, config.strong_scenes), config.seed),
             "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
         },
-        results=steerability_of(told, Policy.load(base_path), scenes).report()
+        results=steerability_of(conditioned, Policy.load(base_path), scenes).report()
         | {"selection": result.selection.summary(), "strength": result.strength},
         parents={f"{config.setup}/base": file_sha256(base_path)},
         departures=[

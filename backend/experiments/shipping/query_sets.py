@@ -29,11 +29,13 @@ def ship_queries(
     folder: Path = DATASETS,
     on_progress: OnProgress = no_progress,
     count: int = SHIPPED_QUERIES,
-    drives: int = 2,
+    trajectories: int = 2,
 ) -> Card:
-    """Make, describe and store queries by the ensemble in the same folder; of three drives each scene: triples."""
-    config = QueryConfig(count=count, seed=seed, trajectories=drives)
-    what, stem = ("triples", "queries_triples") if drives == 3 else ("queries", "queries")
+    """Make, describe and store queries by the ensemble in the same folder; of three trajectories each scene:
+    triples.
+    """
+    config = QueryConfig(count=count, seed=seed, trajectories=trajectories)
+    what, stem = ("triples", "queries_triples") if trajectories == 3 else ("queries", "queries")
     files = sorted((folder / setup / "ensemble").glob("*.npz"))
     queries = generate_queries([Policy.load(path) for path in files], config, on_progress)
     return _store_queries(
@@ -106,8 +108,8 @@ def _store_queries(
 
 def describe_queries(queries: QuerySet) -> dict[str, Any]:
     """Numbers of a query set for its card."""
-    drives = [drive for query in queries.queries for drive in (query.trajectory_a, query.trajectory_b)]
-    durations = np.array([drive.duration_s for drive in drives])
+    shown = [one for query in queries.queries for one in (query.trajectory_a, query.trajectory_b)]
+    durations = np.array([one.duration_s for one in shown])
     gaps = np.array([path_gap_m(query.trajectory_a, query.trajectory_b) for query in queries.queries])
     return {
         "queries": len(queries),

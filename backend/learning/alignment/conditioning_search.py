@@ -10,14 +10,14 @@ ours.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.metrics import success_rate
-from backend.learning.alignment.align import AlignConfig, Gate
+from backend.learning.alignment.gate import Gate, GateRule, gate_scenes, success_in, verdict
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import Estimate, mean_estimate
 from backend.learning.policies.networks import use_one_thread
@@ -26,7 +26,6 @@ from backend.learning.policies.steerability import Course, MeasuredRollouts
 from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, gains, typical_differences
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
-from backend.simulation.fast import evaluate
 from backend.simulation.setups import get_setup, require_same
 
 Floats = NDArray[np.float32]
@@ -59,12 +58,20 @@ class ConditioningSearchConfig:
     spread: float = 0.12
     narrower: float = 0.92
     selection_scenes: int = 500
-    gate_scenes: int = 1_500  # 500 leave open what is better: trajectories differ more from scene to scene
-    gate_max_loss: float = AlignConfig.gate_max_loss
-    gate_min_success: float = AlignConfig.gate_min_success
+    # 500 scenes leave open what is better: trajectories differ more from scene to scene
+    gate: GateRule = field(default_factory=lambda: GateRule(scenes=1_500))
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        """Flat, for cards and hashes."""
+        flat = asdict(self)
+        del flat["gate"]
+        return {**flat, **self.gate.as_dict()}
+
+    @classmethod
+    def of(cls, stored: Mapping[str, Any]) -> Self:
+        """Back from `as_dict`."""
+        own = {one.name: stored[one.name] for one in fields(cls) if one.name in stored}
+        return cls(**own, gate=GateRule.of(stored))
 
 
 @dataclass(frozen=True)
@@ -156,15 +163,13 @@ def search_conditioning(
     # Not worse in what is preferred, as far as the selection scenes tell; the first is the instant policy itself.
     chosen = max(range(len(history)), key=lambda k: (history[k]["wanted"] >= AIM, history[k]["score"]))
     policy = conditioned_by_place(conditioned, weights, guesses[chosen])
-    scenes = scene_set(setup, config.gate_scenes, purpose=Purpose.GATE, seed=config.seed)
+    scenes = gate_scenes(setup, config.gate, config.seed)
     course = Course(scenes)
     own = course.rollout(policy)
     better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
-    raw, rate = success_rate(evaluate(base.rollout_policy, get_setup(setup), scenes).outcome), float(own.success.mean())
-    passed = rate >= raw - config.gate_max_loss and rate >= config.gate_min_success
+    gate = verdict(config.gate, float(own.success.mean()), success_in(base, scenes), scenes=config.gate.scenes)
     wanted, score = mean_estimate(better.wanted), mean_estimate(better.scores(length_weight_of(weights)))
-    takes_over = passed and wanted.low > -TOLERANCE and score.low > 0
-    gate = Gate(passed, rate, raw, config.gate_scenes)
+    takes_over = gate.passed and wanted.low > -TOLERANCE and score.low > 0
     return ConditioningSearchResult(policy, guesses[chosen], takes_over, wanted, score, gate, chosen, history)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from backend.store.events import log_event
 from backend.study.grammar.parts import Part, Slug
@@ -23,12 +23,17 @@ class Meanwhile(Part):
     questionnaire: Slug
 
 
+def _recipe_in_new_words(given: object) -> object:
+    """Protocols of before call fine-tuning `refine`."""
+    return "fine_tuning" if given == "refine" else given
+
+
 class TrainStage(Stage):
     """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
 
     job: `align` learns from choices between trajectories, `demonstrations` from drawn paths, one controller per
-    environment. recipe (of `align`): `instant` is recipe A of spec 06 (the policy is there at once; a refinement runs
-    behind it and takes its place where it is better), `refine` recipe B, `thesis` the one of thesis 6.4.
+    environment. recipe (of `align`): `instant` is there at once (a conditioning search runs behind it and takes its
+    place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4.
     """
 
     once = True
@@ -37,7 +42,7 @@ class TrainStage(Stage):
 
     job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
-    recipe: Literal["instant", "refine", "thesis"] = "instant"
+    recipe: Annotated[Literal["instant", "fine_tuning", "thesis"], BeforeValidator(_recipe_in_new_words)] = "instant"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # DESIGN.md, sketch of a protocol
 

@@ -58,8 +58,8 @@ class Training:
 def start_training(acting: Acting) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
-    Recipe instant: two jobs, the second a refinement. None where there are too few answers, or where the participant
-    did not consent to learning from theirs; the session's `personalisation` says so.
+    Recipe instant: two jobs, the second the conditioning search behind it. None where there are too few answers, or
+    where the participant did not consent to learning from theirs; the session's `personalisation` says so.
     """
     s, files, session, training = acting.s, acting.files, acting.session, acting.frozen.training
     assert training is not None  # noqa: S101  a step begins it only where a stage says so
@@ -79,7 +79,7 @@ def start_training(acting: Acting) -> None:
     other = _policy_of_another(s, session) if "other" in training.opponents else None
     recipes: list[dict[str, str]] = [{"recipe": training.recipe}]
     if training.recipe == "instant":
-        recipes.append({"recipe": "refine", "start": "conditioned"})
+        recipes.append({"recipe": "conditioning_search"})
     for recipe in recipes:
         job = enqueue_job(
             s,

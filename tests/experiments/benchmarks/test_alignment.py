@@ -5,15 +5,23 @@ from __future__ import annotations
 import pytest
 
 from backend.experiments.benchmarks.alignment import benchmark_align
-from backend.learning.alignment.align import AlignConfig
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
+from backend.learning.alignment.fine_tuning import FineTuningConfig
+from backend.learning.alignment.gate import GateRule
 from backend.learning.errors import LearningError
 
 TINY = {
     "instant": None,
-    "refine": ConditioningSearchConfig(tried=8, copies=4, survivors=2, selection_scenes=20, gate_scenes=20),
-    "from_base": AlignConfig(
-        updates=64, checkpoints=1, replay_transitions=2_000, selection_scenes=20, gate_scenes=20, weighing_scenes=20
+    "conditioning_search": ConditioningSearchConfig(
+        tried=8, copies=4, survivors=2, selection_scenes=20, gate=GateRule(scenes=20)
+    ),
+    "fine_tuning": FineTuningConfig(
+        updates=64,
+        checkpoints=1,
+        replay_transitions=2_000,
+        selection_scenes=20,
+        gate=GateRule(scenes=20),
+        weighing_scenes=20,
     ),
 }
 
@@ -29,7 +37,7 @@ def test_align_benchmark_reports_the_keys_others_rely_on(mode: str) -> None:
     assert result["base"]["ceiling_m"] == result["ceiling_m"]
     assert result["self_intersections_per_episode"] == result["aligned"]["self_intersections"]
     assert result["objective"] == "farther"
-    if mode == "refine":
+    if mode == "conditioning_search":
         assert result["against_instant"]["paired"]["path_length_m"]
     if mode == "instant":
         assert result["wants"]
@@ -42,5 +50,5 @@ def test_an_oracle_outside_the_vocabulary_has_no_way_to_share() -> None:
 
 
 def test_an_unknown_mode_is_refused() -> None:
-    with pytest.raises(LearningError, match="instant, refine, from_base, thesis"):
+    with pytest.raises(LearningError, match="instant, conditioning_search, fine_tuning, thesis"):
         benchmark_align(mode="telepathy")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from backend.experiments.benchmarks.preferences import WantsConfig, _answers, _queries, benchmark_wants
+from backend.cli import app
+from backend.experiments.benchmarks.preferences import PreferencesConfig, _answers, _queries, benchmark_preferences
 from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.oracles import make_oracle
@@ -15,7 +17,7 @@ from backend.learning.queries.choosing import next_query
 
 
 def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
-    config = WantsConfig(
+    config = PreferencesConfig(
         oracles=("min-human-distance", "right-and-far", "faces-person"),
         noises=(0.0, 0.2),
         query_seeds=(3,),
@@ -23,7 +25,7 @@ def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
         scenes=60,
     )
     shipped = load_conditioned("study_room/conditioned")
-    result = benchmark_wants("study_room", {"one": shipped, "other": shipped}, config)
+    result = benchmark_preferences("study_room", {"one": shipped, "other": shipped}, config)
     assert result["simulated"]
     assert len(result["rows"]) == 3 * 2 * 2
     assert len(result["summary"]) == 3 * 2 * 2
@@ -37,13 +39,15 @@ def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
 
 
 def test_the_ensembles_queries_can_be_asked_instead() -> None:
-    config = WantsConfig(oracles=("clearance",), query_seeds=(5,), queries="ensemble", answers=4, scenes=20)
-    assert benchmark_wants("study_room", config=config)["rows"][0]["told"]
+    config = PreferencesConfig(oracles=("clearance",), query_seeds=(5,), queries="ensemble", answers=4, scenes=20)
+    assert benchmark_preferences("study_room", config=config)["rows"][0]["told"]
 
 
 def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
-    config = WantsConfig(oracles=("smoothest",), query_seeds=(5,), choose="information", pool=8, answers=3, scenes=20)
-    row = benchmark_wants("study_room", config=config)["rows"][0]
+    config = PreferencesConfig(
+        oracles=("smoothest",), query_seeds=(5,), choose="information", pool=8, answers=3, scenes=20
+    )
+    row = benchmark_preferences("study_room", config=config)["rows"][0]
     assert (row["oracle"], row["query_seed"]) == ("smoothest", 5)
     queries = _queries("study_room", config, 5)
     given = _answers(make_oracle("smoothest", seed=5), queries, config)
@@ -55,6 +59,19 @@ def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
 
 def test_unknown_oracles_and_ways_of_choosing_are_refused() -> None:
     with pytest.raises(LearningError, match="telepath"):
-        benchmark_wants("study_room", config=WantsConfig(oracles=("telepath",)))
+        benchmark_preferences("study_room", config=PreferencesConfig(oracles=("telepath",)))
     with pytest.raises(LearningError, match="by_dice"):
-        benchmark_wants("study_room", config=WantsConfig(choose="by_dice"))
+        benchmark_preferences("study_room", config=PreferencesConfig(choose="by_dice"))
+
+
+@pytest.mark.parametrize("name", ["preferences", "wants"])
+def test_the_command_goes_by_its_name_and_by_its_first_one(name: str) -> None:
+    ran = CliRunner().invoke(app, ["benchmark", name, "--queries", "none"])
+    assert ran.exit_code != 0
+    assert "ensemble or varied" in ran.output
+
+
+def test_response_models_go_by_their_first_option_too() -> None:
+    for option in ("--response-models", "--habits"):
+        ran = CliRunner().invoke(app, ["benchmark", "asking", option, "telepathy"])
+        assert "telepathy" in ran.output, ran.output

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery.alignment_settings import read_alignment, stored_alignment
 from backend.experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
 from backend.experiments.reproduction.enquery.figures import accuracy_picture, sweep_picture, table_picture
 from backend.experiments.reproduction.enquery.plan import Speed, make_plan
@@ -24,7 +25,10 @@ from backend.experiments.reproduction.enquery.results import (
 )
 from backend.experiments.reproduction.enquery.run import reproduce_enquery
 from backend.experiments.reproduction.tasks import TaskResult, Work
-from backend.learning.alignment.align import AlignConfig
+from backend.learning.alignment.fine_tuning import FineTuningConfig
+from backend.learning.alignment.gate import GateRule
+from backend.learning.alignment.relabelling import RelabellingConfig
+from backend.learning.alignment.thesis import thesis_config
 from backend.learning.cards import read_config
 from backend.learning.policies.shape import FAST_HEADS
 from backend.learning.td3.base import BaseConfig
@@ -222,14 +226,22 @@ def test_the_crossing_is_where_the_second_stays_above(
     assert crossing((5, 15, 60)[: len(first)], first, second) == expected
 
 
-@pytest.mark.parametrize(
-    "config", [BaseConfig("open_field", seed=7), EnsembleConfig(kappa=0.5), AlignConfig(updates=9)]
-)
+@pytest.mark.parametrize("config", [BaseConfig("open_field", seed=7), EnsembleConfig(kappa=0.5)])
 def test_settings_are_stored_under_their_first_names_and_read_again(config) -> None:
     """A task is named by a hash of its settings: what was computed before settings were renamed is found again."""
     stored = json.loads(json.dumps(config.as_dict()))
     assert type(config)(**read_config(stored)) == config
     assert ("calm_updates" in stored) == isinstance(config, BaseConfig)
+
+
+@pytest.mark.parametrize(
+    "config", [FineTuningConfig(updates=9, gate=GateRule(scenes=7)), thesis_config(seed=2, epochs=1)]
+)
+def test_settings_of_both_alignments_are_stored_as_when_they_were_one_and_read_again(config: RelabellingConfig) -> None:
+    stored = json.loads(json.dumps(stored_alignment(config)))
+    assert read_alignment(stored) == config
+    assert stored["recipe"] in ("refine", "thesis")
+    assert {"preference_weight", "preference_share", "gate_scenes", "gate_max_loss"} < set(stored)
 
 
 def test_tasks_keep_the_names_that_finished_work_has_on_disk() -> None:

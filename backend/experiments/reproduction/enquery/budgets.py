@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from backend.experiments.reproduction.enquery import thesis
-from backend.learning.alignment.align import AlignConfig
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
+from backend.learning.alignment.fine_tuning import FineTuningConfig
+from backend.learning.alignment.gate import GateRule
 from backend.learning.policies.shape import FAST_HEADS, THESIS_HEADS
 from backend.learning.td3.base import BaseConfig
 from backend.learning.td3.ensemble import EnsembleConfig
@@ -63,9 +64,9 @@ class EnqueryBudget:
     base_updates: int = BaseConfig(SETUP).updates
     ensemble_steps: int = thesis.ENSEMBLE_STEPS
     base_transitions: int = EnsembleConfig().base_transitions
-    selection_scenes: int = AlignConfig().selection_scenes
-    gate_scenes: int = AlignConfig().gate_scenes
-    replay_transitions: int = AlignConfig().replay_transitions
+    selection_scenes: int = FineTuningConfig().selection_scenes
+    gate_scenes: int = GateRule().scenes
+    replay_transitions: int = FineTuningConfig().replay_transitions
     starts: int = 6  # per scene with trajectories drawn in it
     recipes: tuple[str, ...] = tuple(RECIPES)  # those from the conditioned policy only where one is shipped
     flow_fields: tuple[str, ...] = ("EnQ-15",)  # conditions by the thesis's recipe, against RAW; by ours only EnQ-15
@@ -101,8 +102,8 @@ MEDIUM = replace(
     alignments=10,
     thesis_updates=10_000,
     thesis_epochs=3,
-    refine_updates=AlignConfig().updates,
-    refine_checkpoints=AlignConfig().checkpoints,
+    refine_updates=FineTuningConfig().updates,
+    refine_checkpoints=FineTuningConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
 )
 FULL = EnqueryBudget(
@@ -119,8 +120,8 @@ FULL = EnqueryBudget(
     rollouts=100,
     thesis_updates=10_000,
     thesis_epochs=3,
-    refine_updates=AlignConfig().updates,
-    refine_checkpoints=AlignConfig().checkpoints,
+    refine_updates=FineTuningConfig().updates,
+    refine_checkpoints=FineTuningConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
 )
 BUDGETS = {budget.name: budget for budget in (SMALL, MEDIUM, FULL)}

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.analysis.metrics import action_diversity
+from backend.experiments.reproduction.enquery.alignment_settings import read_alignment
 from backend.experiments.reproduction.enquery.budgets import MODELS, ORACLE, SETUP, SOURCES, Source
 from backend.experiments.reproduction.tasks import Function, TaskResult
-from backend.learning.alignment.align import AlignConfig, align
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
+from backend.learning.alignment.relabelling import align
+from backend.learning.alignment.thesis import ThesisConfig
 from backend.learning.cards import read_config
 from backend.learning.policies.evaluate import episodes
 from backend.learning.policies.policy import Policy
@@ -139,18 +141,20 @@ def accuracy_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
 
 def alignment_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One alignment and its trajectories in the table's scenes."""
-    config = AlignConfig(**read_config(params["config"]))
+    config = read_alignment(params["config"])
     given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
     heads = (params["heads"][0], params["heads"][1])
     model: RewardModel = (
-        fit_mlp(given, MlpConfig(seed=config.seed, heads=heads)) if config.recipe == "thesis" else fit_linear(given)
+        fit_mlp(given, MlpConfig(seed=config.seed, heads=heads))
+        if isinstance(config, ThesisConfig)
+        else fit_linear(given)
     )
     result = align(stored_policies(needs[0])[0], model, config)
     meta = {
         "chosen": result.chosen,
         "history": result.history,
         "gate_passed": result.gate.passed,
-        "preference_weight": result.preference_weight,
+        "preference_weight": result.reward_weight,
         "replay_sha256": result.replay_sha256,
     }
     return _driven(result.policy, params["scenes"], meta)
@@ -168,7 +172,7 @@ def refined_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRes
     weights = weights_said(params, needs)
     conditioned = load_conditioned(params["conditioned"])
     base = stored_policies(needs[0])[0]
-    result = search_conditioning(conditioned, weights, base, ConditioningSearchConfig(**params["config"]))
+    result = search_conditioning(conditioned, weights, base, ConditioningSearchConfig.of(params["config"]))
     shown = result.policy if result.takes_over else conditioned.at(weights).without_critic()
     meta = {
         "weights": weights.tolist(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from backend.experiments.reproduction.enquery.alignment_settings import stored_alignment
 from backend.experiments.reproduction.enquery.budgets import (
     CONDITIONED,
     CONDITIONS,
@@ -18,8 +19,11 @@ from backend.experiments.reproduction.enquery.budgets import (
     Source,
 )
 from backend.experiments.reproduction.tasks import Task
-from backend.learning.alignment.align import AlignConfig, thesis_config
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
+from backend.learning.alignment.fine_tuning import FineTuningConfig
+from backend.learning.alignment.gate import GateRule
+from backend.learning.alignment.relabelling import RelabellingConfig
+from backend.learning.alignment.thesis import thesis_config
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import FAST_HEADS
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy, shipped_names
@@ -63,18 +67,18 @@ def query_seed(seed: int, run: int) -> int:
     return FIRST_SEED + SEEDS_PER_RUN * seed + run
 
 
-def align_config(recipe: str, budget: EnqueryBudget, run: int) -> AlignConfig:
+def align_config(recipe: str, budget: EnqueryBudget, run: int) -> RelabellingConfig:
     """The configuration of one alignment: the thesis's recipe or ours, with the budget's number of updates."""
     if recipe == "thesis":
-        config = replace(
+        config: RelabellingConfig = replace(
             thesis_config(seed=run, epochs=budget.thesis_epochs), updates=budget.thesis_updates * budget.thesis_epochs
         )
     else:
-        config = AlignConfig(seed=run, updates=budget.refine_updates, checkpoints=budget.refine_checkpoints)
+        config = FineTuningConfig(seed=run, updates=budget.refine_updates, checkpoints=budget.refine_checkpoints)
     return replace(
         config,
         selection_scenes=budget.selection_scenes,
-        gate_scenes=budget.gate_scenes,
+        gate=GateRule(scenes=budget.gate_scenes),
         replay_transitions=budget.replay_transitions,
     )
 
@@ -169,7 +173,7 @@ def _alignment(
     config = align_config(recipe, budget, run)
     return Task(
         "alignment",
-        asked | {"heads": list(budget.heads), "config": config.as_dict(), "scenes": scenes},
+        asked | {"heads": list(budget.heads), "config": stored_alignment(config), "scenes": scenes},
         policies,
         seconds=4 + 0.8 * config.checkpoints + seconds_per_update * config.updates,
     )

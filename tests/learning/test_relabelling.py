@@ -1,4 +1,6 @@
-"""Alignment: the reward is the recipe's, the policy moves where the answers point, and the gate keeps bad ones away."""
+"""Alignment: the reward is the recipe's, the policy moves where the answers point, both algorithms keep what they
+should.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
-from backend.learning.alignment.align import (
-    AlignConfig,
-    PreferenceReward,
-    RelabelledBuffer,
-    align,
-    check_gate,
-    choose_checkpoint,
-    thesis_config,
-)
+from backend.learning.alignment.fine_tuning import FineTuningConfig, FineTuningReward
+from backend.learning.alignment.gate import GateRule
+from backend.learning.alignment.relabelling import RelabelledBuffer, align
+from backend.learning.alignment.thesis import ThesisConfig, thesis_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_policy
@@ -28,12 +24,12 @@ from backend.learning.td3.base import BaseResult
 from backend.learning.td3.replay import collect
 from backend.simulation.setups import STUDY_ROOM, SetupError
 
-TINY = AlignConfig(
+TINY = FineTuningConfig(
     updates=120,
     checkpoints=2,
     replay_transitions=3_000,
     selection_scenes=20,
-    gate_scenes=30,
+    gate=GateRule(scenes=30),
     weighing_scenes=20,
 )
 
@@ -48,10 +44,10 @@ def model(distance_answers: list[Preference]) -> LinearRewardModel:
     return fit_linear(distance_answers[:15])
 
 
-def test_refine_adds_a_penalty_that_never_pays_for_loitering(base: Policy, model: LinearRewardModel) -> None:
+def test_fine_tuning_adds_a_penalty_that_never_pays_for_loitering(base: Policy, model: LinearRewardModel) -> None:
     replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
-    config = replace(TINY, preference_weight=0.5)
-    reward = PreferenceReward(model, config, replay, base)
+    config = replace(TINY, reward_weight=0.5)
+    reward = FineTuningReward(model, config, replay, base)
     added = reward.combined(replay.rewards, reward.preference(replay)) - replay.rewards + config.time_cost
     assert float(added.max()) <= 1e-5  # float32 next to rewards of 20
     assert float(added.min()) >= -0.5 * config.penalty_cap - 1e-4
@@ -61,7 +57,7 @@ def test_refine_adds_a_penalty_that_never_pays_for_loitering(base: Policy, model
 def test_the_preference_is_weighed_by_what_is_at_stake(base: Policy, model: LinearRewardModel) -> None:
     replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
     half, full = (
-        PreferenceReward(model, replace(TINY, preference_share=share), replay, base).weight for share in (0.4, 0.8)
+        FineTuningReward(model, replace(TINY, preference_share=share), replay, base).weight for share in (0.4, 0.8)
     )
     assert full == pytest.approx(2 * half)
     assert 0.05 < full < STUDY_ROOM.reward.goal
@@ -70,7 +66,7 @@ def test_the_preference_is_weighed_by_what_is_at_stake(base: Policy, model: Line
 def test_the_thesis_reward_is_equation_6_5(base: Policy, distance_answers: list[Preference]) -> None:
     replay = collect(base, 4_000, noise=(0.05, 0.5), seed=0).filled()
     mlp = fit_mlp(distance_answers[:5], MlpConfig(epochs=1))
-    reward = PreferenceReward(mlp, thesis_config(), replay, base)
+    reward = thesis_config().reward(mlp, replay, base)
     combined = reward.combined(replay.rewards, reward.preference(replay))
     raw = mlp.rewards(replay.observations.numpy(), replay.actions.numpy(), replay.next_observations.numpy())
     expected = 0.06 * (raw - raw.mean()) / raw.std() + 0.94 * replay.rewards.numpy()
@@ -80,7 +76,7 @@ def test_the_thesis_reward_is_equation_6_5(base: Policy, distance_answers: list[
 def test_the_weight_follows_success(base: Policy, model: LinearRewardModel) -> None:
     replay = collect(base, 1_000, noise=(0.05, 0.5), seed=0).filled()
     config = replace(TINY, min_success=0.9, max_selection_loss=0.03, almost_no_loss=0.01)
-    reward = PreferenceReward(model, config, replay, base)
+    reward = FineTuningReward(model, config, replay, base)
     weights = [reward.weight]
     for success in (0.99, 0.96, 0.94):  # of a base policy with 0.98: no loss, some, too much
         reward.adapt(success, 0.98)
@@ -88,7 +84,7 @@ def test_the_weight_follows_success(base: Policy, model: LinearRewardModel) -> N
     assert weights[1] == pytest.approx(config.weight_up * weights[0])
     assert weights[2] == weights[1]
     assert weights[3] == pytest.approx(config.weight_down * weights[2])
-    fixed = PreferenceReward(model, replace(config, preference_weight=0.3), replay, base)
+    fixed = FineTuningReward(model, replace(config, reward_weight=0.3), replay, base)
     fixed.adapt(0.5, 0.98)
     assert fixed.weight == 0.3
 
@@ -96,7 +92,7 @@ def test_the_weight_follows_success(base: Policy, model: LinearRewardModel) -> N
 def test_a_relabelled_buffer_follows_the_weight(base: Policy, model: LinearRewardModel) -> None:
     fresh = collect(base, 2_000, noise=(0.05, 0.5), seed=0)
     core = fresh.filled().rewards.clone()
-    reward = PreferenceReward(model, replace(TINY, preference_weight=0.5, time_cost=0.0), fresh.filled(), base)
+    reward = FineTuningReward(model, replace(TINY, reward_weight=0.5, time_cost=0.0), fresh.filled(), base)
     relabelled = RelabelledBuffer(fresh, reward)
     relabelled.take_up()
     added = fresh.filled().rewards - core
@@ -130,38 +126,26 @@ def test_the_same_seed_aligns_to_the_same_policy(base: Policy, model: LinearRewa
 
 
 def test_the_thesis_recipe_runs_without_new_interaction(base: Policy, distance_answers: list[Preference]) -> None:
-    config = replace(TINY, recipe="thesis", preference_weight=0.06, online_share=0.0, gamma=None)
+    config = ThesisConfig(
+        updates=120, checkpoints=2, replay_transitions=3_000, selection_scenes=20, gate=GateRule(scenes=30)
+    )
     result = align(base, fit_mlp(distance_answers[:5], MlpConfig(epochs=1)), config)
-    assert result.preference_weight == 0.06
+    assert result.reward_weight == 0.06
     rates = [entry["success_rate"] for entry in result.history]
     assert rates[result.chosen] == max(rates)
 
 
 def test_thesis_defaults_are_the_papers() -> None:
     config = thesis_config(epochs=4)
-    assert (config.preference_weight, config.updates, config.checkpoints) == (0.06, 40_000, 4)
+    assert (config.reward_weight, config.updates, config.checkpoints) == (0.06, 40_000, 4)
     assert config.online_share == 0.0
 
 
 def test_choosing_a_checkpoint() -> None:
-    config = AlignConfig(min_success=0.94, max_selection_loss=0.02)
-    assert choose_checkpoint([0.99, 0.97, 0.95, 0.80], 0.98, config) == 1  # the last near the base policy's 0.98
-    assert choose_checkpoint([0.90, 0.93, 0.91], 0.98, config) == 1  # none: the best
-    assert choose_checkpoint([0.95, 0.99, 0.98], 0.98, replace(config, recipe="thesis")) == 1
-
-
-def test_the_gate_stops_a_policy_that_does_not_arrive(base: Policy) -> None:
-    torch.manual_seed(0)
-    shaken = Policy(base.setup, base.shape, (*base.actor[:-1], base.actor[-1] + np.array([-9, 9], dtype=np.float32)))
-    assert not check_gate(shaken, base, TINY).passed
-    assert check_gate(base, base, TINY).passed
-
-
-def test_the_gate_drives_a_policy_with_its_recovery(base: Policy) -> None:
-    still = tuple(np.zeros_like(array) for array in base.actor)
-    stuck = Policy(base.setup, base.shape, (*still[:-1], np.array([-9, 0], dtype=np.float32)))
-    assert check_gate(stuck, base, TINY).success_rate == 0
-    assert check_gate(replace(stuck, recovery_policies=(base.actor,)), base, TINY).success_rate > 0
+    config = FineTuningConfig(min_success=0.94, max_selection_loss=0.02)
+    assert config.choose([0.99, 0.97, 0.95, 0.80], 0.98) == 1  # the last near the base policy's 0.98
+    assert config.choose([0.90, 0.93, 0.91], 0.98) == 1  # none: the best
+    assert ThesisConfig().choose([0.95, 0.99, 0.98], 0.98) == 1
 
 
 def test_models_and_policies_of_two_setups_are_refused(model: LinearRewardModel) -> None:
@@ -170,7 +154,7 @@ def test_models_and_policies_of_two_setups_are_refused(model: LinearRewardModel)
 
 
 def test_settings_that_cannot_work_are_refused(base: Policy, model: LinearRewardModel, tiny_base: BaseResult) -> None:
-    for change in ({"recipe": "magic"}, {"online_share": 1.0}, {"checkpoints": 500}):
+    for change in ({"online_share": 1.0}, {"checkpoints": 500}):
         with pytest.raises(LearningError, match=next(iter(change))):
             align(base, model, replace(TINY, **change))  # type: ignore[arg-type]
     with pytest.raises(LearningError, match="critic"):

@@ -1,0 +1,105 @@
+"""What jobs learn from: the answers of a snapshot, the reward model fitted to them, and its artefact.
+
+How a reward model is fitted is `backend.learning.rewards`'; which job wants which model is the job's.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from backend.jobs.context import JobContext
+from backend.jobs.kept_artefacts import find_artefact, keep
+from backend.jobs.kinds import Params
+from backend.learning.preferences.posterior import PosteriorConfig
+from backend.learning.preferences.preferences import Preference
+from backend.learning.rewards.free_form import choose_reward_model
+from backend.learning.rewards.holding_out import Fit
+from backend.learning.rewards.reward_interface import InterfaceConfig, fit_interface
+from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.reward_model import (
+    LinearConfig,
+    LinearRewardModel,
+    Reduction,
+    RewardModel,
+    fit_linear,
+    reward_model_to_bytes,
+)
+from backend.learning.rewards.reward_weights import WeightsRewardModel, fit_weights
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import load_trajectory
+from backend.store.models import Artefact
+from backend.store.snapshots import Answer, Snapshot, load_snapshot
+
+
+def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot]:
+    """A snapshot and its artefact. Raises ArtefactError as `find_artefact` does."""
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "snapshot")
+        snapshot = load_snapshot(s, context.files, artefact.id)
+    return artefact, snapshot
+
+
+def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Preference]]:
+    """The independent answers by participant. Probes ask the same again: they measure, they do not teach."""
+    loaded: dict[str, Trajectory] = {}
+
+    def trajectory(trajectory_id: str) -> Trajectory:
+        if trajectory_id not in loaded:
+            loaded[trajectory_id] = load_trajectory(context.files, trajectory_id)
+        return loaded[trajectory_id]
+
+    def preference(answer: Answer) -> Preference:
+        return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source)
+
+    found: dict[str, list[Preference]] = {}
+    for answer in snapshot.training_answers():
+        found.setdefault(answer.participant, []).append(preference(answer))
+    return found
+
+
+def fit_of(model: str, reduction: Reduction, seed: int, symmetry: str = "none") -> Fit:
+    """How a reward model of that name (`kinds.ModelName`) is fitted."""
+    mirrored = symmetry == "left_right"
+    if model == "weights":
+        config = PosteriorConfig(left_right_symmetry=mirrored)
+        return lambda preferences: fit_weights(preferences, config)
+    if model == "auto":
+        return lambda preferences: choose_reward_model(preferences, seed=seed, left_right_symmetry=mirrored).model
+    if model == "linear":
+        return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
+    if model == "interface":
+        return lambda preferences: fit_interface(preferences, InterfaceConfig(seed=seed))
+    return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
+
+
+def described(model: RewardModel) -> dict[str, Any]:
+    """Which kind of model it became, and what the answers were about, where it can say so."""
+    kind = {"kind": model.to_arrays()[0]["kind"]}
+    if isinstance(model, LinearRewardModel | WeightsRewardModel):
+        return kind | {"importance": model.importance()}
+    return kind
+
+
+def keep_reward_model(
+    context: JobContext,
+    params: Params,
+    answers: tuple[Artefact, Snapshot],
+    model: RewardModel,
+    *,
+    name: str,
+    reduction: str,
+    results: dict[str, Any],
+) -> str:
+    """Store a fitted model with its card; returns its id. name: the kind that was asked for."""
+    artefact, snapshot = answers
+    return keep(
+        context,
+        kind="reward_model",
+        name=f"{name} reward model of {artefact.name}",
+        setup=snapshot.setup,
+        content=reward_model_to_bytes(model),
+        params=params,
+        config={"model": name, "reduction": reduction},
+        results=results,
+        parents=[(artefact, "answers")],
+    )

@@ -1,0 +1,49 @@
+"""The success gate: one rule, one verdict, for aligned policies and for what was learned from demonstrations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.learning.alignment.gate import GateRule, at_gate, verdict
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_policy
+
+RULE = GateRule(scenes=30)
+
+
+@pytest.fixture(scope="module")
+def base() -> Policy:
+    return load_policy("study_room/base")
+
+
+def test_the_gate_stops_a_policy_that_does_not_arrive(base: Policy) -> None:
+    shaken = Policy(base.setup, base.shape, (*base.actor[:-1], base.actor[-1] + np.array([-9, 9], dtype=np.float32)))
+    assert not at_gate(shaken, base, RULE, seed=0).passed
+    assert at_gate(base, base, RULE, seed=0).passed
+
+
+def test_the_gate_drives_a_policy_with_its_recovery(base: Policy) -> None:
+    still = tuple(np.zeros_like(array) for array in base.actor)
+    stuck = Policy(base.setup, base.shape, (*still[:-1], np.array([-9, 0], dtype=np.float32)))
+    assert at_gate(stuck, base, RULE, seed=0).success_rate == 0
+    assert at_gate(replace(stuck, recovery_policies=(base.actor,)), base, RULE, seed=0).success_rate > 0
+
+
+@pytest.mark.parametrize(
+    ("own", "of_base", "passed"),
+    [(0.95, 0.98, True), (0.93, 0.98, True), (0.92, 0.98, False), (0.89, 0.90, False), (0.90, None, True)],
+)
+def test_enough_success_and_not_much_less_than_the_base_policys(own: float, of_base: float, passed: bool) -> None:
+    gate = verdict(GateRule(), own, of_base, scenes=500)
+    assert gate.passed is passed
+    assert (gate.min_success, gate.max_loss, gate.base_success_rate) == (0.90, 0.05, of_base)
+
+
+def test_a_rule_is_stored_flat_beside_other_settings() -> None:
+    rule = GateRule(scenes=70, min_success=0.8, max_loss=0.1)
+    assert rule.as_dict() == {"gate_scenes": 70, "gate_min_success": 0.8, "gate_max_loss": 0.1}
+    assert GateRule.of({"seed": 3, **rule.as_dict()}) == rule
+    assert GateRule.of({}) == GateRule()
