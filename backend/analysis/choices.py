@@ -134,6 +134,17 @@ def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tup
     )  # fmt: skip
 
 
+def right_guesses(right: int, people: int, *, about: str) -> Tested:
+    """Exact binomial test of how many of so many people were right, against one half, two-sided; effect: Cohen's g."""
+    p, least, (low, high) = _binomial(right, people - right)
+    return Tested(
+        test="Binomial", about=about, symbol="S", statistic=right, df=None, p=p, p_corrected=p,
+        correction="uncorrected", effect_name="Cohen's g", effect=right / people - 0.5 if people else 0.0, n=people,
+        used=people, direction=f"{'more' if 2 * right > people else 'fewer'} are right than by chance", method="exact",
+        least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
+    )  # fmt: skip
+
+
 def share_over_people(wins: Sequence[int], losses: Sequence[int]) -> Mean:
     """Mean over people of the share of a person's choices that went to the first of two, interval over people."""
     counts = [(won, won + lost) for won, lost in zip(wins, losses, strict=True) if won + lost]

@@ -293,9 +293,9 @@ def null_cohorts_command(
     """Simulated: how often the analysis of the interface study finds something where there is nothing."""
     from dataclasses import asdict
 
+    from backend.experiments.cohorts.null_cohorts import null_cohorts
     from backend.experiments.cohorts.null_ratings import null_family
     from backend.report.analysis_plan import AnalysisPlan
-    from backend.report.simulated_power import null_cohorts
 
     plan = AnalysisPlan()
     rates = null_cohorts(cohorts, participants, seed=seed, plan=plan) if cohorts else []

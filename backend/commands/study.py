@@ -169,6 +169,11 @@ def power_command(
         float, typer.Option(min=0.5, max=1.0, help="Chance of the same answer to the same query.")
     ] = 0.8,
     own: Annotated[float, typer.Option(min=0, max=1, help="Mean chance that the own policy is preferred.")] = 0.65,
+    own_against_other: Annotated[
+        float | None, typer.Option(min=0, max=1, help="The same against another participant's; default as --own.")
+    ] = None,
+    items_alike: Annotated[float, typer.Option(min=0, max=1, help="Correlation between the items.")] = 0.0,
+    drop_out: Annotated[float, typer.Option(min=0, max=1, help="Share of participants who do not finish.")] = 0.0,
     condition: Annotated[
         str | None, typer.Option(help="The condition with the effect; default the last by name.")
     ] = None,
@@ -194,6 +199,9 @@ def power_command(
         first_choice=first_choice,
         consistency=consistency,
         own=own,
+        own_against_other=own_against_other,
+        items_alike=items_alike,
+        drop_out=drop_out,
         walk=walk,
         cohorts=cohorts,
         seed=seed,

@@ -6,6 +6,7 @@ Also where that one is killed with no time for anything: the pipe that it holds 
 from __future__ import annotations
 
 import os
+import runpy
 import signal
 import sys
 import threading
@@ -22,7 +23,5 @@ def _watch() -> None:
 
 
 if __name__ == "__main__":
-    from backend.cli import main
-
     threading.Thread(target=_watch, daemon=True).start()
-    main()
+    runpy.run_module("backend.cli", run_name="__main__", alter_sys=True)  # as a process: experiments import no commands

@@ -24,17 +24,30 @@ METRICS: dict[Metric, tuple[str, str]] = {
 """Fields of `analysis.metrics.TrajectoryMetrics` that spec 07 compares: words and unit."""
 
 
+class Equivalence(BaseModel):
+    """What counts as no difference, declared before the data. rating: in points of the scale; share: of choices for the
+    own policy, about one half."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rating: float | None = Field(None, gt=0)
+    share: float | None = Field(None, gt=0, lt=0.5)
+
+
 class AnalysisPlan(BaseModel):
     """What is tested and how, declared before the data (`analysis:` in a protocol). Defaults: spec 07 unless marked.
 
-    items: the questionnaire that is answered after each block (Friedman per item, then Wilcoxon in pairs, Bonferroni);
-    default every scale that is answered under two or more conditions. pairs: of which items the pairs are tested, of
+    items: the questionnaire that is answered after each block, each item, or the score of a validated scale, by itself;
+    default every one that is answered under two or more conditions. pairs: of which items the pairs are tested, of
     those where the test over all conditions is significant or always, as chapter 2 did. pairs_over: corrected over the
     pairs of all items together, or over one item's pairs, as the thesis did (in 12 % of studies with ten items it then
-    finds a pair that does not differ). ranking: the
-    questionnaire with forced rankings (chi-square of first choices, then z in pairs, Bonferroni); default every ranking
-    item. correction: over the items, and over the rankings. sessions: whose answers count. min_probes: fewer repeated
-    queries of a person within a condition than these say nothing about consistency.
+    finds a pair that does not differ). ranking: the questionnaire with forced rankings (first choices, then in pairs);
+    default every ranking item. own: how the own policy is tested against others. correction: over the items, over the
+    rankings, over the arms. sessions: whose answers count. min_probes: fewer repeated queries of a person within a
+    condition than these say nothing about consistency.
+
+    equivalence: margins within which a difference counts as none (two one-sided tests). bayes_factors: beside the tests
+    of two. models: cumulative-link mixed models of the items and mixed logistic models of the choices beside the tests.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -44,10 +57,14 @@ class AnalysisPlan(BaseModel):
     pairs: Literal["where_significant", "always"] = "where_significant"
     pairs_over: Literal["items", "item"] = "items"  # ours
     ranking: str | None = None
+    own: Literal["sign", "signed_ranks"] = "sign"
     correction: Correction = "holm"  # ours; the thesis names none over the items
     sessions: Literal["completed", "all"] = "completed"  # ours
     metrics: tuple[Metric, ...] = tuple(METRICS)
     min_probes: int = Field(5, ge=1)
+    equivalence: Equivalence | None = None
+    bayes_factors: bool = False
+    models: bool = False
 
     def digest(self) -> str:
         """sha256 of the plan as canonical JSON, defaults filled in; of what plans could not always say (`LATER`) only
@@ -57,7 +74,7 @@ class AnalysisPlan(BaseModel):
         return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
 
 
-LATER = ("pairs_over",)
+LATER = ("pairs_over", "own", "equivalence", "bayes_factors", "models")
 """Keys that were added to plans later."""
 
 

@@ -1,13 +1,13 @@
-"""What was chosen: agreement between and within conditions, circular triads, what changes where choices differ, the own
-policy against others. Pure.
+"""What was chosen: agreement between and within conditions, circular triads, what changes where choices differ. Pure.
 
-What was rated is `rating_findings.py`'s, everything together `findings.py`'s.
+The own policy against others is `own_findings.py`'s, what was rated `rating_findings.py`'s, everything together
+`findings.py`'s.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,18 +15,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis.choices import (
-    agreement,
-    cohens_kappa,
-    mostly,
-    share_over_people,
-)
+from backend.analysis.choices import agreement, cohens_kappa
 from backend.analysis.intervals import clustered_share, within
 from backend.analysis.metrics import measure
-from backend.analysis.tested import Mean, Tested, corrected, mean_of
+from backend.analysis.tested import Mean, mean_of
 from backend.analysis.triads import is_circular, whole_triads
 from backend.report.analysis_plan import AnalysisPlan, Metric
-from backend.report.study_data import PROBES, TRIAD, Choice, Comparison, Load
+from backend.report.study_data import PROBES, TRIAD, Choice, Load
 
 Pair = tuple[str, str]
 
@@ -63,17 +58,6 @@ class Triads:
     triads: int
     circular: int
     share: Mean
-
-
-@dataclass(frozen=True)
-class Personalised:
-    """Own policy against another arm, over people. share: of a person's choices; look_alike: left out of nothing."""
-
-    against: str
-    share: Mean
-    test: Tested
-    answers: int
-    look_alike: int
 
 
 def of_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
@@ -186,37 +170,3 @@ def disagreement(
         pair: {name: mean_of([float(row[k]) for row in rows]) for k, name in enumerate(metrics)}
         for pair, rows in per_person.items()
     }
-
-
-def personalised(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[Personalised]:
-    """The own policy against the base's and against another participant's, p corrected over the two. People are the
-    units: answers of one person depend on each other."""
-    words = {"base": "the base policy", "other": "another participant's policy"}
-    counted: dict[str, dict[str, Counter[str]]] = {}
-    for against in words:
-        asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
-        if asked:
-            counted[against] = defaultdict(Counter)
-            for one in asked:
-                counted[against][one.person][one.chosen] += 1
-    pairs = {
-        against: ([of["own"] for of in people.values()], [of[against] for of in people.values()])
-        for against, people in counted.items()
-    }
-    tests = corrected(
-        [
-            mostly(*pair, about=f"own policy against {words[against]}", names=("the own policy", words[against]))
-            for against, pair in pairs.items()
-        ],
-        plan.correction,
-    )
-    return [
-        Personalised(
-            against=against,
-            share=share_over_people(*pair),
-            test=test,
-            answers=sum(map(sum, pair)),
-            look_alike=sum(one.look_alike and against in (one.chosen, one.rejected) for one in comparisons),
-        )
-        for (against, pair), test in zip(pairs.items(), tests, strict=True)
-    ]

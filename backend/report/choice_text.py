@@ -6,6 +6,7 @@ Numbers are `choice_findings.py`'s; the report's other parts `report_text.py`'s.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from backend.analysis.tested import Mean
 from backend.analysis.triads import CHANCE_CIRCULAR
@@ -13,6 +14,7 @@ from backend.explain.printed import Section, Table
 from backend.report.analysis_plan import METRICS
 from backend.report.choice_findings import Agreement
 from backend.report.findings import Findings
+from backend.report.own_findings import ARMS, Personalised
 from backend.report.report_cells import NONE, number_words, pair_words, percent, share_words
 
 
@@ -103,30 +105,68 @@ def personalised_sentence(found: Findings, k: int) -> str:
     """One of these comparisons in a sentence."""
     one = found.personalised[k]
     sentence = one.test.sentence(found.plan.alpha)
-    return f"{sentence} Share of choices for the own policy: {share_words(one.share)} over people."
+    return f"{sentence} Share of choices for the own policy: {share_words(one.share)} over {_units(one)}."
+
+
+def _units(one: Personalised) -> str:
+    return f"{one.clusters} lent policies" if one.against == "other" and one.clusters < one.people else "people"
 
 
 def personalised_section(found: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
     if not found.personalised:
         return Section("Does it personalise?")
+    alpha = found.plan.alpha
     told = [personalised_sentence(found, k) for k in range(len(found.personalised))]
     against = {one.against: one for one in found.personalised}
-    if {"base", "other"} <= against.keys():
-        over_base, over_other = (against[name].test.significant(found.plan.alpha) for name in ("base", "other"))
-        own_wins = against["other"].share.mean > 0.5
-        if over_base and not (over_other and own_wins):
-            told.append(
-                "The own policy differs from the base policy, but was not shown to be preferred to one that another "
-                "participant's answers made: this does not show that it is personal."
-            )
-        elif over_other and own_wins:
-            told.append("The own policy is preferred to one that another participant's answers made: it is personal.")
+    if "other" in against:
+        told.append(_verdict(against, alpha))
+    else:
+        told.append(
+            "Whether it is the person's own answers that make the difference this does not show: nobody compared it "
+            "with a policy that another participant's answers made."
+        )
     alike = sum(one.look_alike for one in found.personalised)
     if alike:
         told.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
+    shared = next((one for one in found.personalised if one.clusters < one.people), None)
+    if shared is not None:
+        told.append(
+            f"{shared.people} people were lent {shared.clusters} different policies of other participants; people who "
+            "were lent the same one count as one, since what is good or bad about it they share."
+        )
+    if found.guessed is not None:
+        told.append(
+            f"{found.guessed.right} of {found.guessed.people} guessed which of the last pair came from their own "
+            f"answers. {found.guessed.test.sentence(alpha)}"
+        )
+    first, second = (
+        ("Sign tests", "signed ranks") if found.plan.own == "sign" else ("Signed ranks of shares", "sign test")
+    )
+    beside = "; ".join(f"against {ARMS[one.against]} {one.beside.numbers()}" for one in found.personalised)
     told.append(
-        "Sign tests over people: a person counts once, for the policy chosen more often; answers of one person depend "
-        "on each other."
+        f"{first} over people, as declared, {found.personalised[0].test.correction} over the comparisons: a person "
+        f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
     )
     return Section("Does it personalise?", told)
+
+
+def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:
+    """What the comparison with another person's policy shows, no more than its test."""
+    other = against["other"]
+    if other.preferred(alpha):
+        return (
+            "People preferred the policy made from their own answers to one made from another participant's: what they "
+            "like about it is not only what everybody likes."
+        )
+    if other.test.significant(alpha):
+        return "People preferred the policy that another participant's answers made to their own one."
+    begun = (
+        "The own policy is preferred to the base policy, but"
+        if any(one.preferred(alpha) for name, one in against.items() if name != "other")
+        else "The own policy"
+    )
+    return (
+        f"{begun} was not shown to be preferred to one that another participant's answers made: this does not show "
+        "that it is personal."
+    )

@@ -18,14 +18,13 @@ from backend.report.choice_findings import (
     Agreement,
     OfCondition,
     Pair,
-    Personalised,
     Triads,
     between,
     disagreement,
     of_condition,
-    personalised,
     triads_of,
 )
+from backend.report.own_findings import Guessed, Personalised, guessed, personalised
 from backend.report.rating_findings import (
     Described,
     ItemResult,
@@ -83,13 +82,15 @@ class Findings:
     triads: Mapping[str, Triads]
     disagreement: Mapping[Pair, Mapping[Metric, Mean]]
     personalised: Sequence[Personalised]
+    guessed: Guessed | None
     devices: Mapping[tuple[str, str], int]
 
     @property
     def tests(self) -> list[Tested]:
         """Every tested result, in the report's order."""
         families = [[*one.tests, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
-        return [test for family in families for test in family] + [one.test for one in self.personalised]
+        own = [one.test for one in self.personalised] + ([self.guessed.test] if self.guessed else [])
+        return [test for family in families for test in family] + own
 
 
 def analyse(
@@ -145,6 +146,7 @@ def analyse(
         triads={name: found for name in queried if (found := triads_of(own.choices, name))},
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=personalised(own.comparisons, used),
+        guessed=guessed(own.guesses),
         devices=_devices(own.choices, {one.code: one for one in kept}),
     )
 

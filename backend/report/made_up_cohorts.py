@@ -11,6 +11,7 @@ import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ import numpy as np
 import yaml
 from numpy.typing import ArrayLike, NDArray
 
+from backend.analysis.scales import Scale, ScaleItem
 from backend.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
 
 PERSONAL_SHARE = 0.4  # ours: share of a rating's variance that belongs to the person
@@ -30,6 +32,7 @@ ITEMS = (
 RANKINGS = ("usefulness", "ease_of_use", "intention_to_use")
 OPPONENTS = ("base", "other")  # the base policy, another participant's
 QUERIES = 25
+Levels = Mapping[str, Sequence[str]]
 
 
 class CohortError(ValueError):
@@ -46,6 +49,8 @@ class Cohort:
     preferences: condition -> oracle whose preference decides, where it is not everybody's own (`tastes` in files of
     before). second_shown: chance that the second trajectory is taken whatever is asked. own: mean chance that the own
     policy is preferred to another; only of data sets made here, since bots that see rollouts decide by preference.
+    own_against_other: the same against another participant's policy, where it differs. items_alike: correlation of a
+    person's opinions on two items about the same condition. drop_out: share of people who do not finish.
     """
 
     ratings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -55,6 +60,9 @@ class Cohort:
     preferences: Mapping[str, str] = field(default_factory=dict)
     second_shown: float = 0.0
     own: float = 0.5
+    own_against_other: float | None = None
+    items_alike: float = 0.0
+    drop_out: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -62,9 +70,15 @@ class Cohort:
         for name, value in steadiness.items():
             if not 0.5 <= value <= 1:
                 raise CohortError(f"{name} = {value}: the chance of the same answer lies between 0.5 (guessing) and 1")
-        for name, value in {"second_shown": self.second_shown, "own": self.own}.items():
-            if not 0 <= value <= 1:
-                raise CohortError(f"{name} = {value}: a chance lies between 0 and 1")
+        chances: dict[str, float | None] = {
+            "second_shown": self.second_shown,
+            "own": self.own,
+            "own_against_other": self.own_against_other,
+        }
+        chances |= {"items_alike": self.items_alike, "drop_out": self.drop_out}
+        for name, chance in chances.items():
+            if chance is not None and not 0 <= chance <= 1:
+                raise CohortError(f"{name} = {chance}: a chance lies between 0 and 1")
         for ranking, shares in self.first_choice.items():
             if any(not 0 < share < 1 for share in shares.values()) or sum(shares.values()) >= 1:
                 raise CohortError(
@@ -110,12 +124,29 @@ class MadeUpPerson:
         words = int.from_bytes(hashlib.sha256("\0".join(about).encode()).digest()[:8], "big")
         return np.random.default_rng([self.cohort.seed, self.number, words])
 
-    def rate(self, item: str, condition: str | None, points: int = 7) -> int:
-        """1 to points: the person's own level, the moment, and the condition's shift."""
-        own = self._random("level", item).normal(0, math.sqrt(PERSONAL_SHARE))
-        moment = self._random("rating", item, condition or "").normal(0, math.sqrt(1 - PERSONAL_SHARE))
-        shift = self.cohort.ratings.get(item, {}).get(condition or "", 0.0)
+    def rate(
+        self, item: str, condition: str | None, points: int = 7, *, levels: Sequence[str] = (), scale: str | None = None
+    ) -> int:
+        """1 to points: the person's own level, the moment, and the shift of the condition and of each of its levels.
+
+        scale: the validated scale that the item is of, whose shift the item has.
+        """
+        own = self._opinion("level", item) * math.sqrt(PERSONAL_SHARE)
+        moment = self._opinion("rating", item, condition or "") * math.sqrt(1 - PERSONAL_SHARE)
+        shifts = self.cohort.ratings.get(scale or item, {})
+        shift = sum(shifts.get(name, 0.0) for name in dict.fromkeys((condition or "", *levels)))
         return int(as_rated(own + moment + shift, points))
+
+    def _opinion(self, what: str, item: str, *about: str) -> float:
+        """Standard normal, correlated between items by `items_alike`."""
+        alike = self.cohort.items_alike
+        one = self._random(what, item, *about).normal()
+        return one if not alike else math.sqrt(1 - alike) * one + math.sqrt(alike) * self._random(what, *about).normal()
+
+    @property
+    def drops_out(self) -> bool:
+        """Whether the person does not finish."""
+        return bool(self._random("drop out").random() < self.cohort.drop_out)
 
     def rank(self, ranking: str, options: Sequence[str]) -> list[str]:
         """All options, best first, by Luce's rule: each place goes to one that is left, by shares of first choices."""
@@ -140,7 +171,8 @@ class MadeUpPerson:
     def prefers_own(self, scene: str, against: str) -> bool:
         """Whether the own policy's rollout is preferred in this comparison. People differ in how much they like theirs,
         so that answers of one person depend on each other."""
-        share = self.cohort.own
+        other = self.cohort.own_against_other
+        share = self.cohort.own if other is None or against != "other" else other
         if 0 < share < 1:
             share = self._random("own").beta(share * ALIKE, (1 - share) * ALIKE)
         return bool(self._random("own", scene, against).random() < share)
@@ -158,30 +190,61 @@ def made_up_study(
     repeats: int = 0,
     comparisons: int = 0,
     opponents: Sequence[str] = OPPONENTS,
-    protocol: Mapping[str, Any] | None = None,
+    within: Levels | None = None,
+    between: Levels | None = None,
+    scales: Sequence[Scale] = (),
 ) -> StudyData:
     """A data set of the cohort's people `first`, `first` + 1, ..., as the interface study would leave it.
 
     repeats: queries asked again in every condition. comparisons: so many of the own policy against each opponent.
-    Trajectories have names only, so nothing that measures them can be computed.
+    within, between: factors, of which everybody meets every combination or their group's, in place of conditions; a
+    group's people come in turn. scales: asked under every condition. Trajectories have names only, so nothing that
+    measures them can be computed.
     """
+    protocol = {"stages": [{"block": {"each": within, "one_of": between}}]} if within or between else {}
+    cells = _cells(within) if within else _cells({"condition": conditions})
+    groups = _cells(between or {})
     people: list[ParticipantRow] = []
     choices: list[Choice] = []
     ratings: list[Rating] = []
     compared: list[Comparison] = []
     for number in range(first, first + participants):
         made_up, code = cohort.person(number), f"S{number + 1:03d}"
-        people.append(ParticipantRow(code, True, None, False, "completed", tuple(conditions)))
-        for condition in conditions:
-            ratings += [Rating(code, condition, "interface_items", i, made_up.rate(i, condition)) for i in items]
+        group, of_group = list(groups.items())[number % len(groups)]
+        mine = cells if within or not between else {group: of_group}
+        state = "expired" if made_up.drops_out else "completed"
+        of = {"block": group} if between else {}
+        people.append(ParticipantRow(code, True, None, False, state, tuple(mine), of))
+        for condition, levels in mine.items():
+            at = (*levels, *(of_group if between else ()))
+            ratings += [
+                Rating(code, condition, "interface_items", i, made_up.rate(i, condition, levels=at)) for i in items
+            ]
+            ratings += [
+                Rating(code, condition, scale.name, one.key, _agreed(made_up, one, scale, condition, at))
+                for scale in scales
+                for one in scale.items
+            ]
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
             choices += [_choice(made_up, code, condition, role, f"{code}-{k}") for role, k in asked]
-        ratings += [Rating(code, None, "view_ranking", r, made_up.rank(r, conditions)) for r in rankings]
+        ratings += [Rating(code, None, "view_ranking", r, made_up.rank(r, list(cells))) for r in rankings]
         for against in opponents if comparisons else ():
             for k in range(comparisons):
                 won = made_up.prefers_own(str(k), against)
                 compared.append(Comparison(code, *(("own", against) if won else (against, "own")), look_alike=False))
-    return StudyData("made up", "made up", protocol or {}, "", [], people, choices, ratings, compared)
+    of_scales = [(scale.name, scale) for scale in scales]
+    return StudyData("made up", "made up", protocol, "", [], people, choices, ratings, compared, scales=of_scales)
+
+
+def _cells(factors: Levels) -> dict[str, tuple[str, ...]]:
+    """Every combination of levels by its name; one without a name where there are no factors."""
+    return {"-".join(levels): levels for levels in product(*factors.values())}
+
+
+def _agreed(person: MadeUpPerson, item: ScaleItem, scale: Scale, condition: str, levels: Sequence[str]) -> int:
+    """An answer to an item of a scale, turned round where agreeing lowers the score."""
+    given = person.rate(item.key, condition, scale.points, levels=levels, scale=scale.name)
+    return scale.points + 1 - given if item.reversed else given
 
 
 def _choice(person: MadeUpPerson, code: str, condition: str, role: str, query: str) -> Choice:

@@ -19,8 +19,9 @@ from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
 from backend.report.analysis_plan import METRICS
 from backend.report.choice_findings import Pair
 from backend.report.findings import Findings
+from backend.report.planned_design import Assumed
 from backend.report.rating_findings import ItemResult
-from backend.report.simulated_power import WANTED, Assumed, Power
+from backend.report.simulated_power import WANTED, Power
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
 BAR = 0.26
@@ -235,7 +236,7 @@ def disagreement_picture(found: Findings) -> Picture:
 
 def personalised_picture(found: Findings) -> Picture:
     """How often the own policy was preferred."""
-    words = {"base": "base policy", "other": "another participant's"}
+    words = {"base": "base policy", "neutral": "conditioned policy", "other": "another participant's"}
     with mpl.rc_context(STYLE):
         figure, axes = blank(1, 4.6, 0.7 + 0.35 * len(found.personalised))
         ax = axes[0]

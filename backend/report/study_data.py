@@ -72,12 +72,22 @@ class Rating:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One blind comparison of two policies. chosen, other: arms (own, base, other)."""
+    """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral). opponent: the policy
+    that stood against the own one, where the data set tells."""
 
     person: str
     chosen: str
     rejected: str
     look_alike: bool
+    opponent: str | None = None
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Whether a person guessed which of the last pair came from their own answers."""
+
+    person: str
+    right: bool
 
 
 @dataclass(frozen=True)
@@ -116,6 +126,7 @@ class StudyData:
     comparisons: Sequence[Comparison]
     newest: Mapping[str, Any] | None = None
     scales: Sequence[tuple[str, Scale]] = ()
+    guesses: Sequence[Guess] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
@@ -124,6 +135,7 @@ class StudyData:
             choices=[one for one in self.choices if one.person in codes],
             ratings=[one for one in self.ratings if one.person in codes],
             comparisons=[one for one in self.comparisons if one.person in codes],
+            guesses=[one for one in self.guesses if one.person in codes],
         )
 
     @property

@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import Scale, frozen_items, frozen_scale
-from backend.report.study_data import Choice, Comparison, ItemText, Load, ParticipantRow, Rating, StudyData
+from backend.report.study_data import Choice, Comparison, Guess, ItemText, Load, ParticipantRow, Rating, StudyData
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.export import answers_of
 from backend.store.importing import read_dataset
@@ -92,6 +92,11 @@ def tidy(
         comparisons=[found for row in trials if (found := _comparison(row, answers[row["trial"]])) is not None],
         newest=later[-1][0] if later else None,
         scales=list(_scales(files)),
+        guesses=[
+            Guess(row["participant"], bool(row["value"]["right"]))
+            for row in tables["responses"]
+            if row["kind"] == "guess" and "right" in row["value"]
+        ],
     )
 
 
@@ -132,10 +137,15 @@ def _choice(trial: Row, answer: Row, session: Row) -> Choice:
 def _comparison(trial: Row, answer: Row) -> Comparison | None:
     if trial["kind"] != "comparison" or trial["arms"] is None:
         return None
-    sides = {side: arm for arm in ("own", "other") if is_side(side := trial["arms"].get(arm))}
+    arms = trial["arms"]
+    sides = {side: arm for arm, side in arms.items() if arm not in SIDES and is_side(side)}
     shown = [sides.get(side, "base") for side in SIDES]
+    opponent = next((arms.get(side) for side, arm in zip(SIDES, shown, strict=True) if arm != "own"), None)
     return Comparison(
-        trial["participant"], *chosen_and_rejected(answer["choice"], *shown), bool(trial["arms"].get("look_alike"))
+        trial["participant"],
+        *chosen_and_rejected(answer["choice"], *shown),
+        look_alike=bool(arms.get("look_alike")),
+        opponent=opponent,
     )
 
 

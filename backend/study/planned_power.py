@@ -16,7 +16,8 @@ from typing import Any
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, analyse
 from backend.report.made_up_cohorts import Cohort
-from backend.report.simulated_power import Assumed, PlannedDesign, Power, enough, power
+from backend.report.planned_design import Assumed, PlannedDesign, as_planned
+from backend.report.simulated_power import Power, enough, power
 from backend.report.study_data import StudyData
 from backend.report.tidy_tables import read_study
 from backend.store.artefacts import ArtefactStore
@@ -65,6 +66,9 @@ def plan_power(
     first_choice: float = 0.5,
     consistency: float = 0.8,
     own: float = 0.65,
+    own_against_other: float | None = None,
+    items_alike: float = 0.0,
+    drop_out: float = 0.0,
     walk: int = 6,
     cohorts: int = 500,
     seed: int = 0,
@@ -87,13 +91,16 @@ def plan_power(
     design = planned_design(data, found, frozen)
     _check_same(design, base, data)
     assumed = Assumed(
-        condition=_known("condition", condition, design.conditions, -1),
+        condition=_known("condition", condition, design.places, len(design.conditions) - 1),
         item=_known("item", item, design.items, 0),
         ranking=_known("ranking", ranking, design.rankings, 0),
         effect=effect,
         first_choice=first_choice,
         consistency=consistency,
         own=own,
+        own_against_other=own_against_other,
+        items_alike=items_alike,
+        drop_out=drop_out,
         seed=seed + 1,
     )
     results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)
@@ -112,21 +119,27 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
             told = walk_in_process(database, files, study, walk, Character(cohort=cohort), without_jobs=True)
             with database.session() as s:
                 data, load = read_study(s, files, study)
-            found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"))
+            found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"), intervals=False)
         finally:
             database.close()
     return data, found, {name: told[name] for name in ("participants", "completed", "responses")}
 
 
 def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
-    """What a walked study asked: conditions, items rated under each of them, rankings, queries, comparisons."""
+    """What a walked study asked: its factors, items and scales rated under each condition, rankings, queries,
+    comparisons. Of several comparisons the first that something is rated in."""
     comparison = frozen.protocol.stage_of(ComparisonStage)
+    design = next((one for one in found.designs if any(of.design is one for of in found.items)), None)
+    items = [one.item.key for one in found.items if one.design is design]
     return PlannedDesign(
-        conditions=tuple(found.conditions),
-        items=tuple(one.item.key for one in found.items),
+        **(as_planned(design) if design else {}),
+        conditions=tuple(design.cells if design else found.conditions),
+        items=tuple(items),
+        scales=tuple(scale for _, scale in data.scales if scale.name in items),
         rankings=tuple(one.item.key for one in found.rankings),
         queries=round(
-            sum(one.role == "regular" for one in data.choices) / max(1, len(data.people) * len(found.conditions))
+            sum(one.role == "regular" for one in data.choices)
+            / max(1, len({(one.person, one.condition) for one in data.choices}))
         ),
         comparisons=comparison.scenes if comparison is not None else 0,
         opponents=comparison.opponents if comparison is not None else (),
@@ -136,7 +149,10 @@ def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> 
 def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
     """The state machine must have stored what the cohorts assume it does."""
     made_up = design.study(cohort, len(data.people), 0)
-    asked = {(one.item, one.condition) for one in made_up.ratings}
+    scored = {item.key for scale in design.scales for item in scale.items}
+    asked = {(one.item, one.condition) for one in made_up.ratings if one.item not in scored}
+    if design.between:
+        return  # who is in which group the cohorts decide for themselves
 
     def told(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
         return {(r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in asked}

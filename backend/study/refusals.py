@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -13,8 +14,10 @@ from backend.store.models import Session
 
 TOLD_AGAIN_AFTER_S = 3600.0  # ours: a robot that goes on with a dead link fills no log
 MOST_TOLD = 1_000  # links refused within that time; what comes on top is not written down at all
+MOST_OF_A_SESSION = 100  # ours: refusals of one session written down within that time; a person meets a few
 
 _told: WeakKeyDictionary[Database, dict[tuple[str, ...], float]] = WeakKeyDictionary()  # each in the order of time
+_of_sessions: WeakKeyDictionary[Database, dict[str, deque[float]]] = WeakKeyDictionary()  # when each was refused
 _told_lock = threading.Lock()
 
 
@@ -30,6 +33,22 @@ def first_this_hour(db: Database, *what: str) -> bool:
         if what in told or len(told) >= MOST_TOLD:
             return False
         told[what] = now
+        return True
+
+
+def _few_of(db: Database, session_id: str) -> bool:
+    """Whether the session's log may take one refusal more. In memory: a restart forgets."""
+    now = time.monotonic()
+    with _told_lock:
+        of_all = _of_sessions.setdefault(db, {})
+        for other in [one for one, times in of_all.items() if now - times[-1] >= TOLD_AGAIN_AFTER_S]:
+            del of_all[other]
+        times = of_all.setdefault(session_id, deque())
+        while times and now - times[0] >= TOLD_AGAIN_AFTER_S:
+            times.popleft()
+        if len(times) >= MOST_OF_A_SESSION:
+            return False
+        times.append(now)
         return True
 
 
@@ -67,6 +86,8 @@ class Refused(Exception):
 def log_refusal(db: Database, refused: Refused, *, request: str) -> None:
     """Write the refusal as an event of its own, after the refused transaction was rolled back; a dead link's once."""
     if refused.link is not None and not first_this_hour(db, refused.link, refused.code):
+        return
+    if refused.session_id is not None and not _few_of(db, refused.session_id):
         return
     with db.transaction() as s:
         known = refused.session_id is not None and s.get(Session, refused.session_id) is not None

@@ -7,14 +7,17 @@ import os
 import re
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from types import SimpleNamespace
 
 import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.api.application import build_services, create_application
-from backend.api.core.auth import COOKIE, ensure_first_user, safe_next
+from backend.api.core import auth
+from backend.api.core.auth import COOKIE, DEVICE_COOKIE, ensure_first_user, safe_next
 from backend.api.core.throttle import memory_limiter
 from backend.settings import Settings
 from backend.store.models import Event, Setting, SignIn, User, utc_now
@@ -89,9 +92,47 @@ def test_too_many_wrong_passwords_are_stopped_and_told_how_long(visitor, lab_ser
     sign_in(visitor)
 
 
+def test_guesses_at_the_same_moment_are_no_more_than_one_after_the_other(visitor):
+    """35 of 60 got through where 10 should: each was checked before any of them had been counted."""
+
+    def guess(k):
+        return visitor.post("/lab/sign-in", data={"name": "experimenter", "password": f"guess {k}"}).status_code
+
+    with ThreadPoolExecutor(20) as pool:
+        answers = list(pool.map(guess, range(30)))
+    assert (answers.count(401), answers.count(429)) == (10, 20)
+
+
+def test_strangers_who_guess_from_many_addresses_lock_nobody_out_who_was_here_before(lab_services):
+    """About 50 wrong passwords from many addresses made the right one wait for an hour."""
+    application = create_application(lab_services)
+    own = TestClient(application, follow_redirects=False, client=("203.0.113.7", 4000))
+    sign_in(own)
+    own.post("/lab/sign-out", data={"csrf": csrf(own)})
+    stranger = {"name": "experimenter", "password": "guess"}
+    for k in range(60):
+        from_there = TestClient(application, follow_redirects=False, client=(f"198.51.100.{k}", 4000))
+        told = from_there.post("/lab/sign-in", data=stranger).status_code
+    assert told == 429  # the account's own count is full: new devices wait
+    sign_in(own)
+    for _ in range(11):
+        stolen = own.post("/lab/sign-in", data=stranger).status_code
+    assert stolen == 429  # a device that is known has a count of its own
+
+
+def test_a_device_is_known_until_the_password_changes_and_for_its_account_only(lab_services, lab):
+    kept = lab.cookies[DEVICE_COOKIE]
+    with lab_services.database.session() as s:
+        user = s.scalars(select(User)).one()
+    asked = SimpleNamespace(cookies={DEVICE_COOKIE: kept})
+    assert auth._known_device(asked, "experimenter", user.password_hash)
+    assert auth._known_device(asked, "someone", user.password_hash) is None
+    assert auth._known_device(asked, "experimenter", user.password_hash + "x") is None
+
+
 def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_services):
     answered = visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD})
-    cookie = answered.headers["set-cookie"]
+    cookie = next(one for one in answered.headers.get_list("set-cookie") if one.startswith(f"{COOKIE}="))
     assert "HttpOnly" in cookie
     assert "SameSite=lax" in cookie
     assert "Secure" not in cookie

@@ -129,7 +129,7 @@ def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_services
     yaml = QUICK.read_text(encoding="utf-8").replace("study_room/queries_varied_200", made)
     draft = draft_of(lab, source="paste", yaml=yaml)
     assert "The protocol is valid" in lab.get(draft).text
-    step = 1 + next(n for n, one in enumerate(preview_steps(freeze(QUICK))) if one["kind"] == "trial")
+    step = 1 + next(n for n, one in enumerate(preview_steps(freeze(QUICK))) if one.kind == "trial")
     assert STAGE_SHOWN in lab.get(f"{draft}/preview/{step}").text
     assert lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "Own queries"}).status_code == 303
     with lab_services.database.session() as s:

@@ -12,6 +12,7 @@ from backend.api.core.throttle import LARGEST_BODY
 from backend.api.participant import recruiting, requests, session_pages
 from backend.store.export import export_study
 from backend.store.models import ProblemReport, RecruitingId, Study
+from backend.study.refusals import MOST_OF_A_SESSION
 from tests.api.participant_services import logged
 
 
@@ -101,3 +102,19 @@ def test_a_forged_page_is_a_kind_refusal(client):
     answered = client.get("/p/forged-token", headers={"Accept-Language": "de"})
     assert answered.status_code == 404
     assert answered.headers["content-type"].startswith("text/html")
+
+
+def test_one_link_does_not_write_without_limit(client, services, token, monkeypatch):
+    """400 refused answers were logged, 200 problem reports of 3.9 kB kept."""
+    long_body = {"request_id": "12345678", "value": {}}
+    answers = {client.post(f"/api/session/{token}/steps/debriefing", json=long_body).status_code for _ in range(130)}
+    assert answers == {409}
+    assert len(logged(services, "not_current_step")) == MOST_OF_A_SESSION
+    told = [client.post(f"/api/session/{token}/problem", json={"text": "x" * 3900}) for _ in range(12)]
+    assert [one.status_code for one in told] == [204] * 10 + [409] * 2
+    assert told[-1].json()["error"]["code"] == "too_many_problems"
+    with services.database.session() as s:
+        assert len(s.scalars(select(ProblemReport)).all()) == 10
+    with limited_to(monkeypatch, requests, "CHANGES_PER_SESSION", "5 per 1 minute"):
+        paused = [client.post(f"/api/session/{token}/pause").status_code for _ in range(6)]
+    assert paused[-1] == 429

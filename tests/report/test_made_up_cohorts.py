@@ -10,6 +10,7 @@ import pytest
 
 from backend.analysis.repeated_measures import friedman
 from backend.experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
+from backend.experiments.cohorts.null_cohorts import null_cohorts
 from backend.experiments.cohorts.null_ratings import friedman_p, null_family
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings
@@ -23,7 +24,8 @@ from backend.report.made_up_cohorts import (
     made_up_study,
     read_cohort,
 )
-from backend.report.simulated_power import COMPARISONS, Assumed, PlannedDesign, analysed, enough, null_cohorts, power
+from backend.report.planned_design import Assumed, PlannedDesign
+from backend.report.simulated_power import COMPARISONS, analysed, enough, power
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 1.5}, "boredom": {"first_person": 1.5}},
@@ -126,6 +128,7 @@ def test_more_people_more_power() -> None:
     assert [one.test for one in few.rates] == [
         "Friedman, fun (over 2 items)", "Wilcoxon, against both others", "Chi-square, usefulness (over 1 ranking)",
         "Sign test, own against base", "Sign test, own against other",
+        "Signed ranks, own against base", "Signed ranks, own against other",
     ]  # fmt: skip
     assert few.rates[0].rate + 0.3 < many.rates[0].rate
     assert enough([many, few])["Friedman, fun (over 2 items)"] == 40

@@ -18,6 +18,8 @@ from backend.store.audit import record
 from backend.store.database import StorageError
 
 OWN_COLUMNS = ("study_id", "code", "job_id")  # path parameters that `record` takes as such; others become data
+LONGEST_ID = 32  # characters of our own ids
+LONGEST_NAME = 200  # of whatever else an address holds
 log = structlog.get_logger("desirepath.web")
 
 
@@ -54,7 +56,11 @@ async def write(request: Request, status: int) -> None:
 
 
 def _write(request: Request, noted: _Noted) -> None:
-    given = {**request.path_params, **noted.data}
+    addressed = {name: str(value)[:LONGEST_NAME] for name, value in request.path_params.items()}
+    given = {**addressed, **noted.data}
+    for name in OWN_COLUMNS:
+        if len(given.get(name) or "") > LONGEST_ID:  # a refused post: what it names is nothing of ours
+            del given[name]
     own = {key: given.pop(key) for key in OWN_COLUMNS if key in given}
     with services_of(request).database.transaction() as s:
         record(s, noted.action, by=noted.by, role=noted.role, outcome=noted.outcome, **own, **given)

@@ -19,7 +19,7 @@ from urllib.parse import quote, urlsplit
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import APIRouter, Depends, Form, Request
-from limits import parse
+from limits import RateLimitItem, parse
 from sqlalchemy import delete, select
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
@@ -27,7 +27,7 @@ from backend.api.core.auditing import audited
 from backend.api.core.dependencies import Db, public_url, route_of, services_of
 from backend.api.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
 from backend.api.core.roles import ROLES, may, rule_of
-from backend.api.core.throttle import address_of, count, exhausted
+from backend.api.core.throttle import address_of, count
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import SignIn, User, utc_now
@@ -38,8 +38,13 @@ SIGN_IN_LASTS = timedelta(hours=12)  # (ours) one working day; the browser keeps
 SHORTEST_PASSWORD = 12  # characters (ours); NIST SP 800-63B asks for length, not for mixtures
 LONGEST_PASSWORD = 200  # hashing has a cost; nobody types more
 USER_NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,39}")
-ATTEMPTS_PER_ADDRESS = parse("10 per 5 minutes")  # wrong passwords only (ours)
-ATTEMPTS_PER_NAME = parse("50 per 1 hour")  # slows guessing from many addresses, without locking an account for long
+DEVICE_COOKIE = "desirepath_known_device"
+DEVICE_LASTS = timedelta(days=365)
+# All ours. Counted before the password is looked at, so that many at once are no more than one after the other.
+ATTEMPTS_PER_NAME_AND_ADDRESS = parse("10 per 5 minutes")
+ATTEMPTS_PER_ADDRESS = parse("100 per 5 minutes")  # whole institutes share one
+ATTEMPTS_PER_NAME = parse("50 per 1 hour")  # slows guessing from many addresses; known devices have their own count
+ATTEMPTS_PER_DEVICE = parse("10 per 5 minutes")
 
 _hasher = PasswordHasher()  # argon2id; RFC 9106 low-memory profile is the library's default
 
@@ -233,7 +238,12 @@ def sign_in(
     """Check name and password; sets the cookie and goes to `next`. 401 when wrong, 429 after too many attempts."""
     _refuse_foreign_origin(request)
     name = name.strip().lower()[:80]
-    windows = ((ATTEMPTS_PER_ADDRESS, f"address:{address_of(request)}"), (ATTEMPTS_PER_NAME, f"name:{name}"))
+    with database.session() as s:
+        user = s.scalar(select(User).where(User.name == name))
+        known_hash = user.password_hash if user else _nobody()
+        user_id = user.id if user else None
+    device = _known_device(request, name, known_hash) if user else None
+    windows = _windows(request, name, device)
 
     def again(status: int, problem: str, **values: Any) -> Response:
         return lab_page(
@@ -247,23 +257,17 @@ def sign_in(
         )
 
     for limit, key in windows:
-        if exhausted(request, limit, key):
-            seconds = max(
-                1, round(services_of(request).limiter.get_window_stats(limit, key).reset_time - utc_now().timestamp())
-            )
+        if not count(request, limit, key):
+            reset_at = services_of(request).limiter.get_window_stats(limit, key).reset_time
+            seconds = max(1, round(reset_at - utc_now().timestamp()))
             refused = again(429, "too_many", minutes=-(-seconds // 60))
             refused.headers["Retry-After"] = str(seconds)
             return refused
-    with database.session() as s:
-        user = s.scalar(select(User).where(User.name == name))
-        known_hash = user.password_hash if user else _nobody()
-        user_id = user.id if user else None
     if not _verified(known_hash, password[:LONGEST_PASSWORD]) or user_id is None:
-        for limit, key in windows:
-            count(request, limit, key)
         with database.transaction() as s:
             log_event(s, "sign_in_refused")
         return again(401, "wrong")
+    services_of(request).limiter.clear(*windows[0])
     audited(request, "signed_in", by=name)
     token, now = secrets.token_urlsafe(32), utc_now()
     with database.transaction() as s:
@@ -288,7 +292,44 @@ def sign_in(
         secure=_served_securely(request),
         path="/",
     )
+    _know_device(request, response, name, known_hash, device)
     return response
+
+
+def _windows(request: Request, name: str, device: str | None) -> list[tuple[RateLimitItem, str]]:
+    """What an attempt counts towards. On a device that has signed in before, strangers' attempts count for nothing."""
+    if device is not None:
+        return [(ATTEMPTS_PER_DEVICE, f"device:{device}")]
+    address = address_of(request)
+    return [
+        (ATTEMPTS_PER_NAME_AND_ADDRESS, f"name:{name} address:{address}"),
+        (ATTEMPTS_PER_ADDRESS, f"address:{address}"),
+        (ATTEMPTS_PER_NAME, f"name:{name}"),
+    ]
+
+
+def _known_device(request: Request, name: str, known_hash: str) -> str | None:
+    """The id of this browser, where it has signed in to that account since its password was set last."""
+    device, _, proof = request.cookies.get(DEVICE_COOKIE, "").partition(".")
+    return device if device and hmac.compare_digest(proof.encode(), _device_proof(device, name, known_hash)) else None
+
+
+def _know_device(request: Request, response: Response, name: str, known_hash: str, device: str | None) -> None:
+    """Let this browser show later that it has signed in; what it keeps opens nothing."""
+    device = device or secrets.token_hex(16)
+    response.set_cookie(
+        DEVICE_COOKIE,
+        f"{device}.{_device_proof(device, name, known_hash).decode()}",
+        max_age=int(DEVICE_LASTS.total_seconds()),
+        httponly=True,
+        samesite="lax",
+        secure=_served_securely(request),
+        path="/lab/sign-in",
+    )
+
+
+def _device_proof(device: str, name: str, known_hash: str) -> bytes:
+    return hmac.new(known_hash.encode(), f"{device} {name}".encode(), hashlib.sha256).hexdigest().encode()
 
 
 @router.post("/lab/sign-out")

@@ -16,6 +16,8 @@ from backend.api.core.dependencies import services_of
 REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no session or join form is known for
 JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
 EVENTS_PER_SESSION = parse("300 per 1 minute")  # ours; a page notices a few things a minute
+CHANGES_PER_SESSION = parse("1200 per 1 minute")  # ours; bots that wait for nothing send some hundred
+PROBLEMS_PER_SESSION = parse("10 per 1 hour")  # ours; reports in a participant's own words
 LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol with its texts has some ten kB
 LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
 

@@ -11,15 +11,20 @@ from fastapi import Request
 from starlette.responses import JSONResponse, Response
 
 from backend.api.core.dependencies import contact, page, services_of
-from backend.api.core.throttle import REFUSALS_PER_ADDRESS, address_of, count, exhausted
+from backend.api.core.throttle import CHANGES_PER_SESSION, REFUSALS_PER_ADDRESS, address_of, count, exhausted
 from backend.store.models import utc_now
+from backend.study.links import token_hash
 from backend.study.refusals import Refused, log_refusal
 from backend.study.session.finding import find_session
 from backend.study.studies import study_by_link
 
 
-async def not_guessing(request: Request) -> None:
-    """Refuse links that lead nowhere once an address asked for many; those that lead somewhere stay open to all."""
+async def not_too_often(request: Request) -> None:
+    """Bound what one link may change, and refuse links that lead nowhere once an address asked for many of them; links
+    that lead somewhere stay open to all."""
+    token = request.path_params.get("token")
+    if token and request.method == "POST" and not count(request, CHANGES_PER_SESSION, "change", token_hash(token)):
+        raise too_many()
     if exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request)):
         await asyncio.to_thread(_check_link, request)
 

@@ -16,11 +16,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.dependencies import TheServices, contact, page, services_of
-from backend.api.core.throttle import EVENTS_PER_SESSION, count
+from backend.api.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
 from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
 from backend.api.participant.bodies import AnswerSent, Noticed, ProblemTold
 from backend.api.participant.replies import Answered, SessionState
-from backend.api.participant.requests import not_guessing, too_many
+from backend.api.participant.requests import not_too_often, too_many
 from backend.api.participant.session_view import looking, page_context, state_of
 from backend.api.stage.admission import stage_cookie
 from backend.store.events import log_event
@@ -31,11 +31,12 @@ from backend.study.kinds.base import Page
 from backend.study.kinds.consent import ConsentStep
 from backend.study.links import token_hash
 from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
 from backend.study.session.versions import protocol_of
 
-router = APIRouter(dependencies=[Depends(not_guessing)])
+router = APIRouter(dependencies=[Depends(not_too_often)])
 
 
 # ---- pages --------------------------------------------------------------------------------------------------------
@@ -189,8 +190,10 @@ def withdraw(token: str, request: Request) -> dict[str, Any]:
 
 
 @router.post("/api/session/{token}/problem", status_code=204)
-def problem(token: str, services: TheServices, body: ProblemTold) -> Response:
+def problem(token: str, request: Request, services: TheServices, body: ProblemTold) -> Response:
     """Report a problem."""
+    if not count(request, PROBLEMS_PER_SESSION, "problem", token_hash(token)):
+        raise Refused(409, "too_many_problems", f"At most {PROBLEMS_PER_SESSION} reports are kept.", field="text")
     with acting(services.database, token, request="problem", now=utc_now()) as (s, session):
         machine.report_problem(s, session, body.text)
     return Response(status_code=204)

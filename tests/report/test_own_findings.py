@@ -1,0 +1,125 @@
+"""The own policy against others: people are the units, or the lent policies; the text says what the tests say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.findings import Findings, analyse
+from backend.report.report_text import sections
+from backend.report.study_data import Choice, Comparison, Guess, ParticipantRow, StudyData
+
+PLAN = AnalysisPlan(metrics=())
+
+
+def nothing(trajectory: str) -> None:
+    raise LookupError(trajectory)
+
+
+def compared(code: str, against: str, own: int, other: int, lent: str | None = None) -> list[Comparison]:
+    return [Comparison(code, "own", against, False, lent)] * own + [
+        Comparison(code, against, "own", False, lent)
+    ] * other
+
+
+def found(comparisons: list[Comparison], plan: AnalysisPlan = PLAN, guesses: tuple[Guess, ...] = ()) -> Findings:
+    codes = list(dict.fromkeys(one.person for one in comparisons))
+    people = [ParticipantRow(code, False, None, False, "completed", ()) for code in codes]
+    asked = [Choice(code, "v", "v", "1", "regular", "a", "b", "a", 1.0) for code in codes]
+    data = StudyData("By hand", "1", {}, "", [], people, asked, [], comparisons, guesses=guesses)
+    return analyse(data, nothing, plan=plan)
+
+
+def verdict(of: Findings) -> str:
+    (part,) = (part for part in sections(of, [], Path()) if part.title == "Does it personalise?")
+    return " ".join(part.sentences)
+
+
+def test_both_arms_are_tested_and_corrected_together() -> None:
+    answers = [one for k in range(9) for one in compared(f"P-{k}", "base", 3, 0)]
+    answers += [one for k in range(9) for one in compared(f"P-{k}", "other", 2, 1, f"policy-{k}")]
+    base, other = found(answers).personalised
+    assert (base.against, base.answers, base.share.mean, base.test.test) == ("base", 27, 1.0, "Sign test")
+    assert (other.against, other.answers, other.clusters, other.people) == ("other", 27, 9, 9)
+    raw = stats.binomtest(9, 9).pvalue
+    assert (base.test.p, base.test.p_corrected) == pytest.approx((raw, 2 * raw))
+    assert other.test.p_corrected == pytest.approx(2 * raw)
+    assert base.share.low > 0.6
+    assert other.share.mean == pytest.approx(2 / 3)
+    uncorrected = found(answers, AnalysisPlan(metrics=(), correction="none")).personalised[0].test
+    assert uncorrected.p_corrected == uncorrected.p
+
+
+def test_signed_ranks_count_by_how_much() -> None:
+    """Seven people, two of whom barely prefer the other policy and five who always take their own."""
+    answers = [one for k in range(5) for one in compared(f"P-{k}", "base", 5, 0)]
+    answers += [one for k in (5, 6) for one in compared(f"P-{k}", "base", 2, 3)]
+    (sign,) = found(answers).personalised
+    (ranks,) = found(answers, AnalysisPlan(metrics=(), own="signed_ranks")).personalised
+    assert (sign.test.test, sign.beside.test) == ("Sign test", "Wilcoxon signed-rank")
+    assert (ranks.test.test, ranks.beside.test) == ("Wilcoxon signed-rank", "Sign test")
+    assert sign.test.p == pytest.approx(stats.binomtest(5, 7).pvalue)
+    assert ranks.test.p == sign.beside.p
+    assert ranks.test.statistic == 3.0  # the two smallest of seven ranks are against
+    assert ranks.test.direction == "the own policy is mostly chosen over the base policy"
+
+
+def test_people_who_were_lent_the_same_policy_are_one() -> None:
+    """Ten people, two lent policies: one is bad, one is good. By people 8 of 10 prefer their own; by policies
+    nothing is known."""
+    answers = [one for k in range(8) for one in compared(f"P-{k}", "other", 3, 0, "bad")]
+    answers += [one for k in (8, 9) for one in compared(f"P-{k}", "other", 0, 3, "good")]
+    of = found(answers)
+    (other,) = of.personalised
+    assert (other.people, other.clusters, other.test.n, other.test.p) == (10, 2, 2, 1.0)
+    assert other.share.mean == 0.5
+    assert not other.test.possible()
+    assert "10 people were lent 2 different policies" in verdict(of)
+    assert "none could be with so few people" in verdict(of)
+    apart = [one for k in range(10) for one in compared(f"P-{k}", "other", 3 * (k < 8), 3 * (k >= 8), f"policy-{k}")]
+    assert found(apart).personalised[0].test.n == 10
+    assert "were lent" not in verdict(found(apart))
+
+
+@pytest.mark.parametrize(
+    ("base", "other", "said"),
+    [
+        ((3, 0), (3, 0), "is not only what everybody likes"),
+        ((3, 0), (0, 3), "preferred the policy that another participant's answers made to their own"),
+        ((3, 0), (None, None), "nobody compared it with a policy"),
+        ((0, 3), (1, 1), "The own policy was not shown to be preferred"),
+        ((3, 0), (1, 1), "preferred to the base policy, but was not shown"),
+    ],
+)
+def test_the_text_says_no_more_than_the_tests(base: tuple, other: tuple, said: str) -> None:
+    answers = [one for k in range(9) for one in compared(f"P-{k}", "base", *base)]
+    if other[0] is not None:
+        answers += [one for k in range(9) for one in compared(f"P-{k}", "other", *other, f"policy-{k}")]
+    of = found(answers)
+    assert said in verdict(of)
+    own, others = of.personalised[0], of.personalised[-1]
+    assert own.preferred(0.05) == (base[0] > base[1])
+    assert others.preferred(0.05) == ((other[0] or base[0]) > (other[1] if other[0] is not None else base[1]))
+
+
+def test_a_neutral_arm_is_a_comparison_of_its_own() -> None:
+    answers = [one for k in range(9) for one in compared(f"P-{k}", "base", 3, 0) + compared(f"P-{k}", "neutral", 3, 0)]
+    assert [one.against for one in found(answers).personalised] == ["base", "neutral"]
+    assert "the conditioned policy without preferences" in verdict(found(answers))
+
+
+def test_the_guess_is_reported_against_chance() -> None:
+    answers = [one for k in range(10) for one in compared(f"P-{k}", "base", 2, 1)]
+    guesses = tuple(Guess(f"P-{k}", k != 0) for k in range(10))
+    of = found(answers, guesses=(*guesses, Guess("stranger", True)))
+    assert of.guessed is not None
+    assert (of.guessed.right, of.guessed.people) == (9, 10)
+    assert of.guessed.test.p == pytest.approx(stats.binomtest(9, 10).pvalue)
+    assert of.guessed.test.effect == pytest.approx(0.4)
+    assert of.guessed.test in of.tests
+    assert "9 of 10 guessed" in verdict(of)
+    assert "more are right than by chance" in verdict(of)
+    assert found(answers).guessed is None

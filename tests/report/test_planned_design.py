@@ -1,0 +1,108 @@
+"""Power for every design: the tests that a study will have, and that more effect is found more often."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.analysis.scales import SCALES
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.made_up_cohorts import CONDITIONS, Cohort, made_up_study
+from backend.report.planned_design import Assumed, PlannedDesign
+from backend.report.simulated_power import Power, power
+
+VIEWS = {"view": ("immersive", "top_down")}
+SPEEDS = {"speed": ("fast", "slow")}
+
+
+def rates(of: Power) -> dict[str, float]:
+    return {one.test: one.rate for one in of.rates}
+
+
+def design(**factors: dict) -> PlannedDesign:
+    return PlannedDesign(("immersive", "top_down"), ("ease", "fun"), (), 1, 0, **factors)
+
+
+@pytest.mark.parametrize(
+    ("planned", "names"),
+    [
+        (design(), ["Wilcoxon, fun (over 2 items)"]),
+        (design(within=VIEWS), ["Wilcoxon, fun (over 2 items)"]),
+        (design(between=VIEWS), ["Mann-Whitney, fun (over 2 items)"]),
+        (
+            PlannedDesign(CONDITIONS, ("fun",), (), 1, 0, between={"view": CONDITIONS}),
+            ["Kruskal-Wallis, fun (over 1 item)", "Mann-Whitney, against both others"],
+        ),
+    ],
+)
+def test_one_factor_of_two_or_three(planned: PlannedDesign, names: list[str]) -> None:
+    (found,) = power(planned, Assumed("immersive", "fun", "", effect=2.5), (36,), cohorts=6)
+    assert list(rates(found)) == names
+    assert min(rates(found).values()) > 0.5
+    (nothing,) = power(planned, Assumed("immersive", "fun", "", effect=0.0), (36,), cohorts=6)
+    assert max(rates(nothing).values()) < 0.5
+
+
+@pytest.mark.parametrize(
+    "where", [{"within": {**VIEWS, **SPEEDS}}, {"within": VIEWS, "between": SPEEDS}, {"between": {**VIEWS, **SPEEDS}}]
+)
+def test_two_by_two_tells_each_effect(where: dict) -> None:
+    """A level's effect is a main effect: the interaction is found no more often than alpha."""
+    cells = [f"{view}-{speed}" for view in VIEWS["view"] for speed in SPEEDS["speed"]]
+    planned = PlannedDesign(tuple(cells), ("fun",), (), 1, 0, **where)
+    (found,) = power(planned, Assumed("immersive", "fun", "", effect=2.0), (40,), cohorts=10)
+    names = ["view, fun (over 3 tests)", "speed, fun (over 3 tests)", "view × speed, fun (over 3 tests)"]
+    assert list(rates(found)) == names
+    assert rates(found)[names[0]] > 0.8
+    assert max(rates(found)[name] for name in names[1:]) <= 0.3
+    assert "immersive" in planned.places
+    assert "immersive-slow" in planned.places
+
+
+def test_a_scale_is_found_by_its_score() -> None:
+    planned = replace(design(), items=("fun", "sus"), scales=(SCALES["sus"],))
+    (found,) = power(planned, Assumed("immersive", "sus", "", effect=0.7), (20,), cohorts=6)
+    assert rates(found) == {"Wilcoxon, sus (over 2 items)": 1.0}
+    data = planned.study(Cohort(ratings={"sus": {"immersive": 3.0}}), 10, 0)
+    high = [one.value for one in data.ratings if one.item == "sus_1" and one.condition == "immersive"]
+    turned = [one.value for one in data.ratings if one.item == "sus_2" and one.condition == "immersive"]
+    assert min(high) >= 4
+    assert max(turned) <= 2
+
+
+def test_who_drops_out_is_not_analysed() -> None:
+    data = made_up_study(Cohort(drop_out=0.4, seed=2), 200)
+    gone = sum(one.state == "expired" for one in data.people)
+    assert 60 <= gone <= 100
+    few, none = (
+        rates(power(design(), Assumed("immersive", "fun", "", effect=1.0, drop_out=share), (24,), cohorts=30)[0])
+        for share in (0.6, 0.0)
+    )
+    assert few["Wilcoxon, fun (over 2 items)"] < none["Wilcoxon, fun (over 2 items)"]
+    assert rates(power(design(), Assumed("immersive", "fun", "", drop_out=1.0), (4,), cohorts=2)[0]) == {
+        "Wilcoxon, fun (over 2 items)": 0.0
+    }
+
+
+def test_own_against_base_and_against_other_apart() -> None:
+    planned = PlannedDesign(("immersive",), (), (), 1, 5)
+    assumed = Assumed("immersive", "", "", own=0.95, own_against_other=0.5)
+    (found,) = power(planned, assumed, (20,), cohorts=8, plan=AnalysisPlan(own="signed_ranks"))
+    assert rates(found)["Sign test, own against base"] == 1.0
+    assert rates(found)["Signed ranks, own against base"] == 1.0
+    assert rates(found)["Sign test, own against other"] <= 0.25
+    assert rates(found)["Signed ranks, own against other"] <= 0.25
+
+
+def test_items_can_be_correlated() -> None:
+    def correlation(alike: float) -> float:
+        data = made_up_study(
+            Cohort(items_alike=alike), 300, items=("a", "b"), conditions=("x",), rankings=(), queries=1
+        )
+        a, b = ([one.value for one in data.ratings if one.item == item] for item in ("a", "b"))
+        return float(np.corrcoef(a, b)[0, 1])
+
+    assert abs(correlation(0.0)) < 0.15
+    assert correlation(0.7) == pytest.approx(0.68, abs=0.1)
