@@ -30,6 +30,7 @@ from backend.api.lab import (
     settings_pages,
     study_rows,
 )
+from backend.api.lab.answer_rows import AnswerFilter, answers_page
 from backend.api.lab.lab_data import Monitor
 from backend.api.lab.study_report import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
@@ -150,35 +151,14 @@ def answers(
     request: Request,
     study_id: str,
     database: Db,
-    kind: str | None = None,
-    role: str | None = None,
-    choice: str | None = None,
-    own: str | None = None,
-    participant: str | None = None,
-    item: str | None = None,
-    who: str | None = None,
-    sign: str | None = None,
-    usable: bool = False,
+    where: Annotated[AnswerFilter, Depends()],
     page: int = 1,
 ) -> Response:
     """The rows behind every number of answers."""
-    where = study_rows.AnswerFilter(
-        kind=kind or None,
-        role=role or None,
-        choice=choice or None,
-        own=own or None,
-        participant=participant or None,
-        item=item or None,
-        who=who or None,
-        sign=sign or None,
-        usable=usable,
-    )
     with database.session() as s:
         study = the_study(s, study_id)
-        listed = study_rows.cut(study_rows.answers(s, study.id, where), page)
-        return study_tab(
-            request, study, "data", "lab/answers.html", listed=listed, where=where, own_chosen=study_rows.own_chosen
-        )
+        listed = answers_page(s, study.id, where, page)
+        return study_tab(request, study, "data", "lab/answers.html", listed=listed, where=where)
 
 
 @router.get("/lab/studies/{study_id}/events")
