@@ -19,7 +19,7 @@ from backend.report.simulated_power import analysed
 from backend.report.study_report import write_study_report
 from backend.report.tidy_tables import read_folder, read_study
 from backend.settings import Settings
-from backend.store.export import answers_of, export_study
+from backend.store.dataset.writing import answers_of, export_study
 from backend.store.models import Study
 from backend.study.planned_power import plan_power
 from backend.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text

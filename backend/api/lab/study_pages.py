@@ -34,9 +34,9 @@ from backend.api.lab.answer_rows import AnswerFilter, answers_page
 from backend.api.lab.lab_data import Monitor
 from backend.api.lab.study_report import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
-from backend.store.dataset import data_dictionary
+from backend.store.dataset.dictionary import data_dictionary
+from backend.store.dataset.writing import export_study
 from backend.store.events import log_event
-from backend.store.export import export_study
 from backend.store.models import Study, utc_now
 from backend.store.retention import checked_day, is_overdue
 from backend.store.who_counts import GROUPS
