@@ -23,6 +23,7 @@ from backend.api.lab import (
     analysis_pages,
     audit_pages,
     new_study,
+    payments,
     people_pages,
     people_rows,
     preview,
@@ -41,7 +42,6 @@ from backend.store.models import Study, utc_now
 from backend.store.retention import checked_day, is_overdue
 from backend.store.who_counts import GROUPS
 from backend.study.plan.assignment import STANDINGS, assignment_table
-from backend.study.protocol.freezing import thaw
 from backend.study.protocol.outline import describe_stages
 from backend.study.session.versions import newest_protocol
 
@@ -49,6 +49,7 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(audit_pages.router)
 router.include_router(new_study.router)
+router.include_router(payments.router)
 router.include_router(people_pages.router)
 router.include_router(preview.router)
 router.include_router(protocol_pages.router)
@@ -192,8 +193,12 @@ def recruit(request: Request, study_id: str, database: Db) -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
         link = f"{public_url(request)}/join/{study.recruiting_token}"
-        helper = thaw(study).protocol.contact or contact(request)
-        return study_tab(request, study, "recruit", link=link, loopback=_is_loopback(link), contact=helper)
+        protocol = newest_protocol(s, study)[1].protocol
+        helper = protocol.contact or contact(request)
+        way_back = any(entry.debriefing and entry.debriefing.return_url for entry in protocol.stages)
+        return study_tab(
+            request, study, "recruit", link=link, loopback=_is_loopback(link), contact=helper, way_back=way_back
+        )
 
 
 @router.post("/lab/studies/{study_id}/state")
