@@ -32,7 +32,7 @@ def export(
 ) -> None:
     """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
     from backend.store.audit import record
-    from backend.store.export import export_study
+    from backend.store.dataset.writing import export_study
 
     database, files = open_store()
     written = export_study(database, files, study, out, pilots=pilots, open_data=open_data)
@@ -46,7 +46,7 @@ def import_(
     folder: Annotated[Path, typer.Argument(help="A folder that `desirepath export` wrote.")], as_json: JsonFlag = False
 ) -> None:
     """Load an exported data set into this installation, to the same answers."""
-    from backend.store.importing import import_dataset
+    from backend.store.dataset.importing import import_dataset
 
     database, files = open_store()
     say(dict(import_dataset(database, files, folder)), as_json)

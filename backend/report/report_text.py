@@ -80,10 +80,24 @@ def brief(found: Findings) -> list[str]:
                 "possible corrected p is above alpha."
             )
     told += [one.test.sentence(found.plan.alpha) for one in found.rankings]
+    if not found.tests:
+        told.append(_why_no_test(found))
     if found.between:
         told.append(f"Agreement between conditions: {_agreements(found)}.")
     told += [personalised_sentence(found, k) for k in range(len(found.personalised))]
     return told
+
+
+def _why_no_test(found: Findings) -> str:
+    """A report without a test says why."""
+    if not found.designs and not found.personalised:
+        return "Nothing is tested: the study compares no conditions, rankings or policies. Answers are described."
+    if found.flow.analysed < 2:
+        return "Nothing is tested: one person is too few."
+    return (
+        "Nothing is tested: conditions differ in what was shown only, no rating, ranking or comparison of policies was "
+        "answered under all of them by at least two people (of each group). Agreement is described."
+    )
 
 
 def _who(found: Findings) -> str:

@@ -1,6 +1,6 @@
 """Makes a study's tidy rows from its tables: a data set in a folder, or what this installation stores.
 
-Both are the same tables (`store/dataset.py`), so a report is the same wherever it is made.
+Both are the same tables (`store/dataset`), so a report is the same wherever it is made.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from sqlalchemy.orm import Session
 from backend.analysis.scales import Scale, frozen_items, frozen_scale
 from backend.report.study_data import Choice, Comparison, Guess, ItemText, Load, ParticipantRow, Rating, StudyData
 from backend.store.artefacts import ArtefactStore, load_trajectory
-from backend.store.export import answers_of
-from backend.store.importing import read_dataset
+from backend.store.dataset.reading import read_dataset
+from backend.store.dataset.writing import answers_of
 from backend.store.models import MARKS, ProtocolVersion, Study
 from backend.store.sides import SIDES, chosen_and_rejected, is_side, shown_on
 
@@ -32,10 +32,10 @@ def read_folder(folder: Path) -> tuple[StudyData, Load]:
     found = read_dataset(folder)
     about = found.about
     data = tidy(
-        about["name"],
-        about["study"],
+        about.name,
+        about.study,
         found.protocol,
-        about["protocol"]["sha256"],
+        about.protocol.sha256,
         found.files,
         found.tables,
         later=[(one["protocol"], one["files"]) for one in found.later],

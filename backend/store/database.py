@@ -25,6 +25,7 @@ from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
 from backend.store.models import Setting
+from backend.store.plain_data import load_json
 
 MIGRATIONS = Path(__file__).with_name("migrations")
 BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for other processes
@@ -132,6 +133,7 @@ class Database:
                 pool_size=20,
                 max_overflow=40,
                 hide_parameters=True,  # an error goes to the log, what was to be stored must not
+                json_deserializer=load_json,
             )
             event.listen(engine, "connect", _set_up_sqlite)
             event.listen(engine, "begin", _begin_sqlite)
@@ -139,7 +141,9 @@ class Database:
             passing: dict[str, Any] = {"passing": True}
         elif parsed.get_backend_name() == "postgresql":
             self.file = None
-            engine = create_engine(parsed, pool_pre_ping=True, pool_size=20, hide_parameters=True)
+            engine = create_engine(
+                parsed, pool_pre_ping=True, pool_size=20, hide_parameters=True, json_deserializer=load_json
+            )
             reading = {"postgresql_readonly": True, "isolation_level": "REPEATABLE READ"}
             passing = {}
         else:

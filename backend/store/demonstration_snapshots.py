@@ -1,5 +1,5 @@
 """Takes snapshots of demonstrations: the kept paths that a job learns from, frozen. A data set's rows of them are
-`stroke_rows.py`'s.
+`dataset/stroke_rows.py`'s.
 """
 
 from __future__ import annotations

@@ -22,7 +22,8 @@ from sqlalchemy.orm import Session
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import COMPACT_PENDING, Database
-from backend.store.events import log_event, mentions
+from backend.store.dataset.stroke_rows import trajectories_of
+from backend.store.events import log_event
 from backend.store.models import (
     Artefact,
     ArtefactAnswer,
@@ -45,8 +46,8 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.plain_data import copied, mentions
 from backend.store.snapshots import SnapshotError, retake_snapshot
-from backend.store.stroke_rows import trajectories_of
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
 HASHES = re.compile(r"[0-9a-f]{64}")
@@ -274,14 +275,13 @@ def _count(s: Session, statement: Delete) -> int:
 
 def _without(data: Any, names: set[str]) -> Any:
     """Plain JSON data without the entries named so, and without list items that name one of them."""
-    if isinstance(data, dict):
-        kept = {key: value for key, value in data.items() if key not in names}
-        return {
-            k: _without(value, names) for k, value in kept.items() if not (isinstance(value, str) and value in names)
-        }
-    if isinstance(data, list):
-        return [_without(item, names) for item in data if not mentions(item, names)]
-    return data
+
+    def names_them(key: str, value: Any) -> bool:
+        if not key:
+            return mentions(value, names)
+        return key in names or (isinstance(value, str) and value in names)
+
+    return copied(data, without=names_them)
 
 
 def _sweep_orphans(s: Session, files: ArtefactStore) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
@@ -19,15 +19,6 @@ FORBIDDEN_KEYS = frozenset(
         *("external_id", "prolific_pid"),
     }
 )
-
-
-def mentions(data: Any, names: Collection[str]) -> bool:
-    """Whether plain JSON data holds one of the names, as a key or a value."""
-    if isinstance(data, dict):
-        return any(key in names or mentions(value, names) for key, value in data.items())
-    if isinstance(data, list):
-        return any(mentions(item, names) for item in data)
-    return isinstance(data, str) and data in names
 
 
 def checked_keys(kind: str, data: Mapping[str, Any]) -> None:

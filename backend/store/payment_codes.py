@@ -1,6 +1,6 @@
 """What of a protocol somebody could be paid with: fixed completion codes and the addresses people return by. Hides both
 in the file as it was written and in plain data. Who may see them is the API's, what is written without them is
-`export.py`'s.
+`dataset/writing.py`'s.
 """
 
 from __future__ import annotations

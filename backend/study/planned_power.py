@@ -133,7 +133,7 @@ def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> 
     items = [one.item.key for one in found.items if one.design is design]
     return PlannedDesign(
         **(as_planned(design) if design else {}),
-        conditions=tuple(design.cells if design else found.conditions),
+        conditions=tuple(sorted(design.cells if design else found.conditions)),
         items=tuple(items),
         scales=tuple(scale for _, scale in data.scales if scale.name in items),
         rankings=tuple(one.item.key for one in found.rankings),

@@ -201,13 +201,31 @@ def test_launched_job_holds_only_what_differs_from_the_defaults(analyst, worked,
     assert job.params == {"snapshot": known.snapshot, "recipe": "thesis", "updates": 500}
     assert (job.state, job.created_by, job.study_id, job.session_id) == ("queued", "experimenter", known.study, None)
     form_again = analyst.get(f"/lab/jobs/new/align?again={job.id}").text
-    assert re.search(r'<option value="thesis" selected>', form_again)
+    assert 'name="recipe" value="thesis"' in form_again
     assert re.search(r'id="updates"[^>]*value="500"', form_again)
+
+
+@pytest.mark.parametrize(
+    ("recipe", "own", "of_others"),
+    [
+        ("instant", "conditioned", "updates"),
+        ("conditioning_search", "tried", "reward_weight"),
+        ("fine_tuning", "reward_weight", "tried"),
+        ("thesis", "updates", "conditioned"),
+    ],
+)
+def test_each_algorithm_of_an_alignment_asks_for_its_own_fields(analyst, recipe, own, of_others):
+    form = analyst.get(f"/lab/jobs/new/align?recipe={recipe}").text
+    assert f'name="recipe" value="{recipe}"' in form
+    assert f'id="{own}"' in form
+    assert f'id="{of_others}"' not in form
+    assert form.count("?recipe=") == 4  # the four to choose from
 
 
 @pytest.mark.parametrize(
     ("kind", "given", "field", "says"),
     [
+        ("align", {"recipe": "thesis", "reward_weight": "2"}, "reward_weight", "at most 1"),
         ("align", {}, "snapshot", "Choose or fill in"),
         ("align", {"snapshot": "f" * 64}, "snapshot", "no snapshot"),
         ("evaluate", {"policy": "study_room/base", "scenes": "3"}, "scenes", "at least 20"),

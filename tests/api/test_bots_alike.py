@@ -12,6 +12,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
+from backend.api.lab.study_report import study_report
 from backend.learning.preferences.oracles import ResponseModel
 from backend.report.findings import analyse
 from backend.report.made_up_cohorts import Cohort, made_up_study
@@ -19,8 +20,8 @@ from backend.report.simulated_power import analysed
 from backend.report.study_report import write_study_report
 from backend.report.tidy_tables import read_folder, read_study
 from backend.settings import Settings
-from backend.store.export import answers_of, export_study
-from backend.store.models import Study
+from backend.store.dataset.writing import answers_of, export_study
+from backend.store.models import Study, utc_now
 from backend.study.planned_power import plan_power
 from backend.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text
 from backend.study.simulated.http import simulate_study
@@ -148,3 +149,14 @@ def test_power_of_the_study_as_it_is_planned(protocol):
     assert few.rate < many.rate
     with pytest.raises(ValueError, match="item = 'joy'"):
         plan_power(protocol, [5], item="joy", walk=3, cohorts=1)
+
+
+def test_the_reports_tab_shows_rankings_as_the_full_report(in_process):
+    services, study = in_process
+    with services.database.session() as s:
+        data, load = read_study(s, services.files, study)
+        tab = study_report(s, study, "simulated", utc_now())
+    found = analyse(data, load, "simulated")
+    shown = {item.key: item.counts for item in tab.items if item.mean_ranks}
+    assert shown == {one.item.key: {name: of[0] for name, of in one.places.items()} for one in found.rankings}
+    assert sum(shown["usefulness"].values()) == BOTS

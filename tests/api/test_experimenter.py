@@ -22,7 +22,9 @@ from backend.learning.policies.shipped import load_queries
 from backend.learning.queries.queries import QuerySet
 from backend.store.models import Base, Event, Participant, Response, Session, Study
 from backend.store.query_sets import save_query_set
-from backend.study.protocol.freezing import freeze
+from backend.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
+from backend.study.simulated.in_process import walk_in_process
+from backend.study.studies import create_study
 from tests.api.lab_services import NAME, QUICK, Walked, csrf, sign_in
 
 STAGE_SHOWN = 'id="stage-cover" hidden'
@@ -381,3 +383,31 @@ def test_studies_are_listed_with_their_numbers(lab, walked: Walked):
 def test_a_second_browser_sees_the_same_study(lab_services, walked: Walked):
     with TestClient(create_application(lab_services), follow_redirects=False) as other:
         assert NAME in sign_in(other).get(f"/lab/studies/{walked.id}/data").text
+
+
+def test_rankings_and_items_asked_in_several_conditions_count_and_lead_to_their_rows(lab, lab_services):
+    """The interface study: the same items after every condition, a ranking at the end, repeated queries."""
+    text = (
+        (PROTOCOLS / "interface_study.yaml")
+        .read_text()
+        .replace("count: 25, probes: {repeat: 5}", "count: 4, probes: {repeat: 2}")
+    )
+    with lab_services.database.transaction() as s:
+        study = create_study(s, lab_services.files, freeze_text(text), name="Three views", created_by=None)
+    walk_in_process(lab_services.database, lab_services.files, study, 2)
+    here = f"/lab/studies/{study.id}"
+    report = lab.get(f"/api/lab/studies/{study.id}/report?who=simulated").json()
+    ranked = next(item for item in report["items"] if item["mean_ranks"])
+    assert ranked["n"] == sum(ranked["counts"].values()) == 2
+    assert sum(ranked["mean_ranks"].values()) == pytest.approx(1 + 2 + 3)
+    assert report["repeats_agree"]["n"] == 2 * 3 * 2
+    page = lab.get(f"{here}/report?who=simulated").text
+    assert "First choice:" in page
+    numbers = [one for one in LINKED_NUMBER.findall(page) if not one[0].endswith(",kept")]
+    assert len(numbers) > 30
+    for href, number in numbers:
+        assert rows_shown(lab.get(urljoin(f"{here}/report", html.unescape(href))).text) == int(number), (number, href)
+    pages_read = lab.get(f"{here}/answers?kind=information").text
+    assert rows_shown(pages_read) == 2
+    people = lab.get(f"/api/lab/studies/{study.id}/monitor").json()["people"]
+    assert {p["answers"] for p in people} == {rows_shown(lab.get(f"{here}/answers?given=1&participant=S001").text)}

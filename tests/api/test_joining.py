@@ -62,7 +62,8 @@ def test_a_platforms_id_is_kept_apart_and_lets_nobody_in_twice(client, services,
     welcome = client.get(f"/join/{link}", params=ids)
     assert ids["PROLIFIC_PID"] in welcome.text  # travels on in the form
     assert client.post(f"/join/{link}", data={"language": "en", **ids}).status_code == 303
-    again = client.post(f"/join/{link}", data={"language": "en", **ids})
+    elsewhere = TestClient(client.app, follow_redirects=False)
+    again = elsewhere.post(f"/join/{link}", data={"language": "en", **ids})
     assert again.status_code == 409
     assert len(logged(services, "already_joined")) == 1
     with services.database.session() as s:
@@ -75,3 +76,23 @@ def test_an_unknown_and_a_closed_link_say_so(client, services, link, method):
     with services.database.transaction() as s:
         s.scalars(select(Study).where(Study.recruiting_token == link)).one().state = "closed"
     assert getattr(client, method)(f"/join/{link}").status_code == 403
+
+
+def test_opening_the_recruiting_link_again_in_the_same_browser_goes_on(client, services, link):
+    ids = {"PROLIFIC_PID": "5f3c0ffee0ddba11", "STUDY_ID": "s1", "SESSION_ID": "x1"}
+    own = client.post(f"/join/{link}", data={"language": "en", **ids}).headers["location"]
+    for again in (
+        client.get(f"/join/{link}", params=ids),
+        client.post(f"/join/{link}", data={"language": "en", **ids}),
+    ):
+        assert (again.status_code, again.headers["location"]) == (303, own)
+    offered = client.get(f"/join/{link}").text
+    assert f'<a href="{own}">Continue where you were</a>' in offered
+    somebody_else = client.get(f"/join/{link}", params=ids | {"PROLIFIC_PID": "another"})
+    assert (somebody_else.status_code, own in somebody_else.text) == (200, False)
+    elsewhere = TestClient(client.app, follow_redirects=False)
+    assert own not in elsewhere.get(f"/join/{link}", params=ids).text
+    with services.database.transaction() as s:
+        s.scalars(select(Study).where(Study.recruiting_token == link)).one().state = "closed"
+    assert client.get(f"/join/{link}").headers["location"] == own, "closed is for those who have not begun"
+    assert elsewhere.get(f"/join/{link}").status_code == 403

@@ -10,7 +10,7 @@ from sqlalchemy import select
 
 from backend.api.core.throttle import LARGEST_BODY
 from backend.api.participant import recruiting, requests, session_pages
-from backend.store.export import export_study
+from backend.store.dataset.writing import export_study
 from backend.store.models import ProblemReport, RecruitingId, Study
 from backend.study.refusals import MOST_OF_A_SESSION
 from tests.api.participant_services import logged

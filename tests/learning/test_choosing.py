@@ -9,7 +9,8 @@ import pytest
 
 from backend.experiments.asking import AskingConfig, asking_study, summarise
 from backend.learning.errors import LearningError
-from backend.learning.preferences.objectives import MEASURES, NAMES, OPPOSITES, typical_differences
+from backend.learning.preferences.measures import MEASURES, typical_differences
+from backend.learning.preferences.objectives import NAMES, OPPOSITES
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig
 from backend.learning.queries.choosing import (
     StoppingRule,

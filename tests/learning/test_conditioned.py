@@ -22,7 +22,7 @@ from backend.learning.preferences.objectives import (
     parsed_weights,
     preference_weights,
     shares_of_reward,
-    step_terms,
+    step_terms_of,
 )
 from backend.learning.td3.base import BaseResult
 from backend.learning.td3.conditioned_training import (
@@ -197,9 +197,9 @@ def test_the_mirrored_world_is_the_same_world(name: str) -> None:
         np.testing.assert_allclose(there.rewards, here.rewards, atol=1e-4)
         np.testing.assert_array_equal(there.outcomes, here.outcomes)
         beam_m.append(np.abs(there.next_observations[:, polar:] - expected[:, polar:]).ravel() * setup.lidar.range_m)
-        terms = step_terms(actions, here.next_observations, setup)
+        terms = step_terms_of(actions, here.next_observations, setup)
         clearance = NAMES.index("clearance")
-        mirrored = step_terms(actions * ACTION_SIGNS, there.next_observations, setup)
+        mirrored = step_terms_of(actions * ACTION_SIGNS, there.next_observations, setup)
         others = [k for k in range(SIZE) if k != clearance]  # clearance is read from the lidar
         np.testing.assert_allclose(mirrored[:, others], terms[:, MIRRORED][:, others], atol=1e-4)
     # Pooled sectors look through beams that lie one beam beside; only where an edge falls between does it show.
@@ -219,7 +219,7 @@ def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
     polar = setup.polar_size
     wants = judged.observations[:, polar : polar + SIZE].numpy()
     following = np.delete(judged.next_observations.numpy(), range(polar, polar + SIZE), axis=1)
-    terms = step_terms(judged.actions.numpy(), following, setup)
+    terms = step_terms_of(judged.actions.numpy(), following, setup)
     expected = core.rewards.numpy() + (shares_of_reward(wants) * terms) @ np.array(
         reward_weights.scales, dtype=np.float32
     )

@@ -23,7 +23,8 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.steerability import MeasuredRollouts
-from backend.learning.preferences.objectives import MEASURES, SIZE, preference_weights, typical_differences
+from backend.learning.preferences.measures import MEASURES, typical_differences
+from backend.learning.preferences.objectives import SIZE, preference_weights
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
 from backend.simulation.trajectory import Outcome
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES, measures
+from backend.learning.preferences.measures import MEASURES, measures
+from backend.learning.preferences.objectives import NAMES, OBJECTIVES
 from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, make_oracle
 from backend.learning.preferences.spans import beginning
 from backend.learning.queries.queries import Query, QuerySet

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
-from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES, OPPOSITES, typical_differences
+from backend.learning.preferences.measures import MEASURES, typical_differences
+from backend.learning.preferences.objectives import NAMES, OBJECTIVES, OPPOSITES
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.spans import SPANS_S

@@ -14,11 +14,10 @@ from backend.learning.policies.steerability import (
     Course,
     MeasuredRollouts,
     Steerability,
-    best_possible,
     measured_rollouts,
     steerability_of,
 )
-from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES
+from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES, best_possible
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Person, Pose, Scene

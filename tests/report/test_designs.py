@@ -231,3 +231,17 @@ def test_blocks_without_factors_are_compared_as_they_were_met() -> None:
     )  # fmt: skip
     (design,) = designs_of(apart)
     assert (design.within, design.groups) == ({}, {"P-1": 0, "P-2": 1})
+
+
+@pytest.mark.parametrize(
+    ("block", "rated", "why"),
+    [
+        ({"view": "x"}, {"P-0": {"x": []}, "P-1": {"x": []}}, "compares no conditions"),
+        ({"each": ["x", "y"]}, {"P-0": {"x": [], "y": []}, "P-1": {"x": [], "y": []}}, "in what was shown only"),
+        ({"each": ["x", "y"]}, {"P-0": {"x": [3], "y": [4]}}, "one person is too few"),
+    ],
+)
+def test_a_report_without_a_test_says_why(block: dict, rated: dict, why: str) -> None:
+    found = analysed(study(block, rated))
+    assert found.tests == []
+    assert any(why in sentence for sentence in brief(found))

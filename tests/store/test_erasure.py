@@ -12,9 +12,9 @@ from sqlalchemy import func, select
 from backend.learning.queries.queries import Query, QuerySet
 from backend.store.artefacts import ArtefactError, load_artefact, save_trajectory
 from backend.store.database import COMPACT_PENDING, Database
+from backend.store.dataset.writing import export_study
 from backend.store.erasure import ErasureError, erase_participant
 from backend.store.events import log_event
-from backend.store.export import export_study
 from backend.store.models import (
     Artefact,
     Erasing,

@@ -17,10 +17,13 @@ from sqlalchemy import select, update
 
 from backend.store.artefacts import ArtefactError, ArtefactStore
 from backend.store.database import Database
-from backend.store.dataset import CHECKSUMS_FILE, TABLES, data_dictionary
+from backend.store.dataset.columns import CHECKSUMS_FILE
+from backend.store.dataset.dictionary import data_dictionary
+from backend.store.dataset.importing import import_dataset
+from backend.store.dataset.reading import DatasetError, read_dataset
+from backend.store.dataset.tables import TABLES
+from backend.store.dataset.writing import ExportError, export_study
 from backend.store.events import log_event
-from backend.store.export import ExportError, export_study
-from backend.store.importing import DatasetError, import_dataset, read_dataset
 from backend.store.models import Participant, RecruitingId, Response, Session, Study, Trial, protocol_digest, utc_now
 from backend.store.snapshots import load_snapshot, take_snapshot
 from tests.store.small_study import FILES, PROTOCOL_YAML, SmallStudy, trajectory
@@ -265,7 +268,9 @@ def test_recruiting_ids_are_removed_from_free_text_and_from_nothing_else(study: 
     rows = {table.name: parquet_rows(tmp_path / "out", table.name) for table in TABLES}
     assert {row["view"] for row in rows["trials"]} == {"top_down"}
     assert [row["role"] for row in rows["trials"]] == ["practice"] + ["regular"] * 4
-    assert json.loads(rows["sessions"][0]["plan"])[0] == {"key": "regular", "kind": "trial", "view": "top_down"}
+    (planned,) = rows["planned_steps"]
+    assert json.loads(planned["planned"]) == {"key": "regular", "kind": "trial", "view": "top_down"}
+    assert (planned["step"], planned["view"]) == ("regular", "top_down")
     assert rows["participants"][0]["excluded_reason"] == "[removed] came twice"
     items = {row["item"]: row["answer"] for row in rows["questionnaire_items"]}
     assert items["taste"] == "regular"
@@ -382,14 +387,9 @@ def test_a_forged_data_set_leaves_nothing_behind(exported: Path, copied: Path, t
     pickled = tmp_path / "objects.npz"
     np.savez(pickled, poses=np.array([{"run": "me"}], dtype=object))
     original = (copied / name).read_bytes()
-    forged = {
-        pickled.read_bytes(): "is no trajectory",
-        b"x": "is no trajectory",
-        trajectory(999).to_bytes(): "than its",
-    }
-    for content, message in forged.items():
+    for content in (pickled.read_bytes(), b"x", trajectory(999).to_bytes()):
         forge(copied, name, content)
-        with pytest.raises(DatasetError, match=message):
+        with pytest.raises(DatasetError, match="than its name says"):
             import_dataset(fresh, store, copied)
     forge(copied, name, original)
     forge(copied, "sessions.parquet", (copied / "participants.parquet").read_bytes())

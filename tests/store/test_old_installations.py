@@ -19,10 +19,11 @@ from backend.report.findings import analyse
 from backend.report.tidy_tables import read_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from backend.store.dataset.importing import import_dataset
+from backend.store.dataset.reading import read_dataset
+from backend.store.dataset.writing import export_study
 from backend.store.demonstration_snapshots import read_demonstrations
 from backend.store.erasure import erase_participant
-from backend.store.export import export_study
-from backend.store.importing import import_dataset, read_dataset
 from backend.store.models import Artefact, Base, Job, Participant, Response, Session, Study, Trial
 from backend.store.snapshots import load_snapshot
 from backend.study.protocol.freezing import freeze, thaw

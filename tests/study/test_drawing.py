@@ -17,6 +17,8 @@ from backend.simulation.trajectory import Outcome
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.audit import record
 from backend.store.database import Database
+from backend.store.dataset.importing import import_dataset
+from backend.store.dataset.writing import export_study
 from backend.store.demonstration_snapshots import (
     StrokeError,
     demonstrations_of,
@@ -24,8 +26,6 @@ from backend.store.demonstration_snapshots import (
     take_demonstrations,
 )
 from backend.store.erasure import erase_participant
-from backend.store.export import export_study
-from backend.store.importing import import_dataset
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
 from backend.study.drawing import paths, strokes, walks
 from backend.study.protocol.freezing import freeze_text

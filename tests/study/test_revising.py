@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.store.database import Database
-from backend.store.export import export_study
-from backend.store.importing import import_dataset
+from backend.store.dataset.importing import import_dataset
+from backend.store.dataset.writing import export_study
 from backend.store.models import Session, Study
 from backend.study.protocol.freezing import freeze_text
 from backend.study.protocol.revising import differences, revise_study, versions_of

@@ -17,13 +17,14 @@ class Right(StrEnum):
     RUN = "run"  # open and close studies, recruit, write notes, exclude
     ERASE = "erase"  # destroy a participant's data
     TAKE = "take"  # take data sets and learned things away as files
+    PAY = "pay"  # see the platform's ids of recruited people beside their codes
     ANALYSE = "analyse"  # snapshots and jobs
     MANAGE = "manage"  # accounts and roles, settings, the audit log, how long data are kept
 
 
 ROLES: dict[str, frozenset[Right]] = {
     "owner": frozenset(Right),
-    "experimenter": frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE}),
+    "experimenter": frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY}),
     "analyst": frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE}),
     "viewer": frozenset({Right.LOOK}),
 }
@@ -75,6 +76,8 @@ SHOWING: dict[str, Rule] = {
     "/lab/new/{draft_id}": Rule(Right.RUN),
     "/lab/new/{draft_id}/preview/{number}": Rule(Right.RUN),
     "/lab/studies/{study_id}/recruit": Rule(Right.RUN),
+    "/lab/studies/{study_id}/payments": Rule(Right.PAY, "payments_seen"),
+    "/lab/studies/{study_id}/payments.csv": Rule(Right.PAY, "payments_taken"),
     "/lab/studies/{study_id}/revise": Rule(Right.RUN),
     "/lab/studies/{study_id}/revise/{draft_id}": Rule(Right.RUN),
     "/lab/studies/{study_id}/revise/{draft_id}/preview/{number}": Rule(Right.RUN),

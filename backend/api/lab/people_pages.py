@@ -13,6 +13,7 @@ from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal
 from backend.api.lab import people_rows, study_rows
+from backend.api.lab.answer_rows import AnswerFilter, answers
 from backend.api.lab.learnt_pages import answers_teach
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
 from backend.store.erasure import erase_participant
@@ -37,7 +38,7 @@ def _person_page(
 ) -> Response:
     participant = the_participant(s, study, code)
     rows = [p for p in people_rows.people(s, study.id, utc_now()) if p.id == participant.id]
-    where = study_rows.AnswerFilter(participant=code)
+    where = AnswerFilter(participant=code)
     of_participant = select(Session).where(Session.participant_id == participant.id).order_by(Session.created_at)
     sessions = list(s.scalars(of_participant))
     return study_tab(
@@ -48,7 +49,7 @@ def _person_page(
         status=status,
         person=rows[0] if rows else None,
         participant=participant,
-        answers=list(reversed(study_rows.answers(s, study.id, where))),
+        answers=list(reversed(answers(s, study.id, where))),
         reports=study_rows.problems(s, study.id, participant=code),
         notes=study_rows.notes(s, participant.id),
         sessions=sessions,

@@ -15,6 +15,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.lab import monitoring
+from backend.api.lab.answer_rows import PAGES_READ
 from backend.api.lab.study_rows import counted
 from backend.store.models import Participant, ProblemReport, Response, Session, Trial
 from backend.store.who_counts import group_of, left_out
@@ -33,7 +34,8 @@ class Person:
     """A participant with the newest session, as one row.
 
     `presence`: here, away, paused, silent, completed, withdrawn, screened_out or expired. `progress` in [0, 1].
-    `answers`, `restarts`, `problems` and flags are over all sessions. `trial_s`: median time from answer to answer.
+    `answers` (without pages that were only read), `restarts`, `problems` and flags are over all sessions. `trial_s`:
+    median time from answer to answer.
     """
 
     id: str
@@ -77,7 +79,8 @@ def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
     """Every participant of a study, in the order in which they joined."""
     of_study = Session.study_id == study_id
     whose = Session.participant_id
-    answers = counted(s, select(whose, func.count()).select_from(Response).join(Session).where(of_study), whose)
+    given = select(whose, func.count()).select_from(Response).join(Session)
+    answers = counted(s, given.where(of_study, Response.kind.not_in(PAGES_READ)), whose)
     restarts = counted(
         s, select(whose, func.sum(Trial.restarts)).select_from(Trial).join(Session).where(of_study), whose
     )

@@ -23,6 +23,7 @@ from backend.api.lab import (
     analysis_pages,
     audit_pages,
     new_study,
+    payments,
     people_pages,
     people_rows,
     preview,
@@ -30,17 +31,18 @@ from backend.api.lab import (
     settings_pages,
     study_rows,
 )
+from backend.api.lab.answer_rows import AnswerFilter, answers_page
 from backend.api.lab.lab_data import Monitor
 from backend.api.lab.study_report import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
-from backend.store.dataset import data_dictionary
+from backend.store.dataset.dictionary import data_dictionary
+from backend.store.dataset.writing import export_study
 from backend.store.events import log_event
-from backend.store.export import export_study
 from backend.store.models import Study, utc_now
 from backend.store.retention import checked_day, is_overdue
 from backend.store.who_counts import GROUPS
+from backend.study.kinds.debriefing import DebriefingStage
 from backend.study.plan.assignment import STANDINGS, assignment_table
-from backend.study.protocol.freezing import thaw
 from backend.study.protocol.outline import describe_stages
 from backend.study.session.versions import newest_protocol
 
@@ -48,6 +50,7 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(audit_pages.router)
 router.include_router(new_study.router)
+router.include_router(payments.router)
 router.include_router(people_pages.router)
 router.include_router(preview.router)
 router.include_router(protocol_pages.router)
@@ -150,35 +153,14 @@ def answers(
     request: Request,
     study_id: str,
     database: Db,
-    kind: str | None = None,
-    role: str | None = None,
-    choice: str | None = None,
-    own: str | None = None,
-    participant: str | None = None,
-    item: str | None = None,
-    who: str | None = None,
-    sign: str | None = None,
-    usable: bool = False,
+    where: Annotated[AnswerFilter, Depends()],
     page: int = 1,
 ) -> Response:
     """The rows behind every number of answers."""
-    where = study_rows.AnswerFilter(
-        kind=kind or None,
-        role=role or None,
-        choice=choice or None,
-        own=own or None,
-        participant=participant or None,
-        item=item or None,
-        who=who or None,
-        sign=sign or None,
-        usable=usable,
-    )
     with database.session() as s:
         study = the_study(s, study_id)
-        listed = study_rows.cut(study_rows.answers(s, study.id, where), page)
-        return study_tab(
-            request, study, "data", "lab/answers.html", listed=listed, where=where, own_chosen=study_rows.own_chosen
-        )
+        listed = answers_page(s, study.id, where, page)
+        return study_tab(request, study, "data", "lab/answers.html", listed=listed, where=where)
 
 
 @router.get("/lab/studies/{study_id}/events")
@@ -212,8 +194,12 @@ def recruit(request: Request, study_id: str, database: Db) -> Response:
     with database.session() as s:
         study = the_study(s, study_id)
         link = f"{public_url(request)}/join/{study.recruiting_token}"
-        helper = thaw(study).protocol.contact or contact(request)
-        return study_tab(request, study, "recruit", link=link, loopback=_is_loopback(link), contact=helper)
+        frozen = newest_protocol(s, study)[1]
+        helper = frozen.protocol.contact or contact(request)
+        way_back = bool(frozen.stage(DebriefingStage).return_url)
+        return study_tab(
+            request, study, "recruit", link=link, loopback=_is_loopback(link), contact=helper, way_back=way_back
+        )
 
 
 @router.post("/lab/studies/{study_id}/state")

@@ -10,14 +10,14 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from statistics import median, quantiles
+from statistics import mean, median, quantiles
 from typing import Any
 
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.lab import people_rows, study_rows
+from backend.api.lab import people_rows
+from backend.api.lab.answer_rows import Answer, AnswerFilter, agreement, answers
 from backend.api.lab.people_rows import Person
-from backend.api.lab.study_rows import Answer, AnswerFilter
 from backend.learning.policies.evaluate import wilson
 from backend.store.models import MARKS, Study
 from backend.study.protocol.freezing import thaw
@@ -49,7 +49,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class Item:
-    """One questionnaire item. `text` by language; `counts`: answer -> how often; `spread` where answers are numbers."""
+    """One questionnaire item. `text` by language; `counts`: answer -> how often (in a ranking: how often first);
+    `spread` where answers are numbers; `labels`: answer -> its words; `mean_ranks` of a ranking, 1 is best."""
 
     step: str
     key: str
@@ -57,6 +58,8 @@ class Item:
     n: int
     counts: dict[str, int]
     spread: Spread | None
+    labels: dict[str, dict[str, str]]
+    mean_ranks: dict[str, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -85,13 +88,13 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
     everyone = people_rows.shown(people_rows.people(s, study.id, now), who)
     kept = people_rows.shown(everyone, "kept")
 
-    def given(**where: str) -> list[Answer]:
-        return study_rows.answers(s, study.id, AnswerFilter(who=who, usable=True, **where))
+    def given(**where: Any) -> list[Answer]:
+        return answers(s, study.id, AnswerFilter(who=who, usable=True, **where))
 
     regular = given(kind="preference", role="regular")
-    compared = [a for a in given(kind="comparison") if study_rows.own_chosen(a) is not None]
-    guesses = [a for a in given(kind="guess") if study_rows.own_chosen(a) is not None]
-    own = sum(bool(study_rows.own_chosen(a)) for a in compared)
+    compared = [a for a in given(kind="comparison") if a.own_chosen is not None]
+    guesses = [a for a in given(kind="guess") if a.own_chosen is not None]
+    own = sum(bool(a.own_chosen) for a in compared)
     return Report(
         who=who,
         joined=len(everyone),
@@ -105,7 +108,7 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
         restarts=sum(p.restarts for p in kept),
         own_chosen=Share(own, len(compared)),
         people_mostly_own=_over_people(compared),
-        guesses_right=_share_of_people(sum(bool(study_rows.own_chosen(a)) for a in guesses), len(guesses)),
+        guesses_right=_share_of_people(sum(bool(a.own_chosen) for a in guesses), len(guesses)),
         personalisation=dict(Counter(p.personalisation for p in kept if p.personalisation)),
         items=_items(study, given(kind="questionnaire")),
     )
@@ -137,22 +140,20 @@ def _over_people(compared: Sequence[Answer]) -> Share:
     """People who chose their own robot's drive in more than half of their comparisons."""
     per_person: dict[str, list[bool]] = defaultdict(list)
     for answer in compared:
-        per_person[answer.code].append(bool(study_rows.own_chosen(answer)))
+        per_person[answer.code].append(bool(answer.own_chosen))
     mostly = sum(2 * sum(chosen) > len(chosen) for chosen in per_person.values())
     return _share_of_people(mostly, len(per_person))
 
 
 def _repeats(regular: Sequence[Answer], repeats: Sequence[Answer]) -> Share:
     """How often a repeated query got the same answer as the first time, in the same view."""
-    first = {
-        (a.code, a.trial.view, a.trial.query_id): a.response.value.get("choice") for a in regular if a.trial is not None
-    }
-    pairs = [
-        (first[key], a.response.value.get("choice"))
-        for a in repeats
-        if a.trial is not None and (key := (a.code, a.trial.view, a.trial.query_id)) in first
-    ]
-    return Share(sum(one == again for one, again in pairs), len(pairs))
+    same = agreement(regular, repeats)
+    return Share(sum(same.values()), len(same))
+
+
+def _mean_ranks(ranked: Sequence[list[Any]], choices: Sequence[str]) -> dict[str, float]:
+    places = {choice: [one.index(choice) + 1 for one in ranked if choice in one] for choice in choices}
+    return {choice: mean(found) for choice, found in places.items() if found}
 
 
 def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
@@ -167,8 +168,10 @@ def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
         asked = next((q for q in questionnaires if {i.key for i in q.items} >= keys), None)
         for item in asked.items if asked else ():
             answered = [value[item.key] for value in values if value.get(item.key) not in (None, "")]
+            ranked = [one for one in answered if isinstance(one, list)]
             numeric = item.type in ("scale", "number")
-            counts = {} if item.type in ("number", "text") else dict(Counter(map(str, answered)))
+            countable = [one[0] for one in ranked if one] if ranked else answered
+            counts = {} if item.type in ("number", "text") else dict(Counter(map(str, countable)))
             choices = (
                 [str(n) for n in range(1, item.points + 1)] if item.type == "scale" else [o.value for o in item.options]
             )
@@ -180,6 +183,8 @@ def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
                     n=len(answered),
                     counts={choice: counts.get(choice, 0) for choice in choices} if counts else {},
                     spread=_spread([float(value) for value in answered]) if numeric else None,
+                    labels={option.value: option.label for option in item.options},
+                    mean_ranks=_mean_ranks(ranked, choices) if ranked else None,
                 )
             )
     return items

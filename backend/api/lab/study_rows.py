@@ -1,5 +1,5 @@
-"""What the experimenters' pages count and list: studies, answers, events, notes. People are `people_rows.py`'s. Reads
-only; renders nothing.
+"""What the experimenters' pages count and list: studies, events, notes. People are `people_rows.py`'s, answers
+`answer_rows.py`'s. Reads only; renders nothing.
 
 A number on a page and the rows behind it come from the same filter here, so they cannot disagree.
 """
@@ -14,7 +14,6 @@ from typing import Any
 from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.lab import monitoring
 from backend.store.models import (
     Event,
     Note,
@@ -28,7 +27,7 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.retention import is_overdue
-from backend.store.who_counts import FINISHED, GROUPS, in_group, not_left_out
+from backend.store.who_counts import FINISHED, in_group
 
 ROWS_PER_PAGE = 100
 
@@ -53,18 +52,6 @@ class StudyLine:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """One response with whose it is and its trial, where it has one."""
-
-    response: Response
-    code: str
-    simulated: bool
-    excluded: bool
-    withdrawn: bool
-    trial: Trial | None
-
-
-@dataclass(frozen=True)
 class Page:
     """One page of a long list; `page` counts from 1."""
 
@@ -72,22 +59,6 @@ class Page:
     total: int
     page: int
     pages: int
-
-
-@dataclass(frozen=True)
-class AnswerFilter:
-    """Which answers; a field that is None means any. `who`: people (of the live study), pilot or simulated. `usable`:
-    what analyses use. `sign`: those behind a flag of `monitoring.py`."""
-
-    kind: str | None = None
-    role: str | None = None
-    choice: str | None = None
-    own: str | None = None
-    participant: str | None = None
-    item: str | None = None
-    who: str | None = None
-    sign: str | None = None
-    usable: bool = False
 
 
 def study_lines(s: DatabaseSession) -> list[StudyLine]:
@@ -128,49 +99,6 @@ def study_lines(s: DatabaseSession) -> list[StudyLine]:
     ]
 
 
-def answers(s: DatabaseSession, study_id: str, where: AnswerFilter) -> list[Answer]:
-    """The answers a filter names, newest first."""
-    query: Any = (
-        select(Response, Participant, Trial)
-        .join(Session, Response.session_id == Session.id)
-        .join(Participant, Session.participant_id == Participant.id)
-        .outerjoin(Trial, Response.trial_id == Trial.id)
-        .where(Session.study_id == study_id)
-        .order_by(Response.created_at.desc(), Response.id)
-    )
-    if where.kind:
-        query = query.where(Response.kind == where.kind)
-    if where.role:
-        query = query.where(Trial.role == where.role)
-    if where.participant:
-        query = query.where(Participant.code == where.participant)
-    if where.who in GROUPS:
-        query = query.where(in_group(where.who))
-    if where.usable:
-        query = query.where(not_left_out())
-    found = [
-        Answer(
-            response,
-            participant.code,
-            participant.simulated,
-            participant.excluded_at is not None,
-            participant.withdrawn_at is not None,
-            trial,
-        )
-        for response, participant, trial in s.execute(query)
-    ]
-    if where.choice:
-        found = [a for a in found if a.response.value.get("choice") == where.choice]
-    if where.own in ("chosen", "not_chosen"):
-        found = [a for a in found if own_chosen(a) is not None and own_chosen(a) == (where.own == "chosen")]
-    if where.sign:
-        behind = monitoring.answers_behind(s, study_id, where.sign)
-        found = [a for a in found if a.response.id in behind]
-    if where.item:
-        found = [a for a in found if where.item in a.response.value]
-    return found
-
-
 def answer_kinds(s: DatabaseSession, study_id: str) -> list[tuple[str, str | None, int]]:
     """(kind, role of the trial or None, how many) of a study's answers."""
     query = (
@@ -182,17 +110,6 @@ def answer_kinds(s: DatabaseSession, study_id: str) -> list[tuple[str, str | Non
         .order_by(Response.kind, Trial.role)
     )
     return [(kind, role, count) for kind, role, count in s.execute(query)]
-
-
-def own_chosen(answer: Answer) -> bool | None:
-    """Whether a comparison with the base policy, or a guess, named the drive made from the participant's own answers;
-    None for others. Comparisons with another participant's policy are the whole report's."""
-    if answer.response.kind == "guess":
-        right: bool | None = answer.response.value.get("right")
-        return right
-    arms = (answer.trial.arms or {}) if answer.trial else {}
-    own = None if "other" in arms else arms.get("own")
-    return None if own is None else answer.response.value.get("choice") == own
 
 
 def events(
@@ -252,17 +169,18 @@ def tombstones(s: DatabaseSession, study_id: str) -> list[Tombstone]:
 def found_page(s: DatabaseSession, query: Select[*tuple[Any, ...]], page: int, per_page: int = ROWS_PER_PAGE) -> Page:
     """One page of what an ordered query finds; the nearest one there is, where it has fewer."""
     total = s.scalar(select(func.count()).select_from(query.order_by(None).subquery())) or 0
-    page, pages = _page_of(page, total, per_page)
+    page, pages = page_of(page, total, per_page)
     return Page(s.execute(query.offset((page - 1) * per_page).limit(per_page)).all(), total, page, pages)
 
 
 def cut(rows: Sequence[Any], page: int) -> Page:
     """One page of rows that are in memory already."""
-    page, pages = _page_of(page, len(rows), ROWS_PER_PAGE)
+    page, pages = page_of(page, len(rows), ROWS_PER_PAGE)
     return Page(rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE], len(rows), page, pages)
 
 
-def _page_of(page: int, total: int, per_page: int) -> tuple[int, int]:
+def page_of(page: int, total: int, per_page: int) -> tuple[int, int]:
+    """The page that is shown for one that was asked for, and how many there are."""
     pages = max(1, -(-total // per_page))
     return min(max(1, page), pages), pages
 

@@ -13,6 +13,8 @@ from urllib.parse import quote
 from fastapi import APIRouter, Form, Query, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import ValidationError
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.core.dependencies import contact, page, services_of
@@ -21,8 +23,8 @@ from backend.api.participant.bodies import Joining
 from backend.api.participant.device_check import remember
 from backend.api.participant.replies import Joined
 from backend.api.participant.requests import too_many
-from backend.store.models import Participant
-from backend.study.links import as_issued
+from backend.store.models import Participant, RecruitingId, Session, Study, utc_now
+from backend.study.links import as_issued, token_hash
 from backend.study.protocol.schema import DeviceGate
 from backend.study.refusals import Refused
 from backend.study.session.joining import check_open, join_study
@@ -40,16 +42,27 @@ JOINING = {  # read by hand, as it comes in two forms
         },
     }
 }
+JOINED_COOKIE = "desirepath_joined_"  # and the study: the personal link of whoever joined in this browser
 PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
 
 
 @router.get("/join/{recruiting_token}")
 def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None, Query()] = None) -> Response:
-    """Device check and welcome; nothing is stored yet."""
+    """Device check and welcome; nothing is stored yet. Whoever joined in this browser by the same platform id goes on
+    where they were; without an id, the page offers it, as others may share the computer."""
     services = services_of(request)
+    external_id = request.query_params.get("PROLIFIC_PID")
     with services.database.session() as s:
         study = study_by_link(s, recruiting_token)
-        check_open(s, study)
+        begun = _begun_here(s, request, study, external_id)
+        if begun is not None and external_id:
+            return RedirectResponse(f"/p/{begun}", status_code=303)
+        try:
+            check_open(s, study)
+        except Refused:
+            if begun is None:
+                raise
+            return RedirectResponse(f"/p/{begun}", status_code=303)
         frozen = newest_protocol(s, study)[1]
     languages = tuple(frozen.protocol.languages)
     best = services.texts.best(request.headers.get("Accept-Language"), languages)
@@ -66,7 +79,19 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         action=here,
         join_url=here,
         device=(frozen.protocol.device or DeviceGate()).model_dump(),
+        resume=f"/p/{begun}" if begun else None,
     )
+
+
+def _begun_here(s: DatabaseSession, request: Request, study: Study, external_id: str | None) -> str | None:
+    """The personal link's token of whoever joined this study in this browser; where a platform's id is given, only if
+    it was theirs. None for nobody, and for who was erased since."""
+    token = request.cookies.get(f"{JOINED_COOKIE}{study.id[:8]}", "")
+    session = s.scalars(select(Session).where(Session.token_hash == token_hash(token))).first() if token else None
+    if session is None or session.study_id != study.id:
+        return None
+    known = s.get(RecruitingId, session.participant_id)
+    return token if external_id is None or (known is not None and known.external_id == external_id) else None
 
 
 @router.post("/join/{recruiting_token}", status_code=201, response_model=Joined, openapi_extra=JOINING)
@@ -93,9 +118,13 @@ def _join(recruiting_token: str, request: Request, asked: Joining, is_json: bool
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
     with services.database.transaction() as s:
+        study = study_by_link(s, recruiting_token)
+        begun = _begun_here(s, request, study, asked.PROLIFIC_PID) if asked.PROLIFIC_PID and not is_json else None
+        if begun is not None:
+            return RedirectResponse(f"/p/{begun}", status_code=303)
         session, token = join_study(
             s,
-            study_by_link(s, recruiting_token),
+            study,
             files=services.files,
             language=asked.language,
             recruiting={"platform": "prolific", **recruiting} if recruiting else None,
@@ -109,6 +138,16 @@ def _join(recruiting_token: str, request: Request, asked: Joining, is_json: bool
             joined = Joined(token=token, participant=code, simulated=simulated)
             response = JSONResponse(joined.model_dump(), 201)
         remember(request, response, session)
+        if not simulated:
+            response.set_cookie(
+                f"{JOINED_COOKIE}{study.id[:8]}",
+                token,
+                max_age=max(0, int((session.expires_at - utc_now()).total_seconds())),
+                path="/join",
+                httponly=True,
+                samesite="lax",
+                secure=request.url.scheme == "https",
+            )
     return response
 
 

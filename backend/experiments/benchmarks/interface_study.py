@@ -24,9 +24,9 @@ from backend.report.tidy_tables import read_study
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.dataset import CHECKSUMS_FILE
-from backend.store.export import export_study
-from backend.store.importing import import_dataset
+from backend.store.dataset.columns import CHECKSUMS_FILE
+from backend.store.dataset.importing import import_dataset
+from backend.store.dataset.writing import export_study
 from backend.store.models import Study
 from backend.store.shipped import register_shipped
 from backend.study.protocol.freezing import PROTOCOLS, freeze

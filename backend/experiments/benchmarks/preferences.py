@@ -20,8 +20,8 @@ from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.evaluate import mean_estimate, wilson
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
-from backend.learning.policies.steerability import MeasuredRollouts, Steerability, best_possible
-from backend.learning.preferences.objectives import NAMES
+from backend.learning.policies.steerability import MeasuredRollouts, Steerability
+from backend.learning.preferences.objectives import NAMES, best_possible
 from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, Oracle, make_oracle
 from backend.learning.preferences.posterior import Posterior
 from backend.learning.preferences.preferences import Preference

@@ -23,7 +23,8 @@ from backend.learning.policies.evaluate import Estimate, mean_estimate
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.steerability import Course, MeasuredRollouts
-from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, gains, typical_differences
+from backend.learning.preferences.measures import typical_differences
+from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, gains
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.setups import get_setup, require_same

@@ -16,21 +16,12 @@ from numpy.typing import NDArray
 
 from backend.learning.policies.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.objectives import (
-    CLEARANCE_CAP_M,
-    MEASURES,
-    NAMES,
-    OBJECTIVES,
-    gains,
-    measures,
-    near_person_m,
-)
+from backend.learning.preferences.measures import CLEARANCE_CAP_M, MEASURES, in_order, measures, near_person_m
+from backend.learning.preferences.objectives import NAMES, OBJECTIVES, best_possible, gains
 from backend.simulation.acting import begin
 from backend.simulation.fast import FastEngine
-from backend.simulation.kernels import surface_distance
 from backend.simulation.scene import Scene
-from backend.simulation.scenes import scene_to_row
-from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup, require_same
+from backend.simulation.setups import CONTROL_DT_S, get_setup, require_same
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
@@ -92,16 +83,18 @@ class Course:
             nearest[nearer], side[nearer] = engine.human_distance[nearer], self._bearing(nearer)
             step += 1
         near = distances[:step] <= near_person_m(distances[:step].min(0))
-        measured = [
-            engine.min_human_distance,
-            np.sin(side),
-            np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
-            engine.path_length,
-            engine.accumulated_angle,
-            (speeds[:step] * near).sum(0) / near.sum(0),
-            engine.steps * CONTROL_DT_S,
-        ]
-        return MeasuredRollouts(engine.outcomes.copy(), np.stack(measured, axis=1), engine.self_intersections.copy())
+        measured = in_order(
+            {
+                "min_human_distance_m": engine.min_human_distance,
+                "passing_side": np.sin(side),
+                "min_clearance_m": np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
+                "path_length_m": engine.path_length,
+                "accumulated_angle_rad": engine.accumulated_angle,
+                "speed_near_person_m_s": (speeds[:step] * near).sum(0) / near.sum(0),
+                "time_s": engine.steps * CONTROL_DT_S,
+            }
+        )
+        return MeasuredRollouts(engine.outcomes.copy(), measured, engine.self_intersections.copy())
 
     def _bearing(self, which: NDArray[np.int64]) -> Doubles:
         """Where the person is from these robots (rad, of any turn)."""
@@ -113,38 +106,6 @@ class Course:
 def measured_rollouts(policy: Policy, scenes: Sequence[Scene]) -> MeasuredRollouts:
     """Drive every scene once to its end. Raises SetupError."""
     return Course(scenes).rollout(policy)
-
-
-def best_possible(scenes: Sequence[Scene]) -> Doubles:
-    """(n, 9) the measure of each objective that no policy can better in that scene, whatever it gives up for it.
-
-    farther: spec 06's ceiling, to the goal's centre, which its edge may pass by its radius; closer: contact;
-    sides: straight beside; clearance: what the start has, at most 0.8 m; shorter and faster: the straight way at full
-    speed; smoother: the turn towards the goal's edge; slower: standing.
-    """
-    rows = []
-    for scene in scenes:
-        setup = get_setup(scene.setup)
-        dx, dy = scene.goal.x - scene.start.x, scene.goal.y - scene.start.y
-        distance = math.hypot(dx, dy)
-        way = distance - scene.goal_radius
-        bearing = abs((math.atan2(dy, dx) - scene.start.yaw + math.pi) % (2 * math.pi) - math.pi)
-        turn = max(0.0, bearing - math.asin(min(1.0, scene.goal_radius / distance)))
-        free = surface_distance(scene_to_row(scene), scene.start.x, scene.start.y) - ROBOT_RADIUS_M
-        rows.append(
-            [
-                scene.human_distance_ceiling_m(),
-                scene.person.radius + ROBOT_RADIUS_M,
-                1.0,
-                -1.0,
-                min(free, CLEARANCE_CAP_M),
-                way,
-                turn,
-                0.0,
-                way / setup.limits.v_max,
-            ]
-        )
-    return np.array(rows)
 
 
 @dataclass(frozen=True)

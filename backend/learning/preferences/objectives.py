@@ -1,24 +1,25 @@
-"""The objectives: what people may prefer in a robot's driving, nine of them, each measured twice.
+"""The objectives: what people may prefer in a robot's driving, one line of a table each.
 
-Of a whole trajectory, as a person compares two (`measures`), and of one step, as a policy is rewarded (`step_terms`).
-How much each objective matters to somebody are preference weights: learned in `posterior.py`, driven by in
-`conditioned.py`. All ours (issue 3, spec 06 "Known limits").
+Everything that is ordered by them, posterior, conditioned policies, rewards, words and figures, takes its order from
+here. How much each matters to somebody are preference weights: learned in `posterior.py`, what policies are conditioned
+on in `conditioned.py`. All ours (issue 3, spec 06 "Known limits").
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.analysis import metrics
 from backend.learning.errors import LearningError
-from backend.learning.preferences.features import obstacle_clearance_m
+from backend.learning.preferences import bounds, step_terms
+from backend.learning.preferences.bounds import SceneBounds
+from backend.learning.preferences.measures import MEASURES
+from backend.learning.preferences.step_terms import Steps
+from backend.simulation.scene import Scene
 from backend.simulation.setups import Setup
-from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -28,74 +29,84 @@ Doubles = NDArray[np.float64]
 class Objective:
     """One thing that people may want more of.
 
-    measure: index into MEASURES of what it is judged by; sign: +1 wants more of that measure, -1 less.
+    name: also the key of its words (`shared.objectives.NAME`, `flow.objectives.NAME`). measured_by: one of MEASURES,
+    whose table knows unit and typical difference; sign: +1 wants more of that, -1 less. step_term: (n,) in [-1, 0],
+    what a policy is rewarded by. bound: the best value of its measure that a scene allows. scale: by setup, reward per
+    step of the step term at full weight, where a conditioned policy is trained. opposite: what nobody prefers at the
+    same time; mirrored: what it is in a world with left and right exchanged, itself where there is no side to it.
     """
 
     name: str
-    measure: int
+    measured_by: str
     sign: int
+    step_term: Callable[[Steps], Floats]
+    bound: Callable[[SceneBounds], float]
+    scale: Mapping[str, float]
+    opposite: str = ""
+    mirrored: str = ""
+
+    @property
+    def measure(self) -> int:
+        """Index into MEASURES."""
+        return MEASURES.index(self.measured_by)
 
 
-MEASURES = (
-    "min_human_distance_m",
-    "passing_side",
-    "min_clearance_m",
-    "path_length_m",
-    "accumulated_angle_rad",
-    "speed_near_person_m_s",
-    "time_s",
-)
+def _scale(open_field: float, study_room: float) -> dict[str, float]:
+    """A trajectory of the room has a third of the field's steps: the same preference needs more per step to matter."""
+    return {"open_field": open_field, "study_room": study_room}
+
+
 OBJECTIVES = (
-    Objective("farther", 0, +1),
-    Objective("closer", 0, -1),
-    Objective("person_on_left", 1, +1),
-    Objective("person_on_right", 1, -1),
-    Objective("clearance", 2, +1),
-    Objective("shorter", 3, -1),
-    Objective("smoother", 4, -1),
-    Objective("slower_near_person", 5, -1),
-    Objective("faster", 6, -1),
+    Objective(
+        "farther", "min_human_distance_m", +1, step_terms.too_near, bounds.ceiling_m, _scale(3.0, 24.0), "closer"
+    ),
+    Objective("closer", "min_human_distance_m", -1, step_terms.too_far, bounds.contact_m, _scale(1.0, 7.0), "farther"),
+    Objective(
+        "person_on_left",
+        "passing_side",
+        +1,
+        step_terms.person_on_right,
+        bounds.straight_left,
+        _scale(1.2, 15.0),
+        opposite="person_on_right",
+        mirrored="person_on_right",
+    ),
+    Objective(
+        "person_on_right",
+        "passing_side",
+        -1,
+        step_terms.person_on_left,
+        bounds.straight_right,
+        _scale(1.2, 15.0),
+        opposite="person_on_left",
+        mirrored="person_on_left",
+    ),
+    Objective(
+        "clearance", "min_clearance_m", +1, step_terms.near_obstacle, bounds.start_clearance_m, _scale(2.5, 16.0)
+    ),
+    Objective("shorter", "path_length_m", -1, step_terms.detour, bounds.straight_way_m, _scale(2.0, 7.0)),
+    Objective("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, _scale(1.5, 6.0)),
+    Objective(
+        "slower_near_person",
+        "speed_near_person_m_s",
+        -1,
+        step_terms.fast_near_person,
+        bounds.standing_m_s,
+        _scale(1.2, 10.0),
+    ),
+    Objective("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, _scale(0.8, 5.0)),
 )
 NAMES = tuple(objective.name for objective in OBJECTIVES)
 SIZE = len(OBJECTIVES)
-OPPOSITES = ((0, 1), (2, 3))
-"""Pairs of objectives that nobody prefers at once."""
-MIRRORED = np.array([0, 1, 3, 2, 4, 5, 6, 7, 8])
+OPPOSITES = tuple((k, NAMES.index(one.opposite)) for k, one in enumerate(OBJECTIVES) if one.opposite in NAMES[k + 1 :])
+"""Pairs of objectives that nobody prefers at once, as indices."""
+MIRRORED = np.array([NAMES.index(one.mirrored or one.name) for one in OBJECTIVES])
 """weights[MIRRORED]: the same preference in a world with left and right exchanged."""
 
-TYPICAL_DIFFERENCES = {
-    "study_room": (0.431, 1.049, 0.167, 0.710, 3.855, 0.093, 1.018),
-    "open_field": (0.592, 1.545, 0.244, 1.004, 18.284, 0.044, 2.679),
-    "room": (0.571, 1.201, 0.206, 1.755, 1.373, 0.058, 7.945),
-    "corridor": (0.522, 1.0, 0.338, 1.173, 2.242, 0.054, 6.066),
-}
-"""By setup and measure, in its unit: standard deviation of the difference within a pair, over 1,500 pairs of the
-shipped ensemble; in the room and the corridor of chapter 2, which have none, over pairs of 24 trajectories of the
-programmed demonstrators, DWA and social cost in each of the four situations (all pass on one side of the corridor's
-person: 1)."""
 
-NEAR_PERSON_M = 2.0
-NEAREST_BAND_M = 0.5
-CLEARANCE_CAP_M = 0.8  # spec 06: farther than this from obstacles is no better
-
-
-@dataclass(frozen=True)
-class Closeness:
-    """What a step costs who wants to be `closer`: `least` in any case, since staying beside the person must not be
-    free, rising to 1 over some `range_m`, from `enough_m` on: less never pays, 0.48 m is contact.
-    """
-
-    enough_m: float
-    range_m: float
-    least: float
-
-
-CLOSENESS = {"open_field": Closeness(0.7, 0.8, 0.35), "study_room": Closeness(0.85, 0.5, 0.1)}
-"""By setup. The room's robot is twice as fast, and a step beside the person is a larger part of its trajectory."""
-FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5}
-"""By setup, where `farther` is content: little beyond the ceilings, else the goal itself is too near the person."""
-SLOW_SHARE = 0.5  # of full speed: slower than this near the person is no better
-SIDE_RANGE_M = 3.0
+def scales(setup: str) -> tuple[float, ...]:
+    """(9,) reward per step of each objective's step term at full weight, in the order of OBJECTIVES."""
+    return tuple(objective.scale[setup] for objective in OBJECTIVES)
 
 
 def preference_weights(weights: Mapping[str, float]) -> Floats:
@@ -147,51 +158,6 @@ def shares_of_reward(weights: Floats) -> Floats:
     return together
 
 
-def measures(trajectories: Sequence[Trajectory]) -> Doubles:
-    """(n, 7) in the order of MEASURES, each trajectory judged as a whole.
-
-    passing_side: sine of the person's bearing at the closest approach, +1 straight to the robot's left.
-    speed_near_person: mean speed (m/s) while within 2 m of the person, or within 0.5 m of the closest approach where
-    the robot stays farther away. min_clearance is capped at 0.8 m. Raises ValueError for none.
-    """
-    measured = metrics.measure(trajectories)
-    sides, speeds = np.array([_near_person(trajectory) for trajectory in trajectories]).T
-    return np.stack(
-        [
-            measured.min_human_distance,
-            sides,
-            np.minimum(measured.min_obstacle_distance, CLEARANCE_CAP_M),
-            measured.path_length,
-            measured.accumulated_angle,
-            speeds,
-            measured.time,
-        ],
-        axis=1,
-    )
-
-
-def _near_person(trajectory: Trajectory) -> tuple[float, float]:
-    """passing_side and speed_near_person of one trajectory."""
-    poses, person = trajectory.poses.astype(np.float64), trajectory.scene.person.pose
-    offsets = np.array([person.x, person.y]) - poses[:, :2]
-    distances = np.linalg.norm(offsets, axis=1)
-    nearest = int(distances.argmin())
-    bearing = math.atan2(offsets[nearest, 1], offsets[nearest, 0]) - poses[nearest, 2]
-    near = distances[1:] <= near_person_m(distances[1:].min())
-    speeds = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / trajectory.dt
-    return math.sin(bearing), float(speeds[near].mean())
-
-
-def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
-    """How far from the person a robot counts as near them, by how near it ever comes: speed_near_person is of there."""
-    return np.maximum(NEAR_PERSON_M, nearest_m + NEAREST_BAND_M)
-
-
-def typical_differences(setup: str) -> Doubles:
-    """(7,) what one unit of a measure is when measures are weighed against each other, in the order of MEASURES."""
-    return np.array(TYPICAL_DIFFERENCES[setup])
-
-
 def gains(differences: Doubles) -> Doubles:
     """(n, 7) differences of measures -> (n, 9): how much better for each objective, in the measure's unit."""
     columns = [objective.measure for objective in OBJECTIVES]
@@ -200,31 +166,12 @@ def gains(differences: Doubles) -> Doubles:
     return better
 
 
-def step_terms(actions: Floats, next_observations: Floats, setup: Setup) -> Floats:
-    """(n, 9) float32 in the order of OBJECTIVES, each in [-1, 0], of the states that the steps led to.
+def step_terms_of(actions: Floats, next_observations: Floats, setup: Setup) -> Floats:
+    """(n, 9) float32 in the order of OBJECTIVES, each in [-1, 0], of the states that the steps led to."""
+    steps = Steps(actions, next_observations, setup)
+    return np.stack([objective.step_term(steps) for objective in OBJECTIVES], axis=1).astype(np.float32)
 
-    A reward <= 0 never pays for waiting (spec 06); zero is "nothing to complain". Summed over a trajectory, `shorter`
-    is half the excess over the straight way in steps at full speed, which within a scene differs as path lengths do.
-    """
-    person_m = next_observations[:, 2] * np.float32(setup.distance_scale_m)
-    on_left = np.sin(next_observations[:, 3] * np.float32(math.pi))
-    beside = np.square(np.clip(1 - person_m / SIDE_RANGE_M, 0, 1))
-    clearance_m = obstacle_clearance_m(next_observations, setup)
-    speed = (np.clip(actions[:, 0], -1, 1) + 1) / 2
-    near = np.clip((NEAR_PERSON_M + 0.5 - person_m) / 0.5, 0, 1)
-    off_course = (1 - np.cos(next_observations[:, 1] * np.float32(math.pi))) / 2
-    near_by = CLOSENESS[setup.name]
-    apart = 1 - np.exp(-np.clip(person_m - near_by.enough_m, 0, None) / near_by.range_m)
-    terms = [
-        -np.square(np.clip(1 - person_m / FAR_ENOUGH_M[setup.name], 0, 1)),
-        -near_by.least - (1 - near_by.least) * apart,
-        -beside * np.clip(-on_left, 0, 1),
-        -beside * np.clip(on_left, 0, 1),
-        -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1)),
-        -speed * off_course,
-        -np.abs(np.clip(actions[:, 1], -1, 1)),
-        # The way around the person is priced too: driving past slowly is what was preferred.
-        -0.85 * near * np.square(np.clip((speed - SLOW_SHARE) / (1 - SLOW_SHARE), 0, 1)) - 0.15 * speed * off_course,
-        np.full(len(actions), -1.0),
-    ]
-    return np.stack(terms, axis=1).astype(np.float32)
+
+def best_possible(scenes: Sequence[Scene]) -> Doubles:
+    """(n, 9) the measure of each objective that no policy can better in that scene, whatever it gives up for it."""
+    return np.array([[objective.bound(SceneBounds(scene)) for objective in OBJECTIVES] for scene in scenes])

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from backend.analysis.metrics import min_human_distance, path_length
 from backend.learning.errors import LearningError
-from backend.learning.preferences.objectives import MEASURES, NAMES, gains, measures, typical_differences
+from backend.learning.preferences.measures import MEASURES, measures, typical_differences
+from backend.learning.preferences.objectives import NAMES, gains
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.spans import beginning
 from backend.learning.queries.queries import Query

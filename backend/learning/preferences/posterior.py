@@ -17,15 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
-from backend.learning.preferences.objectives import (
-    MEASURES,
-    NAMES,
-    OBJECTIVES,
-    OPPOSITES,
-    SIZE,
-    gains,
-    typical_differences,
-)
+from backend.learning.preferences.measures import MEASURES, typical_differences
+from backend.learning.preferences.objectives import NAMES, OBJECTIVES, OPPOSITES, SIZE, gains
 from backend.learning.preferences.spans import SPANS_S
 from backend.simulation.setups import get_setup
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.preferences.objectives import measures
+from backend.learning.preferences.measures import measures
 from backend.learning.queries.queries import Query
 from backend.simulation.trajectory import Outcome, Trajectory
 

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.preferences.objectives import MEASURES, NAMES, OPPOSITES, SIZE, measures, preference_weights
+from backend.learning.preferences.measures import MEASURES, TABLE, measures
+from backend.learning.preferences.objectives import NAMES, OPPOSITES, SIZE, preference_weights
 from backend.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, rounded
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
@@ -28,8 +29,6 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 OnProgress = Callable[[float, dict[str, float]], None]
 
-NOTICEABLE = (0.2, 0.3, 0.1, 0.5, 1.0, 0.1, 1.0)
-"""What a person would see of each measure, in its unit and the order of MEASURES. Ours, for describing sets only."""
 LARGEST_DIFFERENCE = 1.5  # standard deviations: a larger one is no clearer, so it counts no more when pairs are chosen
 SPREAD_WORTH = 0.05
 EXCHANGE_ROUNDS = 2
@@ -195,12 +194,12 @@ def describe_differences(query_set: QuerySet) -> dict[str, Any]:
         "setup": query_set.setup,
         "queries": len(query_set),
         "measures": {
-            name: {
+            measure.name: {
                 "sd": spread[k],
-                "noticeable_difference": NOTICEABLE[k],
-                "noticeable_share": float((np.abs(differences[:, k]) >= NOTICEABLE[k]).mean()),
+                "noticeable_difference": measure.noticeable,
+                "noticeable_share": float((np.abs(differences[:, k]) >= measure.noticeable).mean()),
             }
-            for k, name in enumerate(MEASURES)
+            for k, measure in enumerate(TABLE)
         },
         "correlations": correlations.tolist(),
         "largest_correlation": {"between": [MEASURES[i], MEASURES[j]], "value": between},

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.preferences.objectives import NAMES, gains, measures, step_terms, typical_differences
+from backend.learning.preferences.measures import measures, typical_differences
+from backend.learning.preferences.objectives import NAMES, gains, step_terms_of
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig, choice_probabilities, weights_of_shares
 from backend.learning.preferences.preferences import Preference, usable
 from backend.learning.preferences.spans import seen_differences
@@ -52,7 +53,7 @@ class WeightsRewardModel:
 
     def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
         del observations  # terms are read from the states that the steps led to
-        terms = step_terms(actions, next_observations, get_setup(self.setup))
+        terms = step_terms_of(actions, next_observations, get_setup(self.setup))
         values: Floats = terms @ self.preference_weights()
         return values
 

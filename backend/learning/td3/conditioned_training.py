@@ -19,15 +19,17 @@ from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.steerability import Steerability, best_possible, measured_rollouts, steerability_of
+from backend.learning.policies.steerability import Steerability, measured_rollouts, steerability_of
 from backend.learning.preferences.objectives import (
     MIRRORED,
     NAMES,
     OPPOSITES,
     SIZE,
+    best_possible,
     preference_weights,
+    scales,
     shares_of_reward,
-    step_terms,
+    step_terms_of,
 )
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
@@ -61,14 +63,9 @@ class RewardWeights:
 
 
 REWARD_WEIGHTS = {
-    "open_field": RewardWeights(
-        scales=(3.0, 1.0, 1.2, 1.2, 2.5, 2.0, 1.5, 1.2, 0.8), goal=30.0, collision=-30.0, progress=5.0
-    ),
-    # A trajectory has a third of the open field's steps, so that the same preference needs more per step to matter.
+    "open_field": RewardWeights(scales=scales("open_field"), goal=30.0, collision=-30.0, progress=5.0),
     # Time and turning are dear because robots that would rather not pass the person wait or circle.
-    "study_room": RewardWeights(
-        scales=(24.0, 7.0, 15.0, 15.0, 16.0, 7.0, 6.0, 10.0, 5.0), goal=65.0, collision=-80.0, time=0.6, turning=1.0
-    ),
+    "study_room": RewardWeights(scales=scales("study_room"), goal=65.0, collision=-80.0, time=0.6, turning=1.0),
 }
 
 
@@ -77,7 +74,7 @@ MIXTURES = {
     "slower_clearance": {"slower_near_person": 1.0, "clearance": 0.7},
     "left_faster": {"person_on_left": 1.0, "faster": 1.0},
 }
-"""Wants whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
+"""Preferences whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +213,7 @@ class ConditionedReplayBuffer(ReplayBuffer):
         dones: NDArray[np.bool_],
     ) -> None:
         rows = (self._next + np.arange(len(rewards))) % self.capacity
-        self.terms.numpy()[rows] = step_terms(actions, next_observations, self._setup)
+        self.terms.numpy()[rows] = step_terms_of(actions, next_observations, self._setup)
         self.weights.numpy()[rows] = self.rolled_out_by
         super().add(observations, actions, rewards, next_observations, dones)
 
@@ -339,14 +336,12 @@ def _check(base: Policy, config: ConditionedConfig) -> None:
         raise SetupError(f"base policy is of {base.setup}, setup = {config.setup}")
     if not base.critic:
         raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
-    scales = config.reward_in_use.scales
-    if len(scales) != SIZE or min(scales) < 0:
+    given = config.reward_in_use.scales
+    if len(given) != SIZE or min(given) < 0:
+        raise LearningError(f"reward_weights.scales = {given}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}")
+    if config.mirrored_share and any(given[k] != given[m] for k, m in enumerate(MIRRORED)):
         raise LearningError(
-            f"reward_weights.scales = {scales}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}"
-        )
-    if config.mirrored_share and any(scales[k] != scales[m] for k, m in enumerate(MIRRORED)):
-        raise LearningError(
-            f"reward_weights.scales = {scales}: mirroring needs the same scale for the person on either side"
+            f"reward_weights.scales = {given}: mirroring needs the same scale for the person on either side"
         )
     if config.buffer_size < config.base_transitions + config.n_envs:
         raise LearningError(

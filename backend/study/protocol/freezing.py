@@ -23,6 +23,7 @@ from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.kinds.evaluation import EvaluationStage
 from backend.study.kinds.wait import TrainStage
 from backend.study.personalising.training import Training
+from backend.study.protocol.analysis_checks import analysis_problems
 from backend.study.protocol.checking import problems_across
 from backend.study.protocol.naming import all_questionnaires, all_texts
 from backend.study.protocol.reading import Read, Reader, checked_length, checked_size
@@ -155,7 +156,7 @@ def thaw(study: Study | ProtocolVersion) -> FrozenProtocol:
     content = (study.protocol_yaml, tuple(sorted(study.files.items())))
     found = _thawed.get(content)
     if found is None:
-        found = _frozen(study.protocol_yaml, "protocol.yaml", study.files.get)
+        found = _frozen(study.protocol_yaml, "protocol.yaml", study.files.get, of_before=True)
         _thawed[content] = found
     return found
 
@@ -180,7 +181,8 @@ def shipped_protocols() -> list[Path]:
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
-def _frozen(text: str, file: str, read: Read) -> FrozenProtocol:
+def _frozen(text: str, file: str, read: Read, *, of_before: bool = False) -> FrozenProtocol:
+    """of_before: of a study that there is; its declared analysis was not always checked."""
     source = checked_size(Source(file, text))
     protocol = checked_length(parsed(source, Protocol), source)
     reader = Reader(protocol, source, read)
@@ -194,6 +196,7 @@ def _frozen(text: str, file: str, read: Read) -> FrozenProtocol:
     for name, path in all_texts(protocol):
         problems += reader.text(name, path)
     problems += problems_across(protocol, questionnaires, source)
+    problems += [] if of_before else analysis_problems(protocol, questionnaires, source)
     if problems:
         raise ProtocolError(problems)
     files = dict(sorted(reader.files.items()))

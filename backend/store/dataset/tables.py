@@ -1,80 +1,24 @@
-"""What an exported data set consists of: its tables, every column with its meaning, its file names.
+"""The tables of a data set, every column with its meaning. Filling them lives in `rows.py`, files in `writing.py`.
 
-The one source of the Parquet schemas, the data dictionary and the import. Filling the tables lives in `export.py`.
+The one source of the Parquet schemas, the data dictionary, the descriptions that tools read, and the import.
 """
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
-from typing import Any
-
-import pyarrow as pa
-
-FORMAT = "desirepath-dataset-6"
-# 3 has no strokes.walk; 4 no responses.device, and fixed completion codes in the protocol; 5 other names of columns
-READABLE = ("desirepath-dataset-3", "desirepath-dataset-4", "desirepath-dataset-5", FORMAT)
-STUDY_FILE = "study.json"
-CHECKSUMS_FILE = "checksums.sha256"
-DICTIONARY_FILE = "data-dictionary.md"
-PROTOCOL_FOLDER = "protocol"
-TRAJECTORY_FOLDER = "trajectories"
-DEMONSTRATION_FOLDER = "demonstrations"
-
-TEXT, WHOLE, NUMBER, YES_NO = pa.string(), pa.int64(), pa.float64(), pa.bool_()
-MOMENT = pa.timestamp("us", tz="UTC")
-FLOATS = pa.list_(pa.float32())
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column. json: the text is a JSON value. newer: older data sets that can still be read do not have it. former:
-    what it was called in those of before format 6."""
-
-    name: str
-    type: pa.DataType
-    meaning: str
-    json: bool = False
-    newer: bool = False
-    former: str | None = None
-
-    def type_name(self) -> str:
-        """The type in words a reader of CSV understands."""
-        words = {TEXT: "text", WHOLE: "whole number", NUMBER: "number", YES_NO: "true/false", MOMENT: "time, UTC ISO"}
-        return "text, JSON" if self.json else words.get(self.type, "list of numbers")
-
-    def formerly(self) -> str:
-        """What the dictionary says of the name it had."""
-        return f" (`{self.former}` before format 6)" if self.former else ""
-
-
-@dataclass(frozen=True)
-class Table:
-    """One table: one row per `row`."""
-
-    name: str
-    row: str
-    columns: tuple[Column, ...]
-    csv: bool = True
-
-    def schema(self) -> pa.Schema:
-        """The Parquet schema; every column says what it means."""
-        return pa.schema(
-            [pa.field(c.name, c.type, metadata={"meaning": c.meaning}) for c in self.columns],
-            metadata={"format": FORMAT, "row": self.row},
-        )
-
-    def unpacked(self, row: dict[str, Any]) -> dict[str, Any]:
-        """The row with its JSON columns as plain data. Raises ValueError naming the column that is no JSON."""
-        found = dict(row)
-        for column in self.columns:
-            if column.json and found[column.name] is not None:
-                try:
-                    found[column.name] = json.loads(found[column.name])
-                except ValueError:
-                    raise ValueError(f"{column.name} = {found[column.name]!r} is no JSON") from None
-        return found
-
+from backend.store.dataset.columns import (
+    FLOATS,
+    IS_CODE,
+    IS_ID,
+    IS_KEY,
+    IS_SHA,
+    MOMENT,
+    NUMBER,
+    TEXT,
+    WHOLE,
+    YES_NO,
+    Column,
+    Table,
+)
 
 _MARKS = (
     Column("simulated", YES_NO, "true: a simulated participant (a program), not a person"),
@@ -84,8 +28,12 @@ _TRIAL_MARKS = (
     Column("practice", YES_NO, "true: a practice trial; stored, never analysed", former="learning"),
     *_MARKS,
 )
-_PARTICIPANT = Column("participant", TEXT, "pseudonymous code, unique in the study")
-_SESSION = Column("session", TEXT, "id of the session")
+_PARTICIPANT = Column("participant", TEXT, "pseudonymous code, unique in the study", form=IS_CODE)
+_SESSION = Column("session", TEXT, "id of the session", form=IS_ID)
+_OF_PARTICIPANT = ("participant", "participants", "participant")
+_OF_SESSION = ("session", "sessions", "session")
+_OF_RESPONSE = ("response", "responses", "response")
+_TRAJECTORY = ("trajectories", "trajectory")
 
 PARTICIPANTS = Table(
     "participants",
@@ -105,6 +53,7 @@ PARTICIPANTS = Table(
         Column("excluded_at", MOMENT, "when they were excluded; empty if not"),
         Column("excluded_reason", TEXT, "why they were excluded, in the experimenter's words; empty if they withdrew"),
     ),
+    key=("participant",),
 )
 SESSIONS = Table(
     "sessions",
@@ -125,7 +74,6 @@ SESSIONS = Table(
         ),
         Column("language", TEXT, "language of the pages: en or de"),
         Column("seed", WHOLE, "seed of the session's plan (order of queries, of A and B)"),
-        Column("plan", TEXT, "the steps in the order they were planned", json=True),
         Column("position", WHOLE, "index of the step reached, from 0"),
         Column("device", TEXT, "screen and input of the last device used, as far as the page told", json=True),
         Column(
@@ -141,16 +89,40 @@ SESSIONS = Table(
         Column("last_seen_at", MOMENT, "last sign of life of the page"),
         Column("expires_at", MOMENT, "until when the link worked"),
     ),
+    key=("session",),
+    refers=(_OF_PARTICIPANT,),
+    older_columns=(Column("plan", TEXT, "the steps in the order they were planned", json=True),),
+)
+PLANNED_STEPS = Table(
+    "planned_steps",
+    "step of a session's plan, in the order they were planned; not every step is met",
+    (
+        _SESSION,
+        _PARTICIPANT,
+        *_MARKS,
+        Column("index", WHOLE, "order within the plan, from 0"),
+        Column("step", TEXT, "key of the step; trials and answers name it", form=IS_KEY),
+        Column("kind", TEXT, "what is done there: consent, trial, comparison, questionnaire, ..."),
+        Column("stage", TEXT, "stage of the protocol that it belongs to"),
+        Column("block", TEXT, "experimental condition, as in trials"),
+        Column("view", TEXT, "view of a trial"),
+        Column("role", TEXT, "role of a trial, as in trials"),
+        Column("query", TEXT, "query of a trial, where it is known before the session"),
+        Column("questionnaire", TEXT, "questionnaire that is asked"),
+        Column("planned", TEXT, "the whole step as it was planned", json=True),
+    ),
+    key=("session", "index"),
+    refers=(_OF_SESSION, _OF_PARTICIPANT),
 )
 TRIALS = Table(
     "trials",
     "trial (one query or comparison shown)",
     (
-        Column("trial", TEXT, "id of the trial"),
+        Column("trial", TEXT, "id of the trial", form=IS_ID),
         _SESSION,
         _PARTICIPANT,
         *_TRIAL_MARKS,
-        Column("step", TEXT, "key of the trial's step in the plan"),
+        Column("step", TEXT, "key of the trial's step in the plan", form=IS_KEY),
         Column("index", WHOLE, "order within the session"),
         Column("block", TEXT, "experimental condition (e.g. the view), where the protocol has several"),
         Column("kind", TEXT, "query (two trajectories), comparison (base and own policy) or evaluation (one alone)"),
@@ -160,7 +132,7 @@ TRIALS = Table(
             "practice (`learning` before format 6), regular, or a probe: repeat (asked again), swap (asked again, A "
             "and B exchanged), transitivity (the three pairs of three trajectories in one scene)",
         ),
-        Column("probe_of", TEXT, "repeat and swap: the trial that is asked again"),
+        Column("probe_of", TEXT, "repeat and swap: the trial that is asked again", form=IS_ID),
         Column("view", TEXT, "top_down, first_person or immersive (a desktop camera unless the device says headset)"),
         Column("query", TEXT, "id of the query, the same wherever it is asked"),
         Column(
@@ -169,8 +141,8 @@ TRIALS = Table(
             "true: the query's second trajectory was shown as A; empty in comparisons",
             former="turned",
         ),
-        Column("trajectory_a", TEXT, "trajectory shown first; see trajectories"),
-        Column("trajectory_b", TEXT, "trajectory shown second; see trajectories"),
+        Column("trajectory_a", TEXT, "trajectory shown first; see trajectories", form=IS_SHA),
+        Column("trajectory_b", TEXT, "trajectory shown second; see trajectories", form=IS_SHA),
         Column(
             "arms",
             TEXT,
@@ -192,17 +164,19 @@ TRIALS = Table(
         Column("restarts", WHOLE, "how often it started over (reload, hidden tab, lost connection)"),
         Column("replays", WHOLE, "how often it was watched again before the choice, where the protocol allows it"),
     ),
+    key=("trial",),
+    refers=(_OF_SESSION, _OF_PARTICIPANT, ("trajectory_a", *_TRAJECTORY), ("trajectory_b", *_TRAJECTORY)),
 )
 RESPONSES = Table(
     "responses",
     "answer (of any step, also consent and questionnaires)",
     (
-        Column("response", TEXT, "id of the answer"),
-        Column("trial", TEXT, "id of the trial it answers; empty for other steps"),
+        Column("response", TEXT, "id of the answer", form=IS_ID),
+        Column("trial", TEXT, "id of the trial it answers; empty for other steps", form=IS_ID),
         _SESSION,
         _PARTICIPANT,
         *_TRIAL_MARKS,
-        Column("step", TEXT, "key of the step"),
+        Column("step", TEXT, "key of the step", form=IS_KEY),
         Column("kind", TEXT, "what was asked: preference, comparison, questionnaire, comprehension, consent, ..."),
         Column("view", TEXT, "view of the trial"),
         Column("role", TEXT, "role of the trial"),
@@ -217,25 +191,33 @@ RESPONSES = Table(
         Column("choice", TEXT, "what was chosen, a or b, where that was the question"),
         Column("value", TEXT, "the whole answer as it was given", json=True),
         Column("decision_s", NUMBER, "seconds from the choice becoming possible to the answer"),
-        Column("consent", TEXT, "the consent in force: id of its answer; empty before it was given"),
+        Column("consent", TEXT, "the consent in force: id of its answer; empty before it was given", form=IS_ID),
         Column("consent_version", TEXT, "version of that consent's text; its hash is in the consent's value"),
         Column("client_time", MOMENT, "when it was given by the browser's clock"),
         Column("created_at", MOMENT, "when it was stored by the server's clock"),
     ),
+    key=("response",),
+    refers=(_OF_SESSION, _OF_PARTICIPANT, ("trial", "trials", "trial")),
 )
 ITEMS = Table(
     "questionnaire_items",
     "item of an answered questionnaire",
     (
-        Column("response", TEXT, "id of the answer the item belongs to"),
+        Column("response", TEXT, "id of the answer the item belongs to", form=IS_ID),
         _SESSION,
         _PARTICIPANT,
         *_MARKS,
-        Column("step", TEXT, "key of the questionnaire's step"),
+        Column("step", TEXT, "key of the questionnaire's step", form=IS_KEY),
         Column("item", TEXT, "key of the item; its wording is in the protocol"),
+        Column("questionnaire", TEXT, "name of the questionnaire", newer=True),
+        Column(
+            "condition", TEXT, "experimental condition that was rated, as `block` of trials; else empty", newer=True
+        ),
         Column("answer", TEXT, "the answer; several choices are a JSON list"),
         Column("answer_number", NUMBER, "the answer where it is a number, e.g. 1 to 7"),
     ),
+    key=("response", "item"),
+    refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT),
 )
 EVENTS = Table(
     "events",
@@ -246,17 +228,19 @@ EVENTS = Table(
         _SESSION,
         _PARTICIPANT,
         *_MARKS,
-        Column("trial", TEXT, "id of the trial it is about, where there is one"),
+        Column("trial", TEXT, "id of the trial it is about, where there is one", form=IS_ID),
         Column("kind", TEXT, "what happened"),
         Column("client_time", MOMENT, "when, browser's clock"),
         Column("data", TEXT, "details", json=True),
     ),
+    key=("number",),
+    refers=(_OF_SESSION, _OF_PARTICIPANT),
 )
 PAIRS = Table(
     "pairs",
     "answered query as chosen and rejected trajectory, for preference learning",
     (
-        Column("response", TEXT, "id of the answer"),
+        Column("response", TEXT, "id of the answer", form=IS_ID),
         _PARTICIPANT,
         *_TRIAL_MARKS,
         Column("source", TEXT, "human or simulated"),
@@ -265,21 +249,23 @@ PAIRS = Table(
         Column("view", TEXT, "view it was answered in"),
         Column("query", TEXT, "id of the query"),
         Column("setup", TEXT, "setup of both trajectories"),
-        Column("scene_hash", TEXT, "sha256 of the scene both ran in"),
-        Column("chosen", TEXT, "trajectory that was chosen"),
-        Column("rejected", TEXT, "trajectory that was not"),
+        Column("scene_hash", TEXT, "sha256 of the scene both ran in", form=IS_SHA),
+        Column("chosen", TEXT, "trajectory that was chosen", form=IS_SHA),
+        Column("rejected", TEXT, "trajectory that was not", form=IS_SHA),
         Column("chosen_shown", TEXT, "first or second: position of the chosen one"),
     ),
+    key=("response",),
+    refers=(_OF_RESPONSE, _OF_PARTICIPANT, ("chosen", *_TRAJECTORY), ("rejected", *_TRAJECTORY)),
 )
 STROKES = Table(
     "strokes",
     "path that was drawn (every attempt, also those that were taken back)",
     (
-        Column("stroke", TEXT, "id of the stroke; the answer that kept it names it"),
+        Column("stroke", TEXT, "id of the stroke; the answer that kept it names it", form=IS_ID),
         _SESSION,
         _PARTICIPANT,
         *_MARKS,
-        Column("step", TEXT, "key of the step it was drawn at"),
+        Column("step", TEXT, "key of the step it was drawn at", form=IS_KEY),
         Column("attempt", WHOLE, "order within the step, from 1"),
         Column("environment", TEXT, "setup of the scene: corridor or room"),
         Column("pair", WHOLE, "which of the environment's places (start, goal, person), from 0"),
@@ -304,8 +290,9 @@ STROKES = Table(
             "demonstration",
             TEXT,
             "sha256 of its file in demonstrations/: spline, commands, rollout; empty if refused",
+            form=IS_SHA,
         ),
-        Column("trajectory", TEXT, "the robot's rollout along it with all transitions; see trajectories"),
+        Column("trajectory", TEXT, "the robot's rollout along it with all transitions; see trajectories", form=IS_SHA),
         Column("watched_at", MOMENT, "when the rollout had been watched to its end, server's clock"),
         Column("client_time", MOMENT, "when it was sent, browser's clock"),
         Column("created_at", MOMENT, "when it was stored, server's clock"),
@@ -313,29 +300,56 @@ STROKES = Table(
         Column("left_out_by", TEXT, "who decided that"),
         Column("left_out_reason", TEXT, "and why"),
     ),
+    key=("stroke",),
+    refers=(_OF_SESSION, _OF_PARTICIPANT, ("trajectory", *_TRAJECTORY)),
 )
 TRAJECTORIES = Table(
     "trajectories",
     "trajectory shown in the study; the arrays are in trajectories/ID.npz and in trajectory_steps.parquet",
     (
-        Column("trajectory", TEXT, "sha256 of its NPZ file, which has that name"),
+        Column("trajectory", TEXT, "sha256 of its NPZ file, which has that name", form=IS_SHA),
         Column("setup", TEXT, "scene generator, robot limits, observation layout and core reward"),
-        Column("scene_hash", TEXT, "sha256 of the scene"),
+        Column("scene_hash", TEXT, "sha256 of the scene", form=IS_SHA),
         Column("scene", TEXT, "the whole scene: room, obstacles, person (m, rad), start, goal, goal radius", json=True),
         Column("outcome", TEXT, "success, collision, timeout, or running (cut before the end)"),
         Column("steps", WHOLE, "control steps"),
         Column("dt_s", NUMBER, "seconds per control step"),
+        Column("robot_radius_m", NUMBER, "radius of the robot: clearances are from its surface", newer=True),
         Column("duration_s", NUMBER, "seconds from start to end"),
         Column("self_intersections", WHOLE, "how often the path crossed itself"),
         Column("made_by", TEXT, "artefact id of the policy, where it is known"),
         Column("created_at", MOMENT, "when it was stored"),
     ),
+    key=("trajectory",),
+)
+METRICS = Table(
+    "trajectory_metrics",
+    "trajectory, with what the report compares (backend/analysis/metrics.py; poses every dt_s)",
+    (
+        Column("trajectory", TEXT, "id of the trajectory", form=IS_SHA),
+        Column("outcome", TEXT, "as in trajectories"),
+        Column("time_s", NUMBER, "seconds from start to end"),
+        Column("path_length_m", NUMBER, "length of the path"),
+        Column("mean_speed_m_per_s", NUMBER, "length by time"),
+        Column("accumulated_angle_rad", NUMBER, "sum of all changes of heading"),
+        Column("min_human_distance_m", NUMBER, "smallest distance from the robot's centre to the person's"),
+        Column(
+            "min_obstacle_distance_m",
+            NUMBER,
+            "smallest distance from the robot's surface to an obstacle or wall, the person not counted; empty: none",
+        ),
+        Column("path_area_m2", NUMBER, "area between the path and the straight line from start to goal"),
+        Column("straight_distance_m", NUMBER, "from start to goal"),
+        Column("relative_path_length", NUMBER, "length by that distance"),
+    ),
+    key=("trajectory",),
+    refers=(("trajectory", *_TRAJECTORY),),
 )
 STEPS = Table(
     "trajectory_steps",
     "control step of a trajectory",
     (
-        Column("trajectory", TEXT, "id of the trajectory"),
+        Column("trajectory", TEXT, "id of the trajectory", form=IS_SHA),
         Column("step", WHOLE, "from 0"),
         Column("time_s", NUMBER, "seconds since the start, at the beginning of the step"),
         Column("x_m", NUMBER, "robot's position at the beginning of the step; right-handed, z up"),
@@ -352,54 +366,10 @@ STEPS = Table(
         Column("next_observation", FLOATS, "the state after the step"),
     ),
     csv=False,
+    key=("trajectory", "step"),
+    refers=(("trajectory", *_TRAJECTORY),),
 )
-TABLES = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, ITEMS, EVENTS, PAIRS, STROKES, TRAJECTORIES, STEPS)
-
-
-def data_dictionary() -> str:
-    """The data dictionary in Markdown, as it lies in every data set and in docs/."""
-    lines = [
-        "# Data dictionary",
-        "",
-        "What the files of an exported study mean. Written by `desirepath export`; do not edit by hand.",
-        "",
-        "Every table comes as Parquet (typed, exact; what `desirepath import` reads) and, if not said otherwise, as",
-        "CSV (UTF-8, comma, quotes doubled). In CSV, a text that a spreadsheet could take for a formula (beginning",
-        "with `=`, `+`, `-`, `@`, tab or line break) has an apostrophe put before it. Units are SI and in the column's",
-        "name; angles are radians. Ids are random or hashes; nothing that identifies a person is exported: no",
-        "recruiting ids (where one was typed into a text it reads `[removed]`), no network addresses, no link tokens,",
-        "no completion codes, no problem reports. A completion code that is the same for everybody reads `REMOVED` in",
-        "the protocol's copy, and the address people return by `https://removed.invalid/`; `sha256` in",
-        f"`{STUDY_FILE}` is the protocol's as it ran, `written_sha256` that of this copy. Free-text answers are",
-        "exported as they were written: read them before you publish.",
-        "",
-        "**Who withdrew** is one row in `participants` with code and times, so that the flow of participants adds up.",
-        "Their sessions, trials, answers, events and the trajectories that only they saw are not in the data set. Data",
-        "sets written before they withdrew still hold them: replace those by a new one.",
-        "",
-        "**Data for publication** (`--open-data`) hold nothing of who did not agree to it but that row.",
-        "",
-        "**Before you analyse**, leave out rows with `excluded` or `practice` true, and decide about `simulated` ones.",
-        "",
-        "**Where the person stood** is in the scene: `person.pose.x` and `person.pose.y` (metres, in the same frame as",
-        "`poses`) and `person.pose.yaw` (radians) of column `scene` and of `scene` in a trajectory's `meta`.",
-        "",
-        "| file | holds |",
-        "|---|---|",
-        f"| `{STUDY_FILE}` | study, protocol hash, setups, licence, citation, counts |",
-        f"| `{PROTOCOL_FOLDER}/` | the study's frozen copy of the protocol and its texts |",
-        f"| `{TRAJECTORY_FOLDER}/ID.npz` | arrays of one trajectory: `poses` (T+1, 3: x m, y m, yaw rad), "
-        "`observations` and `next_observations` (T, n), `actions` (T, 2), `rewards` (T), `dones` (T); `meta`: JSON "
-        "bytes with scene, outcome, dt. Read with `numpy.load(path, allow_pickle=False)` |",
-        f"| `{DEMONSTRATION_FOLDER}/ID.npz` | one demonstration, where paths were drawn: `stroke_points`, "
-        "`stroke_speeds`, `stroke_times_s` as drawn; cubic B-splines `spline_knots`, `spline_coefficients`, "
-        "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its NPZ |",
-        f"| `{DICTIONARY_FILE}` | this text |",
-        f"| `{CHECKSUMS_FILE}` | sha256 of every other file; check with `sha256sum -c {CHECKSUMS_FILE}` |",
-    ]
-    for table in TABLES:
-        endings = "`.csv`, `.parquet`" if table.csv else "`.parquet` only"
-        lines += ["", f"## {table.name}", "", f"One row per {table.row}. {endings}", "", "| column | type | meaning |"]
-        lines += ["|---|---|---|"]
-        lines += [f"| `{c.name}` | {c.type_name()} | {c.meaning}{c.formerly()} |" for c in table.columns]
-    return "\n".join(lines) + "\n"
+TABLES = (
+    *(PARTICIPANTS, SESSIONS, PLANNED_STEPS, TRIALS, RESPONSES, ITEMS, EVENTS, PAIRS, STROKES),
+    *(TRAJECTORIES, METRICS, STEPS),
+)

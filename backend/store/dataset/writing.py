@@ -1,20 +1,18 @@
 """Writes a study as a data set: CSV, Parquet, trajectories, protocol, dictionary, checksums.
 
-What the tables are lives in `dataset.py`, reading one back in `importing.py`. Who took part under which recruiting id,
+What the tables are lives in `tables.py`, reading one back in `reading.py`. Who took part under which recruiting id,
 from where and with which link never leaves the database, nor do completion codes; of who withdrew only that and when.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
+import math
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict
-from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -25,31 +23,38 @@ import pyarrow.parquet as pq
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from backend.simulation.setups import get_setup
+from backend.analysis.metrics import measure
+from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.dataset import (
+from backend.store.dataset.columns import (
     CHECKSUMS_FILE,
     DICTIONARY_FILE,
-    EVENTS,
     FORMAT,
+    PROTOCOL_FOLDER,
+    STUDY_FILE,
+    TRAJECTORY_FOLDER,
+    Table,
+)
+from backend.store.dataset.csv_text import csv_text
+from backend.store.dataset.dictionary import data_dictionary
+from backend.store.dataset.rows import Content
+from backend.store.dataset.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
+from backend.store.dataset.tables import (
+    EVENTS,
     ITEMS,
+    METRICS,
     PAIRS,
     PARTICIPANTS,
-    PROTOCOL_FOLDER,
+    PLANNED_STEPS,
     RESPONSES,
     SESSIONS,
     STEPS,
     STROKES,
-    STUDY_FILE,
     TRAJECTORIES,
-    TRAJECTORY_FOLDER,
     TRIALS,
-    Table,
-    data_dictionary,
 )
-from backend.store.export_rows import Content
 from backend.store.models import (
     ProtocolVersion,
     Study,
@@ -58,11 +63,21 @@ from backend.store.models import (
     protocol_digest,
 )
 from backend.store.payment_codes import changes_without, data_without, yaml_without
-from backend.store.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
 
 Row = dict[str, Any]
-FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 STEPS_ROWS_AT_ONCE = 4096
+MEASURED = {
+    "time_s": "time",
+    "path_length_m": "path_length",
+    "mean_speed_m_per_s": "mean_speed",
+    "accumulated_angle_rad": "accumulated_angle",
+    "min_human_distance_m": "min_human_distance",
+    "min_obstacle_distance_m": "min_obstacle_distance",
+    "path_area_m2": "path_area",
+    "straight_distance_m": "straight_distance",
+    "relative_path_length": "relative_path_length",
+}
+"""Column of the table of metrics -> field of `TrajectoryMetrics`."""
 
 
 class ExportError(ValueError):
@@ -111,13 +126,16 @@ def answers_of(s: Session, study: Study, *, pilots: bool = False) -> dict[str, l
     pilots: with the pilot participants.
     """
     content = Content(s, study, pilots=pilots)
-    tables = {
+    tables: dict[Table, Iterable[Row]] = {
         PARTICIPANTS: content.participants(),
         SESSIONS: content.sessions(),
         TRIALS: content.trials(),
         RESPONSES: content.responses(),
     }
-    return {table.name: [table.unpacked(row) for row in rows] for table, rows in tables.items()}
+    found = {table.name: [table.unpacked(row) for row in rows] for table, rows in tables.items()}
+    for row in found[SESSIONS.name]:
+        row["plan"] = content.by_id[row["session"]].plan
+    return found
 
 
 def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, content: Content) -> dict[str, int]:
@@ -131,6 +149,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     tables: dict[Table, list[Row]] = {
         PARTICIPANTS: list(content.participants()),
         SESSIONS: list(content.sessions()),
+        PLANNED_STEPS: list(content.planned_steps()),
         TRIALS: trials,
         RESPONSES: list(content.responses()),
         ITEMS: list(content.items()),
@@ -139,42 +158,22 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         STROKES: list(stroke_rows(strokes, content.of_session)),
     }
     write_demonstrations(files, strokes, out)
-    tables[TRAJECTORIES], step_count = _write_trajectories(files, [stored[name] for name in shown], out)
+    tables[TRAJECTORIES], tables[METRICS], step_count = _write_trajectories(files, [stored[one] for one in shown], out)
     counted = {f"{STEPS.name}.parquet": step_count}
     for table, rows in tables.items():
         pq.write_table(pa.Table.from_pylist(rows, schema=table.schema()), out / f"{table.name}.parquet")
-        (out / f"{table.name}.csv").write_text(_csv(table, rows), encoding="utf-8", newline="")
+        (out / f"{table.name}.csv").write_text(csv_text(table, rows), encoding="utf-8", newline="")
         counted |= {f"{table.name}.{ending}": len(rows) for ending in ("parquet", "csv")}
     _write_study(s, study, out, {table.name: len(rows) for table, rows in tables.items()}, stored.values())
     return counted
 
 
-def _csv(table: Table, rows: Iterable[Row]) -> str:
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    names = [column.name for column in table.columns]
-    writer.writerow(names)
-    for row in rows:
-        writer.writerow([_cell(row[name]) for name in names])
-    return out.getvalue()
-
-
-def _cell(value: Any) -> str:
-    """One CSV cell; text that a spreadsheet would run as a formula is made plain text."""
-    if value is None:
-        return ""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, datetime):
-        return value.isoformat(timespec="microseconds")
-    if isinstance(value, str) and value.startswith(FORMULA_STARTS):
-        return f"'{value}"
-    return str(value)
-
-
-def _write_trajectories(files: ArtefactStore, stored: list[TrajectoryRow], out: Path) -> tuple[list[Row], int]:
-    """Write the NPZ files and the table of steps. Returns the rows of the trajectories' table and the steps' count."""
-    rows, count = [], 0
+def _write_trajectories(
+    files: ArtefactStore, stored: list[TrajectoryRow], out: Path
+) -> tuple[list[Row], list[Row], int]:
+    """Write the NPZ files and the table of steps. Returns the rows of the tables of trajectories and of their metrics,
+    and the steps' count."""
+    rows, measured, count = [], [], 0
     waiting: list[Row] = []
     with pq.ParquetWriter(out / f"{STEPS.name}.parquet", STEPS.schema()) as writer:
         for row in stored:
@@ -190,19 +189,31 @@ def _write_trajectories(files: ArtefactStore, stored: list[TrajectoryRow], out: 
                     "outcome": Outcome(row.outcome).name.lower(),
                     "steps": row.steps,
                     "dt_s": trajectory.dt,
+                    "robot_radius_m": ROBOT_RADIUS_M,
                     "duration_s": row.duration_s,
                     "self_intersections": trajectory.self_intersections,
                     "made_by": row.made_by,
                     "created_at": row.created_at,
                 }
             )
+            measured.append(_metrics(row.id, trajectory))
             waiting += _steps(row.id, trajectory)
             count += row.steps
             if len(waiting) >= STEPS_ROWS_AT_ONCE:
                 writer.write_table(pa.Table.from_pylist(waiting, schema=STEPS.schema()))
                 waiting = []
         writer.write_table(pa.Table.from_pylist(waiting, schema=STEPS.schema()))
-    return rows, count
+    return rows, measured, count
+
+
+def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
+    found = measure([trajectory])
+    values = {column: float(getattr(found, name)[0]) for column, name in MEASURED.items()}
+    return {
+        "trajectory": trajectory_id,
+        "outcome": Outcome(trajectory.outcome).name.lower(),
+        **{column: value if math.isfinite(value) else None for column, value in values.items()},
+    }
 
 
 def _steps(trajectory_id: str, trajectory: Trajectory) -> Iterator[Row]:
@@ -251,6 +262,7 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
             "limits": asdict(setup.limits),
             "core_reward": asdict(setup.reward),
             "goal_radius_m": setup.goal_radius_m,
+            "robot_radius_m": ROBOT_RADIUS_M,
             "observation_layout": setup.observation_layout(),
         }
     _write_json(

@@ -1,4 +1,4 @@
-"""The rows of an exported study: marked, scrubbed, in a fixed order. Writing the files lives in `export.py`.
+"""The rows of an exported study: marked, scrubbed, in a fixed order. Writing the files lives in `writing.py`.
 
 Who took part under which recruiting id, from where and with which link never leaves the database; of who withdrew, or
 is left out of data for publication, only that and when.
@@ -16,7 +16,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import frozen_items
-from backend.store.events import FORBIDDEN_KEYS, mentions
+from backend.store.events import FORBIDDEN_KEYS
 from backend.store.models import (
     MARKS,
     Event,
@@ -29,8 +29,9 @@ from backend.store.models import (
     Trial,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.plain_data import copied, mentions
 from backend.store.sides import chosen_and_rejected, is_side
-from backend.store.who_counts import is_practice, left_out_of_study, may_be_published
+from backend.store.who_counts import is_practice, left_out_of_study, may_be_published, role_of
 
 Row = dict[str, Any]
 REMOVED = "[removed]"
@@ -81,6 +82,7 @@ class Content:
         for change in s.scalars(changes):
             self.devices_before.setdefault(change.session_id or "", []).append((change.at, change.data["before"]))
         self.consent_versions = {one.id: one.value.get("version") for one in self.answers if one.kind == "consent"}
+        self._steps: dict[str, dict[str, Row]] = {}
         self.secrets = _recruiting_words(s, study.id)
         self.chosen_items = _items_without_free_text(s, study)
 
@@ -113,7 +115,6 @@ class Content:
                 "assignment": as_json(row.assignment),
                 "language": row.language,
                 "seed": row.seed,
-                "plan": as_json(row.plan),
                 "position": row.position,
                 "device": as_json(row.device),
                 "personalisation": row.personalisation,
@@ -124,6 +125,18 @@ class Content:
                 "last_seen_at": row.last_seen_at,
                 "expires_at": row.expires_at,
             }
+
+    def planned_steps(self) -> Iterator[Row]:
+        for session in self.by_id.values():
+            for index, step in enumerate(session.plan):
+                yield {
+                    **self.of_session(session.id),
+                    "index": index,
+                    "step": step["key"],
+                    "role": role_of(step["role"]) if "role" in step else None,
+                    **{name: step.get(name) for name in ("kind", "stage", "block", "view", "query", "questionnaire")},
+                    "planned": as_json(step),
+                }
 
     def trials(self) -> Iterator[Row]:
         for trial in self.trial_rows:
@@ -186,6 +199,7 @@ class Content:
         for answer in self.answers:
             if answer.kind != "questionnaire":
                 continue
+            step = self._step_of(answer)
             for item, given in sorted(self._value(answer).items()):
                 if item in MARKS:
                     continue
@@ -195,9 +209,17 @@ class Content:
                     **self.of_session(answer.session_id),
                     "step": answer.step_key,
                     "item": item,
+                    "questionnaire": step.get("questionnaire"),
+                    "condition": step.get("block"),
                     "answer": given if isinstance(given, str) else as_json(given),
                     "answer_number": float(given) if is_number else None,
                 }
+
+    def _step_of(self, answer: Response) -> Row:
+        """The step of the plan that was answered; empty where the plan does not have it."""
+        if answer.session_id not in self._steps:
+            self._steps[answer.session_id] = {step["key"]: step for step in self.by_id[answer.session_id].plan}
+        return self._steps[answer.session_id].get(answer.step_key, {})
 
     def events(self) -> Iterator[Row]:
         found = self.s.scalars(select(Event).where(Event.study_id == self.study.id).order_by(Event.id))
@@ -259,11 +281,7 @@ class Content:
 
     def _scrub_all(self, value: Any) -> Any:
         """Plain data with every text in it scrubbed."""
-        if isinstance(value, dict):
-            return {key: self._scrub_all(inner) for key, inner in value.items()}
-        if isinstance(value, list):
-            return [self._scrub_all(inner) for inner in value]
-        return self._scrub(value) if isinstance(value, str) else value
+        return copied(value, text=self._scrub) if self.secrets else value
 
     def _scrub(self, text: str | None) -> str | None:
         """The text without any recruiting id of this study, wherever it came in (an address bar, a free-text field)."""
@@ -274,13 +292,10 @@ class Content:
 
 def as_json(value: Any) -> str | None:
     """JSON without the entries that must not leave the database."""
-    return None if value is None else json.dumps(_allowed(value), sort_keys=True, ensure_ascii=False)
-
-
-def _allowed(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _allowed(inner) for key, inner in value.items() if key.lower() not in FORBIDDEN_KEYS}
-    return [_allowed(inner) for inner in value] if isinstance(value, list) else value
+    if value is None:
+        return None
+    allowed = copied(value, without=lambda key, _: key.lower() in FORBIDDEN_KEYS)
+    return json.dumps(allowed, sort_keys=True, ensure_ascii=False)
 
 
 def _items_without_free_text(s: Session, study: Study) -> set[str]:

@@ -1,6 +1,6 @@
 """Drawn paths on their way into a data set and back: rows and files. Snapshots are `demonstration_snapshots.py`'s.
 
-What a stroke is stands in `models`, what its columns mean in `dataset.py`.
+What a stroke is stands in `models`, what its columns mean in `tables.py`.
 
 A walk (`StrokeRow.walk`) is {"source": "walked", "times_s": [...], "poses": [[x m, y m, yaw rad], ...] as recorded,
 "spline": {...} as `Walk`, "beside": the trajectory that the participant walked beside (id), "simulated"} or
@@ -19,7 +19,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.store.artefacts import ArtefactStore
-from backend.store.dataset import DEMONSTRATION_FOLDER
+from backend.store.dataset.columns import DEMONSTRATION_FOLDER
 from backend.store.demonstration_snapshots import StrokeError
 from backend.store.models import StrokeRow
 

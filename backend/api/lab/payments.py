@@ -1,0 +1,141 @@
+"""Who has to be paid: the platform's ids with participant, state, completion code and time, and the files that the
+platform reads. The only page on which a person's id of elsewhere stands beside a code of ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from decimal import Decimal, InvalidOperation
+from typing import Literal
+
+from fastapi import APIRouter, Depends, Request
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import PlainTextResponse, Response
+
+from backend.api.analyst.job_pages import csv_response
+from backend.api.core.auth import checked_csrf
+from backend.api.core.dependencies import Db
+from backend.api.core.lab_frame import LabRefusal
+from backend.api.lab.study_tabs import study_tab, the_study
+from backend.store.models import Participant, RecruitingId, Session
+from backend.store.who_counts import FINISHED
+
+LARGEST_BONUS = Decimal(1000)  # of one person (ours), against a slip of the decimal point
+ENDED = ("withdrawn", "screened_out", "expired")  # nothing more will come of these
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+
+
+@dataclass(frozen=True)
+class Payee:
+    """Somebody whom a platform sent. `state`: of the newest session; `minutes`: from the first start to the end."""
+
+    platform: str
+    external_id: str
+    code: str
+    pilot: bool
+    excluded: bool
+    state: str
+    completion_code: str | None
+    joined_at: datetime
+    finished_at: datetime | None
+    minutes: float | None
+
+    @property
+    def completed(self) -> bool:
+        return self.state == FINISHED
+
+
+def payees(s: DatabaseSession, study_id: str) -> list[Payee]:
+    """Everybody with a platform's id, in the order in which they joined."""
+    newest: dict[str, Payee] = {}
+    begun: dict[str, datetime] = {}
+    rows = (
+        select(RecruitingId, Participant, Session)
+        .join(Participant, Participant.id == RecruitingId.participant_id)
+        .join(Session, Session.participant_id == Participant.id)
+        .where(RecruitingId.study_id == study_id)
+        .order_by(Participant.created_at, Participant.code, Session.appointment)
+    )
+    for known, person, session in s.execute(rows):
+        start = begun.setdefault(person.id, session.started_at or session.created_at)
+        ended = session.finished_at
+        newest[person.id] = Payee(
+            platform=known.platform,
+            external_id=known.external_id,
+            code=person.code,
+            pilot=person.pilot,
+            excluded=person.excluded_at is not None,
+            state="withdrawn" if person.withdrawn_at else session.state,
+            completion_code=session.completion_code,
+            joined_at=person.created_at,
+            finished_at=ended,
+            minutes=(ended - start).total_seconds() / 60 if ended else None,
+        )
+    return list(newest.values())
+
+
+@router.get("/lab/studies/{study_id}/payments")
+def payments(request: Request, study_id: str, database: Db) -> Response:
+    with database.session() as s:
+        study = the_study(s, study_id)
+        found = payees(s, study.id)
+        return study_tab(
+            request,
+            study,
+            "recruit",
+            "lab/payments.html",
+            payees=found,
+            completed=sum(one.completed for one in found),
+            ended=sum(one.state in ENDED for one in found),
+        )
+
+
+@router.get("/lab/studies/{study_id}/payments.csv")
+def payments_csv(
+    study_id: str,
+    database: Db,
+    which: Literal["all", "approve", "reject", "bonus"] = "all",
+    bonus: str = "",
+) -> Response:
+    """`all` with every column; `approve` and `reject`: the platform's ids alone, one a line, of completed and of ended
+    sessions; `bonus`: id and amount of all that completed."""
+    with database.session() as s:
+        study = the_study(s, study_id)
+        found = payees(s, study.id)
+    name = f"{study.protocol_name}-{study.id[:8]}-{which}.csv"
+    if which == "all":
+        columns = ["platform_id", "participant", "state", "completion_code", "joined_at", "finished_at", "minutes"]
+        return csv_response(columns, [_row(one) for one in found], name)
+    if which == "bonus":
+        amount = _amount(bonus)
+        return _lines([f"{one.external_id},{amount}" for one in found if one.completed], name)
+    wanted = [one for one in found if (one.completed if which == "approve" else one.state in ENDED)]
+    return _lines([one.external_id for one in wanted], name)
+
+
+def _row(one: Payee) -> list[object]:
+    minutes = "" if one.minutes is None else f"{one.minutes:.1f}"
+    finished = one.finished_at.isoformat() if one.finished_at else ""
+    id_ = f"'{one.external_id}" if one.external_id[:1] in "=+-@\t\r" else one.external_id  # no formula in a sheet
+    return [id_, one.code, one.state, one.completion_code or "", one.joined_at.isoformat(), finished, minutes]
+
+
+def _lines(lines: Sequence[str], name: str) -> Response:
+    """Lines without a head, as platforms want them pasted or uploaded."""
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return PlainTextResponse("".join(f"{line}\n" for line in lines), media_type="text/csv", headers=headers)
+
+
+def _amount(given: str) -> str:
+    """Raises LabRefusal for what is no amount of money."""
+    try:
+        amount = Decimal(given.strip().replace(",", "."))
+    except InvalidOperation:
+        amount = Decimal(0)
+    if not (amount.is_finite() and 0 < amount <= LARGEST_BONUS):
+        raise LabRefusal(422, "bad_bonus", value=given[:20], largest=str(LARGEST_BONUS))
+    return f"{amount:.2f}"
