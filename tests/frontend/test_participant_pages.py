@@ -53,6 +53,8 @@ def opened(chromium: Browser, pages: str) -> Iterator[Open]:
         contexts.append(context)
         page = context.new_page()
         page.goto(f"{pages}{address}?language={language}&{gate}")
+        if address.startswith("/step/"):
+            page.locator(".step-body[data-live]").wait_for(state="attached")  # its kind's module has come
         return page
 
     yield opening
@@ -287,7 +289,7 @@ def test_consent_wants_every_point_ticked(opened: Open) -> None:
 def test_a_break_rests_as_long_as_the_protocol_says(opened: Open) -> None:
     page = opened("/step/break")
     assert page.get_by_role("button", name="Continue").is_disabled()
-    assert page.get_by_text("You can go on in").is_visible()
+    page.get_by_text("You can go on in").wait_for()
     page.get_by_role("button", name="Continue", disabled=False).wait_for()
     assert page.get_by_text("Go on whenever you are ready.").is_visible()
 

@@ -4,15 +4,13 @@
  * and goes on to the next page.
  */
 
-import { readyForm } from "./questions.js";
+import { kindModule } from "./kind.js";
 import { pageData, speaker } from "./say.js";
 import { StageFrame } from "./stage-frame.js";
-import { Trial } from "./trial.js";
 
 const data = pageData();
 const say = speaker(data.texts, data.language);
 const step = /** @type {HTMLElement} */ (document.getElementById("step"));
-const bar = /** @type {HTMLElement | null} */ (document.getElementById("trial"));
 
 async function goOn() {
   location.assign(data.next);
@@ -33,57 +31,64 @@ function cover(text) {
   if (text !== null) words.textContent = text;
 }
 
-if (bar) {
-  document.body.dataset.layout = "stage";
-  let restarts = 0;
+let restarts = 0;
 
-  /** @param {"a" | "b"} drive */
-  async function play(drive) {
-    const answer = await fetch(`/lab/preview-stage/${data.stage_token}/${drive}`, {
-      method: "POST",
-      headers: { "X-CSRF": data.csrf },
-    });
-    if (!answer.ok) location.reload();
-    return { phase: `playing_${drive}`, playback_id: drive };
-  }
+/** @param {import("./contract.js").Seen["side"]} side */
+async function play(side) {
+  const answer = await fetch(`/lab/preview-stage/${data.stage_token}/${side}`, {
+    method: "POST",
+    headers: { "X-CSRF": data.csrf },
+  });
+  if (!answer.ok) location.reload();
+  return { phase: `playing_${side}`, playback_id: side };
+}
 
-  /**
-   * What the server would say.
-   * @param {string} path @param {any} body
-   */
-  async function post(path, body) {
-    let trial;
-    if (path === "start") trial = await play("a");
-    else if (path === "seen") trial = body.drive === "a" ? await play("b") : { phase: "choosing" };
-    else trial = { phase: "ready", restarts: (restarts += 1) };
-    return { step: { key: data.key, trial } };
-  }
+/**
+ * What the server would say.
+ * @param {string} path @param {any} body
+ */
+async function post(path, body) {
+  let trial;
+  if (path === "start") trial = await play("a");
+  else if (path === "seen") trial = body.side === "a" && data.durations.length > 1 ? await play("b") : { phase: "choosing" };
+  else trial = { phase: "ready", restarts: (restarts += 1) };
+  return { step: { key: data.key, trial } };
+}
 
-  /** @type {Trial | null} */
-  let trial = null;
-  const stage = new StageFrame(
-    /** @type {HTMLElement} */ (document.getElementById("stage-frame")),
-    data.stage_origin,
-    (message) => trial?.hear(message),
-  );
-  trial = new Trial(
-    bar,
-    /** @type {any} */ ({ phase: "ready", restarts: 0, duration_a_s: data.durations?.[0], duration_b_s: data.durations?.[1] }),
-    {
-      key: data.key,
-      post,
-      answer: goOn,
+/** @type {import("./kind.js").Bar | undefined} */
+let bar;
+const stage = new StageFrame(
+  /** @type {HTMLElement} */ (document.getElementById("stage-frame")),
+  data.stage_origin,
+  (message) => bar?.hear(message),
+);
+const onStage = Boolean(step.querySelector(".trialbar"));
+// what is shown on the stage, where an example of it can be
+const shown = onStage && data.durations.length > 0;
+document.body.dataset.layout = shown ? "stage" : "text";
+if (shown || !onStage) {
+  const module = await kindModule(data.kind);
+  const mounted = module.mount({
+    step,
+    key: data.key,
+    state: { phase: "ready", restarts: 0, duration_a_s: data.durations[0], duration_b_s: data.durations[1] },
+    language: data.language,
+    say,
+    answer: goOn,
+    keep: () => {},
+    kept: null,
+    page: {
       refresh: async () => {},
-      say,
       announce,
       cover: data.stage_token ? cover : () => {},
       reloadStage: () => stage.reload(),
       moveOut: () => location.assign(data.next),
       notice: () => {}, // a preview leaves no trace in the log
     },
-  );
-  if (data.stage_token) stage.open(`${data.stage_origin}/stage/${data.stage_token}/`, data.stage_title);
-} else {
-  document.body.dataset.layout = "text";
-  readyForm(step, data.kind, { say, answer: goOn, keep: () => {}, kept: null });
+    poster: () => post,
+    tell: () => {},
+    toStage: () => {},
+  });
+  bar = mounted?.bar;
 }
+if (shown && data.stage_token) stage.open(`${data.stage_origin}/stage/${data.stage_token}/`, data.stage_title);

@@ -16,13 +16,14 @@ const SAID_S = 60;
  */
 
 /**
- * Readies the form of `#step`: information, instruction, consent, questionnaire or guess.
+ * Readies the form of `#step`.
  *
  * @param {HTMLElement} step
- * @param {string} kind
  * @param {FormNeeds} needs
+ * @param {(form: HTMLFormElement, collected: Record<string, unknown>) => Record<string, unknown>} [made] the answer, where
+ *   it is not simply what was filled in
  */
-export function readyForm(step, kind, needs) {
+export function readyForm(step, needs, made = (_, collected) => collected) {
   const form = /** @type {HTMLFormElement | null} */ (step.querySelector("#step-form"));
   if (!form) return;
   const blocks = /** @type {HTMLElement[]} */ ([...form.querySelectorAll("[data-block]")]);
@@ -118,12 +119,8 @@ export function readyForm(step, kind, needs) {
 
   /** @returns {Record<string, unknown>} */
   function value() {
-    if (kind === "consent") {
-      const version = new FormData(/** @type {HTMLFormElement} */ (form)).get("version");
-      const purposes = Object.entries(collect(/** @type {HTMLFormElement} */ (form))).map(([key, said]) => [key, said === "yes"]);
-      return { given: true, version, ...(purposes.length ? { purposes: Object.fromEntries(purposes) } : {}) };
-    }
-    return collect(/** @type {HTMLFormElement} */ (form));
+    const filled = /** @type {HTMLFormElement} */ (form);
+    return made(filled, collect(filled));
   }
 }
 

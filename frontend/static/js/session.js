@@ -6,21 +6,19 @@
 
 import { copyText, localTimes } from "./copy.js";
 import { readyDialogs } from "./dialogs.js";
-import { Drawing } from "./drawing.js";
 import { keeper } from "./keep.js";
+import { kindModule } from "./kind.js";
 import { noticer } from "./notice.js";
-import { readyForm } from "./questions.js";
 import { pageData, speaker } from "./say.js";
 import { Refused, ask, fetchText, newRequestId, watchConnection } from "./send.js";
-import { SingleDrive } from "./single.js";
 import { StageFrame } from "./stage-frame.js";
-import { Trial } from "./trial.js";
-import { readyWait } from "./wait.js";
 
 /** @typedef {import("./types.js").PageData} PageData */
 /** @typedef {import("./types.js").SessionState} SessionState */
 
 const POLL_MS = 4000;
+/** What the page shows instead of a step of the plan. */
+const NO_STEP = ["paused", "withdrawn", "expired", "screened_out", "too_soon"];
 
 const data = /** @type {PageData} */ (pageData());
 const say = speaker(data.texts, data.language);
@@ -33,9 +31,9 @@ const banner = $("banner");
 
 /** @type {SessionState} */
 let current = data.state;
-/** What is on the stage. @type {Trial | Drawing | null} */
+/** What is under the stage. @type {import("./kind.js").Bar | null} */
 let trial = null;
-/** @type {ReturnType<typeof readyWait> | null} */
+/** Hears of the job, where something is waited for. @type {import("./kind.js").Mounted["job"] | null} */
 let wait = null;
 /** @type {EventSource | null} */
 let stream = null;
@@ -107,78 +105,69 @@ async function arrive() {
   const body = /** @type {HTMLElement | null} */ (step.querySelector(".step-body"));
   // The fragment may be newer than the state that made us fetch it.
   if (current.step && body?.dataset.key && body.dataset.key !== current.step.key) current = await ask(api);
-  mount();
+  await mount();
+  if (mine !== arrival || elsewhere) return;
   scrollTo(0, 0);
   if (!trial) /** @type {HTMLElement | null} */ (step.querySelector("h1"))?.focus({ preventScroll: true });
 }
 
-/** Brings the step in `#step` to life. */
-function mount() {
+/** Brings the step in `#step` to life; what its kind does is `kinds/KIND.js`'s. */
+async function mount() {
   announce(""); // what was said about the step before is no news about this one
   trial?.leave();
   trial = null;
   wait = null;
   const body = /** @type {HTMLElement | null} */ (step.querySelector(".step-body"));
   const kind = body?.dataset.kind ?? "";
-  const index = Number(body?.dataset.index ?? 0);
-  const total = Number(body?.dataset.total ?? 1);
-  showProgress(kind, index, total);
+  const [index, total] = [Number(body?.dataset.index ?? 0), Number(body?.dataset.total ?? 1)];
+  showProgress(index, total, false);
   localTimes(step);
   notice("viewed", { step: body?.dataset.key, kind });
 
-  const onStage = Boolean(step.querySelector("#trial, #drawing")) && current.state === "active";
+  const onStage = Boolean(step.querySelector(".trialbar")) && current.state === "active";
   document.body.dataset.layout = onStage ? "stage" : "text";
   $("stage").hidden = !onStage;
   // Changing the language loads the page anew, which no pair may suffer.
   $("tools").querySelectorAll(".language").forEach((form) => ((/** @type {HTMLElement} */ (form)).hidden = onStage));
   if (!onStage) stage.close();
+  const link = /** @type {HTMLElement | null} */ (step.querySelector("[data-own-link]"));
+  if (link) link.textContent = `${location.origin}${link.dataset.ownLink || `/p/${data.token}`}`;
 
-  if (onStage && current.step) {
+  const mine = arrival;
+  const module = current.step && !NO_STEP.includes(kind) ? await kindModule(kind) : null;
+  if (mine !== arrival || elsewhere) return;
+  if (module && current.step) {
     const key = current.step.key;
-    const state = /** @type {any} either kind's, as the template says */ (current.step.trial ?? { phase: "ready" });
-    const needs = {
+    const mounted = module.mount({
+      step,
       key,
-      answer: (/** @type {object} */ value) => answer(key, value),
-      refresh,
-      say,
-      announce,
-      cover,
-      reloadStage: () => stage.reload(),
-      moveOut,
-      notice,
-    };
-    /** @param {string} kind @returns {(path: string, body: object) => Promise<any>} */
-    const poster = (kind) => (path, body) => send(`${api}/${kind}/${encodeURIComponent(key)}/${path}`, body);
-    trial = step.querySelector("#drawing")
-      ? new Drawing($("drawing"), state, {
-          ...needs, post: poster("drawing"), tell: (order) => stage.draw(order), toStage: () => stage.focus(),
-          language: data.language,
-        })
-      : new (step.querySelector("[data-single]") ? SingleDrive : Trial)($("trial"), state, { ...needs, post: poster("trials") });
-    stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
-  } else if (kind === "wait") {
-    wait = readyWait(step, say);
-  } else if (current.step) {
-    const key = current.step.key;
-    readyForm(step, kind, {
+      state: current.step.trial ?? { phase: "ready" },
+      language: data.language,
       say,
       answer: (value) => answer(key, value),
       keep: (values) => keep.draft(key, values),
       kept: keep.drafted(key),
+      page: { refresh, announce, cover, reloadStage: () => stage.reload(), moveOut, notice },
+      poster: (room) => (path, body) => send(`${api}/${room}/${encodeURIComponent(key)}/${path}`, body),
+      tell: (order) => stage.draw(order),
+      toStage: () => stage.focus(),
     });
+    trial = mounted?.bar ?? null;
+    wait = mounted?.job ?? null;
+    if (onStage) stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
+    if (module.last) showProgress(index, total, true);
   }
-  tellMore(kind);
-  const link = /** @type {HTMLElement | null} */ (step.querySelector("[data-own-link]"));
-  if (link) link.textContent = `${location.origin}${link.dataset.ownLink || `/p/${data.token}`}`;
+  if (body) body.dataset.live = "";
+  tellMore(Boolean(module?.longText));
 }
 
-/** Long texts: the bar says that there is more below, until the end has come into sight. @param {string} kind */
-function tellMore(kind) {
+/** Long texts: the bar says that there is more below, until the end has come into sight. @param {boolean} long */
+function tellMore(long) {
   ending?.disconnect();
   const next = step.querySelector(".bottombar > .next");
   let end = step.querySelector(".content")?.lastElementChild;
   while (end?.lastElementChild && end.matches(".prose, ul, ol, fieldset")) end = end.lastElementChild;
-  if (!next || !end || !["information", "consent", "instruction", "debriefing"].includes(kind)) return;
+  if (!next || !end || !long) return;
   const words = next.textContent;
   const bar = /** @type {HTMLElement} */ (next.parentElement).offsetHeight;
   ending = new IntersectionObserver(
@@ -191,17 +180,17 @@ function tellMore(kind) {
   ending.observe(end);
 }
 
-/** @param {string} kind @param {number} index @param {number} total */
-function showProgress(kind, index, total) {
+/** @param {number} index @param {number} total @param {boolean} last */
+function showProgress(index, total, last) {
   const going = ["active", "completed"].includes(current.state);
   $("progress").hidden = !going;
   $("tools").querySelectorAll("[data-pause], [data-opens=leave-dialog]").forEach((button) => {
-    /** @type {HTMLElement} */ (button).hidden = current.state !== "active" || kind === "debriefing";
+    /** @type {HTMLElement} */ (button).hidden = current.state !== "active" || last;
   });
   $("progress-text").textContent = say("progress", { index: index + 1, total });
   const bar = /** @type {HTMLProgressElement} */ ($("progress").querySelector("progress"));
   bar.max = total;
-  bar.value = kind === "debriefing" ? total : index;
+  bar.value = last ? total : index;
 }
 
 /** The stream tells at once; the poll tells if the stream cannot. */
@@ -389,7 +378,7 @@ document.addEventListener("visibilitychange", () => notice("visibility", { hidde
 addEventListener("error", (event) => notice("script_error", { message: String(event.message).slice(0, 300) }));
 addEventListener("unhandledrejection", (event) => notice("script_error", { message: String(event.reason).slice(0, 300) }));
 readyDialogs();
-mount();
+void mount();
 listen();
 addEventListener("pageshow", (event) => {
   if (event.persisted) location.reload(); // back from the browser's memory: what it shows may be long past

@@ -1,9 +1,9 @@
 // @ts-check
-/** The bar of a drive that is shown alone: Watch, the drive, Continue. Everything else is as in a trial of two. */
+/** The bar of a trajectory that is shown alone: Watch, the drive, Continue. Everything else is as in a trial of two. */
 
 import { Trial } from "./trial.js";
 
-export class SingleDrive extends Trial {
+export class SingleTrajectory extends Trial {
   /**
    * @param {HTMLElement} root the bar
    * @param {import("./types.js").TrialState} state
