@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import functools
+import logging
 import sys
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def let_any_thread_send() -> None:
         self.message_event = _MessageEvent(event_loop)
 
     with_safe_event.wakes_at_home = True  # type: ignore[attr-defined]
-    buffer.__init__ = with_safe_event
+    buffer.__init__ = with_safe_event  # type: ignore[method-assign]
 
 
 def connection_path(server: viser.ViserServer, client_id: int) -> str | None:
@@ -138,7 +139,9 @@ def readable_part(frame: bytes) -> bytes:
 
 
 def silence_viser() -> None:
-    """Keep viser's start and stop notices off stdout, where `--json` output belongs to the caller."""
+    """Keep viser's start and stop notices off stdout, where `--json` output belongs to the caller, and the loopback
+    port that it listens on out of the log: nobody can open it."""
+    logging.getLogger("websockets.server").setLevel(logging.WARNING)
     if getattr(rich.print, "silences_viser", False):
         return
     original = rich.print
