@@ -16,6 +16,7 @@ from app.views import View
 from backend.simulation.scene import Scene
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup
 
+TIGHT_M = 0.08  # ours: nearer than this nobody can tell from the picture whether it still fits
 Points = Sequence[tuple[float, float]]
 Track = list[list[float]]
 """Rows of [t s, x m, y m, yaw rad], yaw without jumps."""
@@ -58,6 +59,7 @@ class Paper:
     drawn: a stroke that is on it already, {points [[x, y], ...] m, speeds m/s, times_s of the hand}. resting: nothing
     can be drawn now. problem: what is wrong with that stroke, {"code": one of StrokeProblem's, "at": [x, y] m, "thing":
     what is touched or None}. walks: scenes with the walks to choose from; chosen: which one the stroke is for.
+    most_points: so many the server takes.
     """
 
     id: str
@@ -67,6 +69,7 @@ class Paper:
     problem: Mapping[str, Any] | None = None
     walks: Sequence[Scene] = ()
     chosen: int | None = None
+    most_points: int = 4_000
 
     def as_message(self, scene: Scene, view: View) -> dict[str, Any]:
         """Plain data for the page."""
@@ -83,4 +86,6 @@ class Paper:
             "problem": dict(self.problem) if self.problem else None,
             "walks": [walk_track(walked) for walked in self.walks],
             "chosen": self.chosen,
+            "most_points": self.most_points,
+            "tight_m": TIGHT_M,
         }

@@ -36,6 +36,7 @@ class StageServer:
         """
         viser_hooks.require_pinned_viser()
         viser_hooks.silence_viser()
+        viser_hooks.let_any_thread_send()
         self._on_connect, self._on_disconnect = on_connect, on_disconnect
         self._secret = secrets.token_urlsafe(16)  # keeps other users of this machine out of the loopback port
         self._lock = threading.Lock()

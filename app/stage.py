@@ -24,7 +24,6 @@ from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
-LABEL_S = 2.0  # spec 07: the label is shown for 2 s before the robot moves
 GET_SET_S = 3.0  # ours: who walks beside a drive sees where they are before the robot moves
 SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
 DRIVEN_PATH_M = 0.03  # ours: above the floor, over the paths that lie beside it
@@ -81,7 +80,7 @@ class Stage:
         label: str,
         view: View,
         playback_id: str,
-        label_s: float = LABEL_S,
+        label_s: float = 0.0,
         trajectories: Sequence[Trajectory] = (),
         goal: bool = False,
         walking: bool = False,
@@ -90,7 +89,8 @@ class Stage:
         """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
 
         Builds the scene first when another one stands there, or one whose frame is too small for this trajectory.
-        label: "A", "B", or "" for none. trajectories: as for `show`. goal: whether its cone stands there.
+        label: "A", "B", or "" for none; it stands for `label_s` seconds before the robot moves. trajectories: as for
+        `show`. goal: whether its cone stands there.
         The scene's person walks as its walk says; walking: the participant does, and `played` brings their `walk`.
         paper: lies on the floor where the scene is built anew; what lies there already stays.
         """

@@ -1,13 +1,14 @@
 """Every part of viser that its public interface does not promise, in one place, pinned to one version.
 
 `tests/app/test_viser_hooks.py` fails when viser changes any of it. The page's side of the same bargain is
-`client/viser_hooks.js`. Nothing else in the house may touch a private name of viser.
+`client/viser_hooks.js`. Nothing else here may touch a private name of viser.
 """
 
 from __future__ import annotations
 
 import asyncio
 import functools
+import logging
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ import rich
 import viser
 import zstandard
 from viser import _messages
+from viser.infra import _async_message_buffer
 
 PINNED_VERSION = "1.1.1"
 SUBPROTOCOL = f"viser-v{PINNED_VERSION}"
@@ -36,6 +38,42 @@ def require_pinned_viser() -> None:
 def run_javascript(client: viser.ClientHandle, source: str) -> None:
     """Have one client's page run `source`, after everything that was sent to it before."""
     client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source=source))
+
+
+class _MessageEvent(asyncio.Event):
+    """Set from any thread. asyncio's own walks its waiters while the loop's thread changes them, and then fails
+    ("deque mutated during iteration", one in 1,700 trajectories): what was being sent was lost."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._at_home = loop
+
+    def set(self) -> None:
+        self._value = True
+        try:
+            at_home = asyncio.get_running_loop() is self._at_home
+        except RuntimeError:
+            at_home = False
+        if at_home:  # another thread asks the loop to set it as well, right afterwards (`push`, `atomic_end`)
+            for waiter in self._waiters:
+                if not waiter.done():
+                    waiter.set_result(True)
+
+
+def let_any_thread_send() -> None:
+    """Make viser's message buffers safe to be pushed to from threads that are not its event loop's."""
+    buffer = _async_message_buffer.AsyncMessageBuffer
+    original = buffer.__init__
+    if getattr(original, "wakes_at_home", False):
+        return
+
+    @functools.wraps(original)
+    def with_safe_event(self: Any, event_loop: asyncio.AbstractEventLoop, *args: Any, **options: Any) -> None:
+        original(self, event_loop, *args, **options)
+        self.message_event = _MessageEvent(event_loop)
+
+    with_safe_event.wakes_at_home = True  # type: ignore[attr-defined]
+    buffer.__init__ = with_safe_event  # type: ignore[method-assign]
 
 
 def connection_path(server: viser.ViserServer, client_id: int) -> str | None:
@@ -101,7 +139,9 @@ def readable_part(frame: bytes) -> bytes:
 
 
 def silence_viser() -> None:
-    """Keep viser's start and stop notices off stdout, where `--json` output belongs to the caller."""
+    """Keep viser's start and stop notices off stdout, where `--json` output belongs to the caller, and the loopback
+    port that it listens on out of the log: nobody can open it."""
+    logging.getLogger("websockets.server").setLevel(logging.WARNING)
     if getattr(rich.print, "silences_viser", False):
         return
     original = rich.print

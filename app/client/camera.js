@@ -5,7 +5,6 @@
   const MAX_PITCH = 1.4;
   const ASLANT_RAD = 1.0;
   const ASLANT_FOV_RAD = 0.6;
-  const TRACKED_HEIGHT_M = 0.3; // as app/views.py
 
   /** @typedef {{view: string, eye: number[], target: number[], fov_rad: number, frame: number[]}} Camera */
   /** @type {Camera | null} */
@@ -66,7 +65,7 @@
     if (camera.view === "top_down") lookFromAbove();
     else if (gazing || walking || camera.view === "immersive") lookByGaze();
     else {
-      const target = [watched[0], watched[1], TRACKED_HEIGHT_M];
+      const target = [watched[0], watched[1], camera.target[2]];
       window.desirePath.viser.look({ eye: camera.eye, target, up: [0, 0, 1], fovRad: camera.fov_rad });
     }
   }

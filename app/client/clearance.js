@@ -2,7 +2,6 @@
 /** How much room a robot on the floor has: plain geometry in metres, no picture. The server decides what counts. */
 (() => {
   "use strict";
-  const TIGHT_M = 0.08; // ours: nearer than this nobody can tell from the picture whether it still fits
 
   /**
    * @typedef {{name: string, x: number, y: number, yaw: number, length: number, width: number}} Solid
@@ -36,7 +35,6 @@
   }
 
   window.desirePath.clearance = {
-    TIGHT_M,
     toSolid,
 
     /**
@@ -57,12 +55,12 @@
       };
     },
 
-    /** The stretches of a path that are tighter than TIGHT_M. @param {Near[]} nears one per point @returns {Tight[]} */
-    tight(nears) {
+    /** The stretches of a path that are tighter than `least`. @param {Near[]} nears one per point @param {number} least metres @returns {Tight[]} */
+    tight(nears, least) {
       /** @type {Tight[]} */
       const found = [];
       nears.forEach((near, i) => {
-        if (near.metres >= TIGHT_M) return;
+        if (near.metres >= least) return;
         const last = found[found.length - 1];
         if (last && last.to === i - 1 && last.near.name === near.name) {
           last.to = i;

@@ -36,6 +36,8 @@
    * @property {{code: string, at: number[] | null, thing: string | null} | null} problem with the stroke that is there
    * @property {number[][][]} walks to choose from, rows of t, x, y, yaw; none where the person stands
    * @property {number | null} chosen the one that the stroke is for
+   * @property {number} most_points that the server takes
+   * @property {number} tight_m room that is tight
    */
 
   /** @type {Order | null} */
@@ -80,8 +82,8 @@
       seconds,
       speed,
       speeds: order.speeds,
-      near: near && { name: near.name, metres: near.metres },
-      tight: worst && { name: worst.near.name, metres: worst.near.metres },
+      near: near && { name: near.name, metres: near.metres, tight: near.metres < order.tight_m },
+      tight: worst && { name: worst.near.name, metres: worst.near.metres, tight: true },
       keys: cursor !== null,
       problem: problem !== null,
       walk,
@@ -226,8 +228,9 @@
       const show = ((now - shownSince) / 1000) % (track[track.length - 1][0] + rests);
       window.desirePath.player.walkTo(track, down || cursor || sections.any() ? measure().seconds : show);
     }
-    const pen = cursor ? { at: cursor, near: nearAt(cursor) }
-      : down && last >= 0 ? { at: points[last], near: nears[last] } : null;
+    const at = cursor ?? (down && last >= 0 ? points[last] : null);
+    const near = cursor ? nearAt(cursor) : nears[last];
+    const pen = at && { at, near, tight: near.metres < order.tight_m };
     const line = cursor ? { points: [...points, cursor], speeds: [...speeds, speed] } : { points, speeds };
     if (cursor && !points.length) line.points.unshift(order.start), line.speeds.unshift(speed);
     ink.paint({
@@ -265,7 +268,7 @@
     begin(given) {
       const another = order === null;
       order = given;
-      sections.begin(given.start, given.drawn);
+      sections.begin(given.start, given.drawn, given);
       [cursor, faded, pointers] = [null, false, new Set()];
       use(given, given.chosen);
       problem = given.problem && { ...given.problem, at: given.problem.at ?? end(), text: thingWords(given.problem.thing) };

@@ -31,7 +31,7 @@
    * @property {boolean} waiting for the pen to be put down there
    * @property {number[]} goal x, y, radius
    * @property {number[][][]} kept paths of this situation
-   * @property {{at: number[], near: any} | null} pen where it is now
+   * @property {{at: number[], near: any, tight: boolean} | null} pen where it is now, and whether the room there is tight
    * @property {boolean} cursor the pen is moved by keys
    * @property {number[][] | null} walk of the person, rows of t, x, y, yaw
    */
@@ -247,7 +247,7 @@
   }
 
   /** How far it is to the nearest thing. @param {Projector} project @param {NonNullable<Picture["pen"]>} where */
-  function room(project, { at, near }) {
+  function room(project, { at, near, tight }) {
     const [here, there] = [project(at[0], at[1]), project(near.at[0], near.at[1])];
     if (!here || !there || near.metres > 1.5) return;
     pen.setLineDash([2, 5]);
@@ -258,7 +258,7 @@
     pen.lineTo(there[0], there[1]);
     pen.stroke();
     pen.setLineDash([]);
-    const tone = near.metres < 0 ? RED : near.metres < window.desirePath.clearance.TIGHT_M ? AMBER : INK;
+    const tone = near.metres < 0 ? RED : tight ? AMBER : INK;
     const kind = tone === RED ? "would_hit" : tone === AMBER ? "too_close" : "room_left";
     note(here, say(`${kind}.${near.name}`, { metres: number(near.metres, 2) }), tone);
   }

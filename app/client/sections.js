@@ -9,7 +9,6 @@
   const SPACING_M = 0.015; // a point that is nearer to the last one says nothing new
   const WAYPOINT_SPACING_M = 0.05; // of the points between two that keys set
   const CUT_BACK_M = 0.35; // ours: so much before a place of trouble there is room to steer around it
-  const MOST_POINTS = 4000; // as backend/study/drawing/strokes.py
 
   /**
    * @typedef {{points: number[][], speeds: number[], times: number[]}} Section
@@ -31,6 +30,8 @@
   let future = [];
   /** The one under the pen. @type {Section | null} */
   let open = null;
+  /** What the server says: how many points it takes, and what room is tight, metres. */
+  let limits = { most_points: 0, tight_m: 0 };
   /** @type {number[]} */
   let start = [0, 0];
   /** When the hand's seconds began, in the events' ms; null before its first point. @type {number | null} */
@@ -80,7 +81,7 @@
       seconds += step / speeds[i];
       return whole.points[i] === point ? whole.nears[i] : nearest(point[0], point[1], seconds);
     });
-    whole = { points, speeds, nears, tight: window.desirePath.clearance.tight(nears), length, seconds };
+    whole = { points, speeds, nears, tight: window.desirePath.clearance.tight(nears, limits.tight_m), length, seconds };
     return whole;
   }
 
@@ -104,8 +105,13 @@
     canUndo: () => past.length > 0,
     canRedo: () => future.length > 0,
 
-    /** A sheet with nothing on it but what was drawn before. @param {number[]} from where the robot stands @param {Drawn | null} drawn */
-    begin(from, drawn) {
+    /**
+     * A sheet with nothing on it but what was drawn before.
+     * @param {number[]} from where the robot stands @param {Drawn | null} drawn
+     * @param {{most_points: number, tight_m: number}} given the server's limits
+     */
+    begin(from, drawn, given) {
+      limits = given;
       start = from;
       sections = drawn ? [{ points: drawn.points, speeds: drawn.speeds, times: drawn.times_s }] : [];
       [past, future, open, began, changed] = [[], [], null, null, true];
@@ -125,7 +131,7 @@
 
     /** @param {number[]} point @param {number} speed @param {number} time ms */
     add(point, speed, time) {
-      if (!open || whole.points.length > MOST_POINTS) return;
+      if (!open || whole.points.length >= limits.most_points) return;
       const last = open.points[open.points.length - 1];
       if (last && apart(point, last) < SPACING_M) return;
       open.points.push(point);

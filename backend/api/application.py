@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import structlog
 from fastapi import FastAPI, Request
@@ -14,8 +15,9 @@ from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
-from backend.api.core.contract import trouble_in
+from backend.api.core.contract import Told, trouble_in
 from backend.api.core.dependencies import Services, route_of
+from backend.api.core.disk import is_full, room_left
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.prose import prose
 from backend.api.core.texts import Texts
@@ -35,6 +37,13 @@ from backend.study.refusals import Refused
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 RETRY_AFTER_S = 2  # ours: told with a 503; the pages, bots and benchmarks wait as long and ask again
 log = structlog.get_logger("desirepath.web")
+
+
+class Health(Told):
+    """How the server is. `free_mb`: on the fullest disk of those that it writes on."""
+
+    status: Literal["ok", "disk_low", "disk_full"]
+    free_mb: int
 
 
 def build_services(settings: Settings) -> Services:
@@ -83,11 +92,14 @@ def create_application(services: Services) -> FastAPI:
         return RedirectResponse("/lab/studies", status_code=303)
 
     @application.get("/health", tags=["server"])
-    def health() -> dict[str, str]:
-        """For load balancers and containers."""
+    def health(response: Response) -> Health:
+        """For load balancers and containers. 507: the disk is full, no answer can be stored."""
         with services.database.session() as s:
             s.connection().exec_driver_sql("SELECT 1")
-        return {"status": "ok"}
+        room = room_left(services.settings)
+        if room.state == "disk_full":
+            response.status_code = 507
+        return Health(status=room.state, free_mb=room.free_mb)
 
     @application.exception_handler(HTTPException)
     def http(request: Request, problem: HTTPException) -> Response:
@@ -115,6 +127,14 @@ def create_application(services: Services) -> FastAPI:
         response = trouble(request, 503, "busy", "Too much is going on here right now; nothing was stored. Try again.")
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
         return response
+
+    @application.exception_handler(OSError)
+    def disk_full(request: Request, problem: OSError) -> Response:
+        if not is_full(problem):
+            raise problem
+        log.error("the disk is full", route=route_of(request), problem=str(problem))
+        said = "The disk of the server is full; nothing was stored. Try again once there is room."
+        return trouble(request, 507, "disk_full", said, headers={"Retry-After": str(RETRY_AFTER_S)})
 
     application.add_middleware(Guard)
     return application

@@ -315,6 +315,29 @@ def null_cohorts_command(
     say(result, as_json)
 
 
+@commands.command("design-cohorts")
+@plain_errors
+def design_cohorts_command(
+    cohorts: Annotated[int, typer.Option(min=1)] = 1_000,
+    participants: Annotated[str, typer.Option(help="Numbers of people.")] = "6,12,31",
+    effect: Annotated[
+        float, typer.Option(help="Standard deviations by which one condition is rated higher; 0: nothing differs.")
+    ] = 0.0,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how often each test of each design finds something, where nothing differs or where something does."""
+    from backend.experiments.cohorts.design_cohorts import design_cohorts
+
+    sizes = [int(number) for number in participants.split(",") if number.strip().isdecimal()]
+    rates = design_cohorts(cohorts, sizes, effect=effect, seed=seed)
+    result = {"simulated": True, "cohorts": cohorts, "effect": effect, "seed": seed, "alpha": 0.05, "rates": rates}
+    if out is not None:
+        _write(out, result)
+    say(result, as_json)
+
+
 @commands.command("known-cohorts")
 @plain_errors
 def known_cohorts_command(

@@ -19,8 +19,7 @@ from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, lo
 from backend.jobs.kinds import AlignParams
 from backend.learning.policies.policy import Policy
 from backend.learning.queries.queries import QueryConfig, flaw, look_alike
-from backend.learning.rewards.holding_out import predicted_in_new_scenes
-from backend.learning.rewards.reward_model import accuracy
+from backend.learning.rewards.held_out import accuracy, predicted_in_new_scenes
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup, require_same

@@ -31,8 +31,8 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
 from backend.learning.preferences.objectives import NAMES
+from backend.learning.rewards.preference_weights import WeightsRewardModel
 from backend.learning.rewards.reward_model import RewardModel
-from backend.learning.rewards.reward_weights import WeightsRewardModel
 from backend.learning.scene_sets import Purpose, describe
 from backend.simulation.setups import require_same
 from backend.store.models import Artefact

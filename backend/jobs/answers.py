@@ -12,19 +12,13 @@ from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import Params
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.free_form import choose_reward_model
-from backend.learning.rewards.holding_out import Fit
-from backend.learning.rewards.reward_interface import InterfaceConfig, fit_interface
-from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.rewards.reward_model import (
-    LinearConfig,
-    LinearRewardModel,
-    Reduction,
-    RewardModel,
-    fit_linear,
-    reward_model_to_bytes,
-)
-from backend.learning.rewards.reward_weights import WeightsRewardModel, fit_weights
+from backend.learning.rewards.interface_study import InterfaceConfig, fit_interface
+from backend.learning.rewards.linear import LinearConfig, fit_linear
+from backend.learning.rewards.mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.model_choice import choose_reward_model
+from backend.learning.rewards.preference_weights import fit_weights
+from backend.learning.rewards.reward_model import Fit, Reduction, RewardModel
+from backend.learning.rewards.storage import reward_model_to_bytes
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Artefact
@@ -74,10 +68,8 @@ def fit_of(model: str, reduction: Reduction, seed: int, symmetry: str = "none") 
 
 def described(model: RewardModel) -> dict[str, Any]:
     """Which kind of model it became, and what the answers were about, where it can say so."""
-    kind = {"kind": model.to_arrays()[0]["kind"]}
-    if isinstance(model, LinearRewardModel | WeightsRewardModel):
-        return kind | {"importance": model.importance()}
-    return kind
+    importance = model.importance()
+    return {"kind": model.kind} | ({"importance": importance} if importance else {})
 
 
 def keep_reward_model(

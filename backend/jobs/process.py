@@ -25,12 +25,13 @@ import structlog
 from backend.settings import Settings
 from backend.store.database import Database, DatabaseBusy
 from backend.store.models import Job, utc_now
+from backend.store.outbox import ENDED
 
 POLL_S = 0.2
 HEARTBEAT_S = 2.0
 WRITE_TRIES = 10  # at the start and the end of a job, each with the database's own patience
 KILL_AFTER_S = 3.0  # from asking the group to end to killing it
-FINAL_STATES = ("succeeded", "failed", "cancelled")
+FINAL_STATES = ENDED
 LOG_TAIL_BYTES = 2_000
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA")}
 

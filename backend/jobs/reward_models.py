@@ -11,8 +11,8 @@ from backend.jobs.context import JobContext
 from backend.jobs.kinds import RewardModelParams
 from backend.learning.errors import TooFewAnswers
 from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.holding_out import Fit
-from backend.learning.rewards.reward_model import accuracy, held_out_accuracy
+from backend.learning.rewards.held_out import accuracy, held_out_accuracy
+from backend.learning.rewards.reward_model import Fit
 
 
 def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[str, Any]:

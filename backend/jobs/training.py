@@ -13,7 +13,7 @@ from backend.learning.queries.queries import generate_queries as make_queries
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.td3.base import BaseConfig
 from backend.learning.td3.base import train_base as learn_base
-from backend.learning.td3.ensemble import EnsembleConfig
+from backend.learning.td3.ensemble import PolicyEnsembleConfig
 from backend.learning.td3.ensemble import train_ensemble as learn_ensemble
 from backend.store.query_sets import save_query_set
 
@@ -47,7 +47,7 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
 def train_ensemble(context: JobContext, params: EnsembleParams) -> dict[str, Any]:
     """Members that start from one base policy; one artefact each."""
     base_artefact, base = load_policy(context, params.base)
-    config = EnsembleConfig(**params.model_dump(exclude={"base"}))
+    config = PolicyEnsembleConfig(**params.model_dump(exclude={"base"}))
     trained = learn_ensemble(base, config, context.progress)
     kept = [
         keep(

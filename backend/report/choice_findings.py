@@ -121,6 +121,36 @@ def _over_people(pairs: Mapping[str, Sequence[tuple[Choice, Choice]]], fewest: i
     return Agreement(clustered_share(shares, sizes), kappa, sum(math.isnan(kappa) for kappa in kappas))
 
 
+def people_s_agreement(
+    choices: Sequence[Choice], pairs: Sequence[Pair], plan: AnalysisPlan
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Each person's mean agreement between conditions, and with the own first answer within them (asked again as it
+    was; where there are enough, `min_probes`)."""
+    by_person = _by_person(choices)
+    between_all: dict[str, float] = {}
+    within_all: dict[str, float] = {}
+    for person, given in by_person.items():
+        regular = [one for one in given if one.role == "regular"]
+        shares = [
+            agreement([a.chosen for a, _ in both], [b.chosen for _, b in both])
+            for pair in pairs
+            if (both := _both(regular, pair))
+        ]
+        again = []
+        for condition in {name for pair in pairs for name in pair}:
+            first = {one.query: one for one in regular if one.condition == condition}
+            repeats = [
+                one for one in given if one.role == "repeat" and one.condition == condition and one.query in first
+            ]
+            if len(repeats) >= plan.min_probes:
+                again.append(agreement([first[one.query].chosen for one in repeats], [one.chosen for one in repeats]))
+        if shares:
+            between_all[person] = float(np.mean(shares))
+        if again:
+            within_all[person] = float(np.mean(again))
+    return between_all, within_all
+
+
 def triads_of(choices: Sequence[Choice], condition: str) -> Triads | None:
     """The condition's triads that were answered whole; None where there are none."""
     asked = [one for one in choices if one.role == TRIAD and one.condition == condition]

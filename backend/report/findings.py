@@ -24,14 +24,14 @@ from backend.report.choice_findings import (
     of_condition,
     triads_of,
 )
+from backend.report.further_findings import Further, further
+from backend.report.item_tests import ItemResult, item_results
 from backend.report.own_findings import Guessed, Personalised, guessed, personalised
 from backend.report.rating_findings import (
     Described,
-    ItemResult,
     RankingResult,
     ScaleResult,
     demographics,
-    item_results,
     measures,
     ranking_results,
     scale_results,
@@ -83,6 +83,7 @@ class Findings:
     disagreement: Mapping[Pair, Mapping[Metric, Mean]]
     personalised: Sequence[Personalised]
     guessed: Guessed | None
+    further: Further | None
     devices: Mapping[tuple[str, str], int]
 
     @property
@@ -103,7 +104,7 @@ def analyse(
 ) -> Findings:
     """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
     Declared is what the study began with; a plan that came with a later version is used and told as deviations.
-    intervals: of effects, which take most of the time.
+    intervals: of effects, and all that stands beside the declared tests, which take most of the time.
 
     Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
     """
@@ -125,6 +126,7 @@ def analyse(
     regular = [one for one in own.choices if one.role == "regular"]
     queried = conditions if regular else ()  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
+    rated = measures(own, used, scales)
     return Findings(
         who=who,
         analysed=tuple(one.code for one in kept),
@@ -138,7 +140,7 @@ def analyse(
         flow=_flow(everyone, kept, used),
         orders=dict(sorted(Counter(", ".join(c for c in one.order if c in conditions) for one in kept).items())),
         demographics=demographics(own),
-        items=item_results(measures(own, used, scales), designs, used, intervals=intervals),
+        items=item_results(rated, designs, used, intervals=intervals),
         rankings=ranking_results(own.ratings, used, own, intervals=intervals),
         scales=scales,
         of_condition={name: of_condition(own.choices, name, used) for name in queried},
@@ -147,6 +149,7 @@ def analyse(
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=personalised(own.comparisons, used),
         guessed=guessed(own.guesses),
+        further=further(own, rated, designs, used, list(combinations(queried, 2))) if intervals else None,
         devices=_devices(own.choices, {one.code: one for one in kept}),
     )
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.analysis.choices import mostly, right_guesses, share_over_people
 from backend.analysis.repeated_measures import wilcoxon
@@ -81,7 +82,7 @@ def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tup
     much more of its people's choices than half."""
     names = ("the own policy", ARMS[against])
     about = f"own policy against {ARMS[against]}"
-    shares = np.array([_mean_share(unit, against) for unit in _units(asked, against).values()])
+    shares = own_shares(asked, against)
     over, under = (shares > 0.5).astype(int), (shares < 0.5).astype(int)
     sign = mostly(over.tolist(), under.tolist(), about=about, names=names)
     if len(shares) < 2:
@@ -90,6 +91,12 @@ def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tup
     more, fewer = names if ranks.effect >= 0 else names[::-1]
     ranks = replace(ranks, direction=f"{more} is mostly chosen over {fewer}")
     return (sign, ranks) if plan.own == "sign" else (ranks, sign)
+
+
+def own_shares(comparisons: Sequence[Comparison], against: str) -> NDArray[np.float64]:
+    """Of every independent unit the mean share of its people's choices that went to the own policy: (n,)."""
+    asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
+    return np.array([_mean_share(unit, against) for unit in _units(asked, against).values()])
 
 
 def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparison]]:

@@ -11,8 +11,8 @@ from itertools import combinations
 
 from backend.analysis.scales import Scale
 from backend.report.findings import Findings
+from backend.report.item_tests import ItemResult
 from backend.report.made_up_cohorts import OPPONENTS, Cohort, made_up_study
-from backend.report.rating_findings import ItemResult
 from backend.report.study_data import StudyData
 from backend.report.study_design import CONDITION, StudyDesign
 

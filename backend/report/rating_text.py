@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from backend.explain.printed import Section, Table
 from backend.report.findings import Findings
-from backend.report.rating_findings import ItemResult
+from backend.report.item_tests import ItemResult
 from backend.report.report_cells import (
     NONE,
     effect_cell,

@@ -19,8 +19,8 @@ from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
 from backend.report.analysis_plan import METRICS
 from backend.report.choice_findings import Pair
 from backend.report.findings import Findings
+from backend.report.item_tests import ItemResult
 from backend.report.planned_design import Assumed
-from backend.report.rating_findings import ItemResult
 from backend.report.simulated_power import WANTED, Power
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better

@@ -15,6 +15,7 @@ from backend.report.choice_text import (
     personalised_sentence,
 )
 from backend.report.findings import Findings
+from backend.report.further_text import further_sections
 from backend.report.rating_text import items_section, rankings_section, scales_section
 from backend.report.report_cells import (
     NONE,
@@ -47,6 +48,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         agreement_section(found),
         disagreement_section(found),
         personalised_section(found),
+        *further_sections(found),
         _devices(found),
     ]
     shown = {picture.name: shown_picture(picture, folder) for picture in drawn}

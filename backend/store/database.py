@@ -45,6 +45,10 @@ class DatabaseBusy(StorageError):
     """Others kept writing for too long. Nothing of this change was stored, so it may be asked for again."""
 
 
+class DiskFull(StorageError):
+    """There is no room left. Nothing of this change was stored; it may be asked for again once there is."""
+
+
 class _Turns:
     """Lets the writers of one process in one at a time, first come, first served.
 
@@ -266,7 +270,10 @@ class Database:
         except DBAPIError as problem:
             message = str(problem.orig)
             where = self.file or self.url.render_as_string(hide_password=True)
-            if "disk is full" in message or "disk I/O error" in message:
+            if "disk is full" in message or "No space left on device" in message:
+                said = "the disk is full; nothing of this change was stored. Free some space and try again"
+                raise DiskFull(f"database {where}: {said} ({message})") from problem
+            if "disk I/O error" in message:
                 said = "the disk is full or broken; nothing of this change was stored. Free some space and try again"
             elif "readonly database" in message and "query_only" not in message:
                 said = "the database was opened for reading or its file is read-only; nothing was stored"

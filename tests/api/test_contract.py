@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import select
 
 from backend.api.core.contract import DEEPEST
-from backend.store.export import export_study
+from backend.store.dataset.writing import export_study
 from backend.store.models import Session
 from backend.study.links import token_hash
 from tests.api.participant_services import to_first_trial

@@ -15,12 +15,13 @@ from sqlalchemy import func, select, update
 
 from backend.api.application import create_application
 from backend.api.core.dependencies import Services
-from backend.api.lab import drafts
+from backend.api.lab import drafts, monitoring
 from backend.api.lab.preview import preview_steps
 from backend.api.lab.study_rows import study_lines
 from backend.learning.policies.shipped import load_queries
 from backend.learning.queries.queries import QuerySet
-from backend.store.models import Base, Event, Participant, Response, Session, Study
+from backend.store.artefacts import load_trajectory
+from backend.store.models import Base, Event, Participant, Response, Session, Study, Trial
 from backend.store.query_sets import save_query_set
 from backend.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
 from backend.study.simulated.in_process import walk_in_process
@@ -411,3 +412,64 @@ def test_rankings_and_items_asked_in_several_conditions_count_and_lead_to_their_
     assert rows_shown(pages_read) == 2
     people = lab.get(f"/api/lab/studies/{study.id}/monitor").json()["people"]
     assert {p["answers"] for p in people} == {rows_shown(lab.get(f"{here}/answers?given=1&participant=S001").text)}
+
+
+# ---- people ----
+
+
+def test_people_are_searched_and_sorted_and_every_flag_is_explained(lab, walked: Walked):
+    here = f"/lab/studies/{walked.id}/people"
+
+    def codes(query: str) -> list[str]:
+        return re.findall(r'<th scope="row"><a href="[^"]*/people/([^"]+)"', lab.get(f"{here}?{query}").text)
+
+    everyone = {walked.finished, walked.half_way, walked.fresh, walked.bot}
+    assert set(codes("")) == everyone
+    assert codes(f"q={walked.finished[2:].lower()}") == [walked.finished]
+    by_answers = codes("sort=-answers")
+    assert (by_answers[0], set(by_answers)) == (walked.finished, everyone)
+    assert codes("sort=code") == sorted(everyone)
+    assert codes("sort=-code") == sorted(everyone, reverse=True)
+    assert set(codes("sort=nonsense")) == everyone
+    page = lab.get(f"{here}?sort=-code").text
+    assert 'aria-sort="descending"' in page
+    assert page.count("<dt>") >= len(monitoring.RULES)
+    assert "took less than 0.5 s" in page
+
+
+def test_a_persons_page_shows_flags_and_no_raw_data(lab, lab_services, walked: Walked):
+    with lab_services.database.transaction() as s:
+        session = s.scalars(select(Session).join(Participant).where(Participant.code == walked.half_way)).one()
+        session.device = {"width": 800, "reasons": ["width", "webgl"], "screen": {"dpi": 96, "touch": False}}
+        s.execute(update(Trial).where(Trial.session_id == session.id).values(restarts=2))
+    page = html.unescape(lab.get(f"/lab/studies/{walked.id}/people/{walked.half_way}").text)
+    assert "interrupted" in page
+    assert "width, webgl" in page
+    assert "{'" not in page
+    assert "['" not in page
+
+
+def test_an_answer_is_replayed_as_its_participant_saw_it(lab, lab_services, walked: Walked):
+    here = f"/lab/studies/{walked.id}"
+    page = lab.get(f"{here}/people/{walked.finished}").text
+    links = re.findall(rf'href="({here}/answers/[0-9a-f]+)"', page)
+    assert len(links) == 1 + 15 + 3, "practice, choices, comparisons"
+    assert links[0] in lab.get(f"{here}/answers?participant={walked.finished}").text
+    shown = lab.get(links[2]).text
+    assert f"{walked.finished} chose " in shown
+    assert "top_down" in shown
+    assert 'id="trial"' in shown, "the participants' own page"
+    data = json.loads(re.search(r'id="page-data">(.*?)</script>', shown, re.S)[1])
+    assert data["stage_token"]
+    with lab_services.database.session() as s:
+        trial = s.get_one(Response, links[2].rpartition("/")[2]).trial_id
+        lengths = [load_trajectory(lab_services.files, one).duration_s for one in _sides(s.get_one(Trial, trial))]
+    assert data["durations"] == [round(one, 1) for one in lengths]
+    with lab_services.database.session() as s:
+        read = s.scalars(select(Response.id).where(Response.kind == "information")).first()
+    assert lab.get(f"{here}/answers/{read}").status_code == 404
+    assert lab.get(f"{here}/answers/{'0' * 32}").status_code == 404
+
+
+def _sides(trial: Trial) -> tuple[str, str]:
+    return trial.trajectory_a, trial.trajectory_b

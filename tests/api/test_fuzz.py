@@ -26,7 +26,7 @@ from backend.api.core.auth import add_user
 from backend.api.core.dependencies import Services
 from backend.api.core.published import openapi_of, operations
 from backend.settings import Settings
-from backend.store.export import export_study
+from backend.store.dataset.writing import export_study
 from backend.store.models import Study, User
 from tests import postgres
 from tests.api.lab_services import Walked, csrf, sign_in

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import select
@@ -120,6 +121,33 @@ def parsed(event: str) -> tuple[str, dict]:
 def _study(services):
     with services.database.session() as s:
         return s.scalars(select(Study).where(Study.name == "Short")).one()
+
+
+def test_nobody_waits_for_a_trajectory_whose_order_was_lost(services, walker):
+    """Whatever goes wrong on the way to the stage: the trial starts over, the page hears of it, the scene stands."""
+    walker.walk_to("block.01")
+    played = walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
+
+    class Failing(Recorder):
+        def play(self, trajectory, **how):
+            raise RuntimeError("deque mutated during iteration")
+
+    stage = Failing()
+    services.presenter.server = SimpleNamespace(stage=lambda key: stage)
+
+    async def page() -> bool:
+        listener = services.listeners.listen(walker.session.id)
+        services.presenter.play(walker.session.id, played)
+        await asyncio.wait_for(listener._woken.wait(), 10)
+        return True
+
+    assert asyncio.run(page())
+    services.presenter._line.shutdown(wait=True)
+    with services.database.session() as s:
+        trial = s.scalars(select(Trial)).one()
+        event = s.scalars(select(Event).where(Event.kind == "trial_interrupted")).one()
+    assert (trial.phase, event.data["reason"]) == ("ready", "stage_failed")
+    assert stage.asked[-2:] == ["clear", "show top_down study_room 2"]
 
 
 def test_a_session_is_never_shown_to_a_key_that_is_none(services):

@@ -103,7 +103,7 @@ def test_a_driven_clock_shortens_the_wait(rig: StageRig, chromium: Any) -> None:
     visitor = Visitor(context.new_page(), rig, "swift")
     stage = stage_of(visitor)
     trajectory = drive(open_field(), duration_s=60.0)
-    stage.play(trajectory, label="B", view="first_person", playback_id="long")
+    stage.play(trajectory, label="B", label_s=2.0, view="first_person", playback_id="long")
     visitor.wait_for("label", playback_id="long")
     visitor.page.clock.fast_forward(2100)
     visitor.wait_for("playing", playback_id="long")

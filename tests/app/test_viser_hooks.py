@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import re
+import threading
+import time
+from collections import deque
 from pathlib import Path
-from typing import get_type_hints
+from typing import Any, get_type_hints
 
 import msgspec
 import pytest
@@ -14,6 +17,7 @@ import rich
 import viser
 import websockets
 from viser import _messages
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from app import viser_hooks
 from app.page import stage_page
@@ -101,3 +105,56 @@ def test_visers_notices_stay_off_stdout(capsys: pytest.CaptureFixture[str]) -> N
     server.stop()
     rich.print("ours")
     assert capsys.readouterr().out == "ours\n"
+
+
+class _GoneMeanwhile(asyncio.Future[bool]):
+    """A waiter that leaves the line while another thread walks along it, as the loop's own thread lets it."""
+
+    def __init__(self, line: deque[Any], loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__(loop=loop)
+        self.line = line
+
+    def done(self) -> bool:
+        self.line.remove(self)
+        return True
+
+
+def test_a_message_is_not_lost_while_viser_waits_for_it() -> None:
+    """One in 1,700 trajectories was never played: "deque mutated during iteration", raised where it was sent."""
+    viser_hooks.let_any_thread_send()
+    loop = asyncio.new_event_loop()
+    buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+    line = buffer.message_event._waiters = deque()  # type: ignore[attr-defined]
+    for _ in range(3):
+        line.append(_GoneMeanwhile(line, loop))
+    buffer.push(_messages.RunJavascriptMessage(source="1"))
+    assert buffer.message_event.is_set()
+    loop.close()
+
+
+def test_what_any_thread_sends_arrives_in_order() -> None:
+    viser_hooks.let_any_thread_send()
+    loop = asyncio.new_event_loop()
+    serving = threading.Thread(target=loop.run_forever)
+    serving.start()
+    buffer = AsyncMessageBuffer(loop, persistent_messages=False)
+    arrived: list[str] = []
+
+    async def read() -> None:
+        async for window in buffer.window_generator(0):
+            arrived.extend(message.source for message in window)  # type: ignore[attr-defined]
+
+    reading = asyncio.run_coroutine_threadsafe(read(), loop)
+    sent = [str(number) for number in range(2_000)]
+    for source_ in sent:
+        buffer.push(_messages.RunJavascriptMessage(source=source_))
+        buffer.flush()
+    deadline = time.monotonic() + 20
+    while len(arrived) < len(sent) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    buffer.set_done()
+    reading.result(10)
+    loop.call_soon_threadsafe(loop.stop)
+    serving.join(10)
+    loop.close()
+    assert arrived == sent

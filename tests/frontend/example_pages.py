@@ -186,7 +186,13 @@ def example_application() -> FastAPI:
         context = {"token": kind, "step": shown, "state": example_state(kind, language), "expires_at": WHEN}
         context |= {"address": "https://study.example.org"}
         context |= {"payment": "You are paid for the time that you gave."}
-        context |= {"code": "P-4F7K", "looks_around": True, "languages": ["en", "de"], "next_kind": "questionnaire"}
+        context |= {
+            "code": "P-4F7K",
+            "looks_around": True,
+            "longest_problem": 4000,
+            "languages": ["en", "de"],
+            "next_kind": "questionnaire",
+        }
         context["leads_to"] = "trial"
         return page(request, "participant/session.html", language, study_title=TITLE, **context)
 

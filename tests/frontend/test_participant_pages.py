@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
@@ -330,6 +331,24 @@ def test_a_slow_device_gets_a_simpler_picture_before_it_gets_a_refusal(opened: O
     told = refused.get_by_role("alert").get_by_text("The room moves too slowly on this device")
     expect(told).to_be_visible(timeout=MEASURED_MS)
     expect(refused.locator("#begin")).to_be_disabled()
+
+
+def test_one_busy_second_is_no_slow_device(chromium: Browser, pages: str) -> None:
+    """Something else kept the computer busy while the welcome page measured: "The pictures move slowly"."""
+    context = chromium.new_context(viewport={"width": 1024, "height": 640})
+    page = context.new_page()
+    page.add_init_script(
+        "const next = requestAnimationFrame.bind(window), began = performance.now();"
+        "window.requestAnimationFrame = (f) =>"
+        " performance.now() - began < 3500 ? setTimeout(() => next(f), 700) : next(f);"
+    )
+    page.goto(f"{pages}/join?min_frame_rate=2")
+    expect(page.locator("#begin")).to_be_enabled(timeout=MEASURED_MS)
+    with page.expect_request(lambda request: request.method == "POST") as request:
+        page.get_by_role("button", name="Continue").click()
+    (rate,) = re.findall(r"frame_rate%22%3A([0-9.]+)", request.value.post_data or "")
+    assert float(rate) > 2  # 1.4 while it was busy
+    context.close()
 
 
 def test_a_phone_that_goes_on_with_a_session_is_refused_kindly(opened: Open) -> None:

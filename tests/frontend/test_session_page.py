@@ -271,6 +271,24 @@ def test_a_lost_stage_is_greyed_and_the_pair_starts_over(visit: Visit) -> None:
     assert visit.events("trial_interrupted")[0]["reason"] == "connection"
 
 
+def test_nobody_waits_for_a_room_that_does_not_begin(running: Running, chromium: Browser) -> None:
+    """The order to play was lost on its way: the picture is loaded anew, and the pair starts over."""
+    context = chromium.new_context(viewport={"width": 1024, "height": 640}, reduced_motion="reduce")
+    context.clock.install()
+    visit = Visit(running, context)
+    visit.page.keyboard.press("Enter")
+    expect(visit.page.locator("#playing-letter")).to_have_text("A")
+    visit.page.clock.fast_forward(15_500)
+    expect(visit.page.locator("#playing-letter")).to_be_hidden()
+    assert [event["reason"] for event in visit.events("trial_interrupted")] == ["connection"]
+    assert visit.step["trial"]["phase"] == "ready"
+    visit.room_says("ready")
+    visit.watch_both()
+    visit.page.clock.fast_forward(15_500)  # what has begun is waited for, however long it takes
+    assert visit.step["trial"]["phase"] == "choosing"
+    context.close()
+
+
 def test_messages_that_do_not_come_from_the_room_are_not_listened_to(visit: Visit) -> None:
     page = visit.page
     page.keyboard.press("Enter")

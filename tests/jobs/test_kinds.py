@@ -26,7 +26,7 @@ from backend.learning.alignment.fine_tuning import FineTuningConfig
 from backend.learning.alignment.thesis import thesis_config
 from backend.learning.queries.queries import QueryConfig
 from backend.learning.td3.base import BaseConfig
-from backend.learning.td3.ensemble import EnsembleConfig
+from backend.learning.td3.ensemble import PolicyEnsembleConfig
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 REQUIRED = {"snapshot": "a" * 64, "policy": "study_room/base", "policy_a": "study_room/base", "policy_b": "b" * 64}
@@ -39,7 +39,7 @@ def valid_params(kind: str) -> dict[str, object]:
 
 @pytest.mark.parametrize(
     ("kind", "config"),
-    [("train_base", BaseConfig("study_room")), ("ensemble", EnsembleConfig()), ("queries", QueryConfig())],
+    [("train_base", BaseConfig("study_room")), ("ensemble", PolicyEnsembleConfig()), ("queries", QueryConfig())],
 )
 def test_defaults_are_those_of_the_algorithm(kind, config):
     params = KINDS[kind].parse({}).model_dump(exclude={"base", "members" if kind == "queries" else ""})

@@ -11,14 +11,14 @@ import torch
 from backend.learning.errors import LearningError
 from backend.learning.td3.base import BaseResult
 from backend.learning.td3.ensemble import (
-    EnsembleConfig,
+    PolicyEnsembleConfig,
     choose_candidates,
     diversity_gradient,
     goal_modulation,
     train_ensemble,
 )
 
-TINY = EnsembleConfig(
+TINY = PolicyEnsembleConfig(
     members=3, steps=120, n_envs=10, base_transitions=2_000, selection_scenes=5, kappa=1.0, learning_rate=2e-3
 )
 

@@ -14,20 +14,17 @@ from backend.learning.policies.shipped import load_queries
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.free_form import EnsembleConfig, choose_reward_model, fit_mlp_ensemble
-from backend.learning.rewards.holding_out import predicted_in_new_scenes
-from backend.learning.rewards.reward_mlp import MlpConfig
-from backend.learning.rewards.reward_model import (
-    RewardModel,
-    reward_model_from_bytes,
-    reward_model_to_bytes,
-    trajectory_reward,
-)
-from backend.learning.rewards.reward_weights import fit_weights
+from backend.learning.rewards.held_out import predicted_in_new_scenes
+from backend.learning.rewards.mlp import MlpConfig
+from backend.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
+from backend.learning.rewards.model_choice import choose_reward_model
+from backend.learning.rewards.preference_weights import fit_weights
+from backend.learning.rewards.reward_model import RewardModel
+from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 
-QUICK = EnsembleConfig(members=1, member=MlpConfig(epochs=12, learning_rate=3e-3, pairs_per_step=16))
+QUICK = RewardEnsembleConfig(members=1, member=MlpConfig(epochs=12, learning_rate=3e-3, pairs_per_step=16))
 LEFT_SECTORS = slice(16, 26)  # of a study-room observation: lidar around straight left
 
 
@@ -51,8 +48,8 @@ def test_a_taste_that_the_vocabulary_has_no_word_for_goes_to_the_networks() -> N
     assert chosen.name == "mlp_ensemble_mean"
     assert chosen.log_likelihoods["mlp_ensemble_mean"] > chosen.log_likelihoods["weights"] + 0.2
     again = reward_model_from_bytes(reward_model_to_bytes(chosen.model))
-    assert trajectory_reward(again, given[0].chosen) == pytest.approx(
-        trajectory_reward(chosen.model, given[0].chosen), rel=1e-5
+    assert again.trajectory_reward(given[0].chosen) == pytest.approx(
+        chosen.model.trajectory_reward(given[0].chosen), rel=1e-5
     )
 
 

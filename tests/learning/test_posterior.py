@@ -13,14 +13,9 @@ from backend.learning.preferences.objectives import NAMES, OBJECTIVES, OPPOSITES
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.spans import SPANS_S
-from backend.learning.rewards.reward_model import (
-    accuracy,
-    log_odds,
-    reward_model_from_bytes,
-    reward_model_to_bytes,
-    trajectory_reward,
-)
-from backend.learning.rewards.reward_weights import WeightsRewardModel, fit_weights
+from backend.learning.rewards.held_out import accuracy
+from backend.learning.rewards.preference_weights import WeightsRewardModel, fit_weights
+from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 
 QUICK = PosteriorConfig(particles=4_000)
 
@@ -173,8 +168,8 @@ def test_the_reward_model_predicts_stores_and_says_what_matters(distance_answers
     again = reward_model_from_bytes(reward_model_to_bytes(model))
     assert isinstance(again, WeightsRewardModel)
     pair = distance_answers[20]
-    assert log_odds(again, pair.chosen, pair.rejected) == log_odds(model, pair.chosen, pair.rejected)
-    assert trajectory_reward(again, pair.chosen) > trajectory_reward(again, pair.rejected)
+    assert again.log_odds(pair.chosen, pair.rejected) == model.log_odds(pair.chosen, pair.rejected)
+    assert again.trajectory_reward(pair.chosen) > again.trajectory_reward(pair.rejected)
     trajectory = pair.chosen
     steps = again.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
     assert steps.shape == (len(trajectory.actions),)

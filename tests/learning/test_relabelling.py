@@ -18,8 +18,8 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_policy
 from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.rewards.reward_model import LinearRewardModel, fit_linear
+from backend.learning.rewards.linear import LinearRewardModel, fit_linear
+from backend.learning.rewards.mlp import MlpConfig, fit_mlp
 from backend.learning.td3.base import BaseResult
 from backend.learning.td3.replay import collect
 from backend.simulation.setups import STUDY_ROOM, SetupError

@@ -9,8 +9,9 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_queries
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.reward_interface import InterfaceConfig, InterfaceRewardModel, fit_interface
-from backend.learning.rewards.reward_model import accuracy, reward_model_from_bytes, reward_model_to_bytes
+from backend.learning.rewards.held_out import accuracy
+from backend.learning.rewards.interface_study import InterfaceConfig, InterfaceRewardModel, fit_interface
+from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 
 BRIEF = InterfaceConfig(epochs=60)
 

@@ -17,20 +17,11 @@ from backend.learning.preferences.features import FEATURE_NAMES, obstacle_cleara
 from backend.learning.preferences.oracles import ORACLES, make_oracle, min_human_distance_m
 from backend.learning.preferences.preferences import Preference
 from backend.learning.queries.queries import QuerySet
-from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.rewards.reward_model import (
-    LinearConfig,
-    LinearRewardModel,
-    RewardModel,
-    accuracy,
-    bradley_terry_gradient,
-    bradley_terry_loss,
-    fit_linear,
-    held_out_accuracy,
-    load_reward_model,
-    save_reward_model,
-    trajectory_reward,
-)
+from backend.learning.rewards.held_out import accuracy, held_out_accuracy
+from backend.learning.rewards.linear import LinearConfig, LinearRewardModel, fit_linear
+from backend.learning.rewards.mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.reward_model import RewardModel, bradley_terry_gradient, bradley_terry_loss
+from backend.learning.rewards.storage import load_reward_model, save_reward_model
 from backend.simulation.fast import FastEngine
 from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup, SetupError
@@ -146,7 +137,7 @@ def test_reward_models_survive_storage(distance_answers: list[Preference], tmp_p
         again = load_reward_model(tmp_path / "model.npz")
         assert type(again) is type(model)
         assert again.reduction == reduction
-        assert trajectory_reward(again, answers[0].chosen) == trajectory_reward(model, answers[0].chosen)
+        assert again.trajectory_reward(answers[0].chosen) == model.trajectory_reward(answers[0].chosen)
 
 
 def test_a_file_that_is_no_reward_model_is_refused(tmp_path: Path) -> None:

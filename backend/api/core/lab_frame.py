@@ -12,6 +12,7 @@ from fastapi import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from backend.api.core.dependencies import page, services_of
+from backend.api.core.disk import room_left
 from backend.api.core.roles import may
 
 LANGUAGES = ("en", "de")
@@ -51,6 +52,8 @@ def lab_language(request: Request) -> str:
 def lab_page(request: Request, template: str, *, status: int = 200, **context: Any) -> HTMLResponse:
     """Render a signed-in page; its templates have `sign_in` (None on the sign-in page) and `languages` besides."""
     context.setdefault("sign_in", getattr(request.state, "sign_in", None))
+    if context["sign_in"] is not None:
+        context["room"] = room_left(services_of(request).settings)
     return page(request, template, language=lab_language(request), status=status, languages=LANGUAGES, **context)
 
 

@@ -30,12 +30,25 @@ INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in 
 INCONSISTENT_SHARE = 0.5
 CIRCULAR_FROM = 2  # triads of transitivity probes in which A was chosen over B, B over C and C over A ...
 CIRCULAR_SHARE = CHANCE_CIRCULAR  # ... and as large a share of all as by three coins
+MANY_RESTARTS = 3  # trajectories that were interrupted and started over
 LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
 FOCUS_REASONS = ("hidden",)
 STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's drive, the drive of a drawn path
 
 ANSWER_SIGNS = ("too_fast", "one_sided", "failed_checks", "inconsistent")
 """Flags with answers behind them; those behind the others are events."""
+
+
+RULES: dict[str, dict[str, float]] = {
+    "problem": {},
+    "restarts": {"from": MANY_RESTARTS},
+    "too_fast": {"share": FAST_SHARE, "seconds": TOO_FAST_S, "from": FAST_FROM},
+    "one_sided": {"from": ONE_SIDED_FROM},
+    "failed_checks": {},
+    "inconsistent": {"share": INCONSISTENT_SHARE, "from": INCONSISTENT_FROM, "circular": CIRCULAR_FROM},
+    "lost_focus": {"from": LOST_FOCUS_FROM},
+}
+"""Every flag with the numbers of its rule, for the words that explain it (`lab.people.rules` of the catalogue)."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ A number on a page and the rows behind it come from the same filter here, so the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from statistics import median
@@ -23,7 +23,6 @@ from backend.study.plan.assignment import OrderLine
 
 HERE = timedelta(seconds=90)  # (ours) an open page is heard of far more often
 SILENT = timedelta(minutes=30)  # (ours) silent for longer without pausing: counted as dropped out until they return
-MANY_RESTARTS = 3  # (ours) a flag: worth a look, never an exclusion by itself
 
 DROPPED = ("silent", "withdrawn", "expired", "screened_out")
 UNDER_WAY = ("here", "away", "paused")
@@ -107,7 +106,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
         step = session.plan[min(session.position, len(session.plan) - 1)] if session.plan else {}
         seen = signs.get(participant.id, monitoring.NOTHING)
         flags = ["problem"] if problems.get(participant.id) else []
-        if restarts.get(participant.id, 0) >= MANY_RESTARTS:
+        if restarts.get(participant.id, 0) >= monitoring.MANY_RESTARTS:
             flags.append("restarts")
         flags += [flag for flag in seen.flags if not (flag == "too_fast" and participant.simulated)]
         rows.append(
@@ -183,6 +182,30 @@ def _fits(p: Person, kind: str, value: str) -> bool:
         case "flag":
             return value in p.flags
     return p.presence == kind
+
+
+SORTS: dict[str, Callable[[Person], Any]] = {
+    "code": lambda p: p.code,
+    "presence": lambda p: p.presence,
+    "progress": lambda p: p.progress,
+    "answers": lambda p: p.answers,
+    "trial_s": lambda p: p.trial_s,
+    "joined": lambda p: p.joined_at,
+    "seen": lambda p: p.last_seen_at,
+    "flags": lambda p: len(p.flags),
+}
+
+
+def found(everyone: Sequence[Person], searched: str, sort: str) -> list[Person]:
+    """Those whose code holds what was searched for, sorted by a column (`-` before it: the largest first), by when they
+    joined where it is none of SORTS. People without a value stand last."""
+    wanted = [p for p in everyone if searched.strip().lower() in p.code.lower()]
+    key = SORTS.get(sort.removeprefix("-"))
+    if key is None:
+        return wanted
+    there = [p for p in wanted if key(p) is not None]
+    missing = [p for p in wanted if key(p) is None]
+    return sorted(there, key=key, reverse=sort.startswith("-")) + missing
 
 
 def stages_of(everyone: Sequence[Person], plan_stages: Sequence[str]) -> list[tuple[str, int, int]]:

@@ -21,6 +21,7 @@ from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
 from backend.store.payment_codes import REMOVED
 from backend.store.query_sets import query_sets_here
+from backend.study.grammar.words import LABEL_S
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Page
 from backend.study.plan.planning import Step, example_queries, make_plan
@@ -51,7 +52,14 @@ class QueryPreview:
     def play(self, stage: Stage, drive: str) -> None:
         trajectory = self.a if drive == "a" else self.b
         both = (self.a, self.b)
-        stage.play(trajectory, label=drive.upper(), view=self.view, playback_id=drive, trajectories=both)
+        stage.play(
+            trajectory,
+            label=drive.upper(),
+            label_s=LABEL_S,
+            view=self.view,
+            playback_id=drive,
+            trajectories=both,
+        )
 
 
 def preview_steps(frozen: FrozenProtocol) -> list[Step]:

@@ -21,7 +21,9 @@ from backend.api.core.dependencies import Db, Files, contact, public_url
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.lab import (
     analysis_pages,
+    answer_replay,
     audit_pages,
+    monitoring,
     new_study,
     payments,
     people_pages,
@@ -48,6 +50,7 @@ from backend.study.session.versions import newest_protocol
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
+router.include_router(answer_replay.router)
 router.include_router(audit_pages.router)
 router.include_router(new_study.router)
 router.include_router(payments.router)
@@ -131,7 +134,10 @@ def monitor(study_id: str, database: Db) -> dict[str, Any]:
 
 
 @router.get("/lab/studies/{study_id}/people")
-def people(request: Request, study_id: str, database: Db, show: str = "all", page: int = 1) -> Response:
+def people(
+    request: Request, study_id: str, database: Db, show: str = "all", q: str = "", sort: str = "", page: int = 1
+) -> Response:
+    """`q`: part of a code; `sort`: a column, with `-` before it from its largest."""
     with database.session() as s:
         study = the_study(s, study_id)
         everyone = people_rows.people(s, study.id, utc_now())
@@ -143,7 +149,10 @@ def people(request: Request, study_id: str, database: Db, show: str = "all", pag
             show=show,
             count=people_rows.shown,
             median_trial_s=people_rows.median_trial_s(everyone),
-            listed=study_rows.cut(people_rows.shown(everyone, show), page),
+            q=q,
+            sort=sort,
+            flags=monitoring.RULES,
+            listed=study_rows.cut(people_rows.found(people_rows.shown(everyone, show), q, sort), page),
             erased=len(study_rows.tombstones(s, study.id)),
         )
 

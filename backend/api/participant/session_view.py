@@ -17,6 +17,7 @@ from backend.study.kinds import KINDS, Step, kind_of, read_plan
 from backend.study.refusals import Refused, log_refusal
 from backend.study.session import machine
 from backend.study.session.finding import acting, find_session
+from backend.study.session.leaving import LONGEST_PROBLEM
 from backend.study.session.versions import protocol_of
 from backend.study.simulated.told import told_to_simulated
 
@@ -31,6 +32,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "languages": frozen.protocol.languages,
         "contact": frozen.protocol.contact or contact(request),
         "payment": local(frozen.protocol.payment, session.language) if frozen.protocol.payment else None,
+        "longest_problem": LONGEST_PROBLEM,
         "code": s.get_one(Participant, session.participant_id).code,
         "looks_around": any(step.view not in (None, "top_down") for step in plan),
         "step": view,

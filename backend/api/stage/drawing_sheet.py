@@ -14,6 +14,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Session, StrokeRow
 from backend.study.drawing import paths, walks
+from backend.study.drawing.strokes import MOST_POINTS
 from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.session import machine
 
@@ -57,6 +58,7 @@ def present(database: Database, stage: Stage, session_id: str) -> None:
         resting=phase != "drawing",
         problem=latest.problem if on_it and latest is not None else None,
         walks=[walks.scene_with(scene, walk) for walk in offered],
+        most_points=MOST_POINTS,
         chosen=offered.index(latest.walk) if on_it and latest is not None and latest.walk in offered else None,
     )
     stage.draw(scene, step.view, paper)

@@ -53,14 +53,14 @@ class Presenter:
         """
         if self._replays.show(stage, key):
             return
-        changed = self._interrupted(key)
+        changed = self._interrupted(key, "stage_connected")
         if changed is None:
             return
         self._line.submit(self._present, stage, key).result()
         if changed:
             self._listeners.changed(key)
 
-    def _interrupted(self, session_id: str) -> bool | None:
+    def _interrupted(self, session_id: str, reason: str) -> bool | None:
         """Apply the checkpoint rule, however busy the database. Whether it changed anything; None: no such session."""
         while True:
             try:
@@ -68,7 +68,7 @@ class Presenter:
                     session = s.get(Session, session_id, with_for_update=True)
                     if session is None:
                         return None
-                    return machine.interrupted(s, session, reason="stage_connected", now=utc_now())
+                    return machine.interrupted(s, session, reason=reason, now=utc_now())
             except DatabaseBusy:
                 log.warning("a stage waits for the database")
 
@@ -98,6 +98,7 @@ class Presenter:
             stage.play(
                 self._trajectory(playback.trajectory),
                 label=playback.label,
+                label_s=playback.label_s,
                 view=cast("View", playback.view),
                 playback_id=playback.playback_id,
                 trajectories=[self._trajectory(one) for one in (trial.trajectory_a, trial.trajectory_b)],
@@ -124,8 +125,21 @@ class Presenter:
                     order(stage)
             except Exception:
                 log.exception("a stage could not be told what to show")
+                self._recover(server, session_id)
 
         self._line.submit(carry_out)
+
+    def _recover(self, server: StageServer, session_id: str) -> None:
+        """Nobody waits for what will never play: the checkpoint rule applies, the page is told, the scene is shown."""
+        if self._interrupted(session_id, "stage_failed"):
+            self._listeners.changed(session_id)
+        stage = server.stage(session_id)
+        try:
+            if stage is not None:
+                stage.clear()
+                self._present(stage, session_id)
+        except Exception:
+            log.exception("a stage could not be put back either")
 
     def _present(self, stage: Stage, session_id: str) -> None:
         with self._database.session() as s:

@@ -30,9 +30,9 @@ from backend.learning.preferences.objectives import NAMES
 from backend.learning.preferences.oracles import ORACLE_PREFERENCES, make_oracle
 from backend.learning.preferences.preferences import Preference
 from backend.learning.queries.queries import QueryConfig, generate_queries
-from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.rewards.reward_model import fit_linear
-from backend.learning.rewards.reward_weights import fit_weights
+from backend.learning.rewards.linear import fit_linear
+from backend.learning.rewards.mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.preference_weights import fit_weights
 from backend.learning.scene_sets import Purpose, scene_set
 
 Floats = NDArray[np.float32]

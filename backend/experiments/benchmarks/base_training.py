@@ -1,6 +1,6 @@
 """How long base training takes on this machine, and what it reaches. Ratios come from one run.
 
-The trainings themselves live in `benchmark_arms.py`.
+The trainings themselves live in `training_arms.py`.
 """
 
 from __future__ import annotations
@@ -8,11 +8,13 @@ from __future__ import annotations
 import json
 import os
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import torch
 
 from backend.experiments.benchmarks.limits import matmul_gflops, matmul_gflops_torch
 from backend.experiments.benchmarks.training_arms import (
@@ -22,7 +24,9 @@ from backend.experiments.benchmarks.training_arms import (
     LAST,
     Reached,
     TrainBenchmarkConfig,
+    Training,
     pybullet_seconds_per_step,
+    taking_turns,
     train_ours,
     train_sb3,
 )
@@ -33,7 +37,8 @@ from backend.simulation.setups import get_setup
 ARMS = ("fast", "sb3_fast", "sb3_pybullet")
 WEIGHTS = {"fast": (LAST, AVERAGED), "sb3_fast": (LAST,), "sb3_pybullet": (LAST,)}
 """By which weights an arm is judged, whichever get there first: `train_base` considers both, SB3 does not average."""
-Train = Callable[[str, BaseConfig, TrainBenchmarkConfig], list[Reached]]
+Train = Callable[[str, BaseConfig, TrainBenchmarkConfig], Training]
+IN_TURNS = ("fast", "sb3_fast")  # PyBullet's arm uses the same global random stream as SB3's: it follows alone
 
 
 RANDOM_TRANSITIONS_ALONE = 10_000  # of one environment, at most: it has seen some twenty episodes by then
@@ -79,13 +84,15 @@ class _Kept:
                 raise LearningError(f"{path} holds a benchmark with other settings; name another file or delete it")
             self.runs = {name: [Reached(**entry) for entry in entries] for name, entries in stored["runs"].items()}
 
-    def run(self, name: str, training: Callable[[], list[Reached]]) -> list[Reached]:
-        if name not in self.runs:
-            self.runs[name] = training()
+    def run(self, trainings: Mapping[str, Callable[[], Training]]) -> list[Reached]:
+        """What these reached, in order; those that are not kept yet take turns."""
+        missing = {name: training() for name, training in trainings.items() if name not in self.runs}
+        if missing:
+            self.runs |= taking_turns(missing)
             if self._path is not None:
                 runs = {name: [asdict(entry) for entry in entries] for name, entries in self.runs.items()}
                 self._path.write_text(json.dumps({"settings": self._settings, "runs": runs}), encoding="utf-8")
-        return self.runs[name]
+        return [entry for name in trainings for entry in self.runs[name]]
 
 
 def benchmark_train(
@@ -99,9 +106,11 @@ def benchmark_train(
     ablation_seeds: int = 0,
 ) -> dict[str, Any]:
     """Processor seconds of training until a base policy reaches 94 %, ours (`fast`) against SB3 on the same fast engine
-    and on PyBullet. One thread each, one after the other, checks not counted. Processor seconds are wall-clock seconds
-    on an idle machine, and on a busy one nobody is charged for others' work; `per_seed` holds both.
-    `openblas_coretype`: which kernels NumPy's library was told to use (null: its own choice).
+    and on PyBullet. One thread each, ours and SB3 on the fast engine in turns of some hundred updates, so that both
+    share the machine with the same others; checks not counted. Processor seconds are wall-clock seconds on an idle
+    machine; on a busy one nobody is charged for others' work, but for what they leave of caches and clock rate;
+    `per_seed` holds both clocks, `load_average` how busy it was. `openblas_coretype`: which kernels NumPy's library was
+    told to use (null: its own choice), which decides more than anything else; `torch_cpu_capability` likewise.
 
     Ours is judged by its last and its averaged weights, whichever are confirmed first, since base training considers
     both; SB3 by its last, since it does not average. `seconds_to_94` and `held_out_success` are medians of the first
@@ -126,11 +135,14 @@ def benchmark_train(
         "sb3_pybullet": (train_sb3, alone(chosen)),
     }
 
-    def train(arm: str, training: Train, of: BaseConfig, seed: int) -> list[Reached]:
-        return kept.run(f"{arm} {seed}", partial(training, arm, replace(of, seed=seed), config))
+    def train(seed: int, together: Mapping[str, tuple[Train, BaseConfig]]) -> list[Reached]:
+        return kept.run(
+            {f"{arm} {seed}": partial(how, arm, replace(of, seed=seed), config) for arm, (how, of) in together.items()}
+        )
 
-    # Seed by seed: what is slow on this machine for a while is slow for all arms.
-    trained = [entry for seed in range(seeds) for arm in arms for entry in train(arm, *trainings[arm], seed)]
+    load = [round(value, 2) for value in os.getloadavg()]
+    groups = [[arm for arm in arms if (arm in IN_TURNS) == turns] for turns in (True, False)]
+    trained = [e for seed in range(seeds) for names in groups for e in train(seed, {n: trainings[n] for n in names})]
     entries, note = trained, None
     if "sb3_pybullet" in arms:
         per_step = pybullet_seconds_per_step(get_setup(setup), config.pybullet_steps)
@@ -156,10 +168,12 @@ def benchmark_train(
         **_ratios(medians, "sb3_fast"),
         **_ratios(medians, "sb3_pybullet"),
         "causes": _causes(judged, entries, chosen.batch_size, alone_s) if {"fast", "sb3_fast"} <= set(judged) else None,
-        "ablation": _ablation(chosen, partial(train, training=train_ours), ablation_seeds) if ablation_seeds else None,
+        "ablation": _ablation(chosen, train, ablation_seeds) if ablation_seeds else None,
         "sb3_pybullet_note": note,
         "network_heads": list(chosen.heads),
         "openblas_coretype": os.environ.get("OPENBLAS_CORETYPE"),
+        "torch_cpu_capability": torch.backends.cpu.get_cpu_capability(),
+        "load_average": {"before": load, "after": [round(value, 2) for value in os.getloadavg()]},
         "scenes": {"check": CHECK_SCENES, "confirm": CONFIRM_SCENES, "confirm_scenes_are": "new at every try"},
         "gives_up_after": {"updates": config.max_updates, "seconds": config.max_seconds},
     }
@@ -220,7 +234,7 @@ def _ablation(base: BaseConfig, train: Callable[..., list[Reached]], seeds: int)
     table: dict[str, Any] = {}
     for name, change in ABLATION.items():
         arm = "fast" if name == "as_it_is" else f"fast_{name}"
-        entries = [e for seed in range(seeds) for e in train(arm=arm, of=change(base), seed=seed)]
+        entries = [e for seed in range(seeds) for e in train(seed, {arm: (train_ours, change(base))})]
         found = _judged(entries, arm, (LAST,))
         median = _median_seconds(found)
         table[name] = {

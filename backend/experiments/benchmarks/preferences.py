@@ -29,7 +29,7 @@ from backend.learning.preferences.spans import seen_in
 from backend.learning.queries.choosing import STRATEGIES, asked_in_turn
 from backend.learning.queries.queries import Query, QueryConfig, generate_queries
 from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
-from backend.learning.rewards.reward_weights import fit_weights
+from backend.learning.rewards.preference_weights import fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Scene

@@ -1,12 +1,12 @@
-"""The trainings that `benchmark.py` compares: each runs until 94 % success is confirmed, or gives up.
+"""The trainings that `base_training.py` compares: each runs until 94 % success is confirmed, or gives up.
 
-Nothing is compared here. Clocks live here and in the other `benchmark_*.py`, nowhere else in this room.
+Nothing is compared here. Each goes on by a chunk when it is asked to, so that several can take turns.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -100,9 +100,26 @@ class Stopwatch:
             self.spent = Spent(self.spent.seconds + seconds, self.spent.wall_seconds + wall)
 
 
+Training = Generator[None, None, list[Reached]]
+"""Trains by one chunk whenever it is asked to go on; returns what it reached."""
+
+
+def taking_turns(trainings: Mapping[str, Training]) -> dict[str, list[Reached]]:
+    """Run them all, chunk by chunk in turns: what is slow on this machine for a while is slow for all of them."""
+    reached: dict[str, list[Reached]] = {}
+    while len(reached) < len(trainings):
+        for name, training in trainings.items():
+            if name not in reached:
+                try:
+                    next(training)
+                except StopIteration as ended:
+                    reached[name] = ended.value
+    return reached
+
+
 def train_until_target(
     arm: str, setup: Setup, seed: int, chunk: Callable[[], Progress], config: TrainBenchmarkConfig
-) -> list[Reached]:
+) -> Training:
     """Alternate training chunks and checks (not timed) until 94 % is confirmed for every kind of weights, or give up.
 
     Every try to confirm takes 2,000 scenes that served nothing before.
@@ -124,6 +141,7 @@ def train_until_target(
         given_up = now.updates >= config.max_updates or now.seconds >= config.max_seconds
         if given_up or len(reached) == len(now.policies):
             return [reached.get(w) or _reached(arm, w, seed, now, None, tries) for w in now.policies]
+        yield
 
 
 def _reached(arm: str, weights: str, seed: int, now: Progress, confirmed: float | None, tries: int) -> Reached:
@@ -143,7 +161,7 @@ def _reached(arm: str, weights: str, seed: int, now: Progress, confirmed: float 
     )
 
 
-def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> list[Reached]:
+def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
     """Base training, judged by its last and by its averaged weights: `train_base` considers both."""
     training = BaseTraining(base)
     whole = Stopwatch(training.vector_step)
@@ -161,7 +179,7 @@ def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> list
     return train_until_target(arm, training.setup, base.seed, chunk, config)
 
 
-def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> list[Reached]:
+def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
     """Stable-Baselines3 with the same network, shaping, environments, noise and updates per step."""
     use_one_thread()
     setup = get_setup(base.setup)

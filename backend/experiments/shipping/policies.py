@@ -15,7 +15,7 @@ from backend.learning.policies.steerability import steerability_of
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
-from backend.learning.td3.ensemble import EnsembleConfig, train_ensemble
+from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
@@ -34,7 +34,9 @@ def report_scenes() -> dict[str, Any]:
     return {"report": [describe(Purpose.REPORT, REPORT_SCENES, seed) for seed in REPORT_SEEDS]}
 
 
-def store_policy(policy: Policy, name: str, config: BaseConfig | EnsembleConfig, folder: Path, **fields: Any) -> Card:
+def store_policy(
+    policy: Policy, name: str, config: BaseConfig | PolicyEnsembleConfig, folder: Path, **fields: Any
+) -> Card:
     """Write a trained policy, measured on the reporting scenes, with its card.
 
     name: `SETUP/base` or `SETUP/ensemble/K`. fields: more of the card; its `results` join the measured ones.
@@ -80,7 +82,7 @@ def ship_ensemble(
 ) -> list[Card]:
     """Train, measure and store the four members that start from the base policy in the same folder."""
     base_path = folder / setup / "base.npz"
-    config = EnsembleConfig(seed=seed)
+    config = PolicyEnsembleConfig(seed=seed)
     result = train_ensemble(Policy.load(base_path), config, on_progress)
     parents = {f"{setup}/base": file_sha256(base_path), "regenerated base buffer": result.base_buffer_sha256}
     return [

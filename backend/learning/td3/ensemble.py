@@ -36,7 +36,7 @@ def keep_no_members(steps: int, members: list[Policy]) -> None:
 
 
 @dataclass(frozen=True)
-class EnsembleConfig:
+class PolicyEnsembleConfig:
     """How an ensemble is trained. Sources: table 6.1 unless marked ours."""
 
     seed: int = 0
@@ -107,7 +107,7 @@ class _Member:
     average: running average of its actor's weights. shown: the actor that the others see, held while they learn.
     """
 
-    def __init__(self, k: int, base: Policy, start: ReplayBuffer, config: EnsembleConfig) -> None:
+    def __init__(self, k: int, base: Policy, start: ReplayBuffer, config: PolicyEnsembleConfig) -> None:
         setup = get_setup(base.setup)
         td3 = Td3Config(
             gamma=config.gamma or setup.gamma,
@@ -149,7 +149,7 @@ class _Member:
 
 def train_ensemble(
     base: Policy,
-    config: EnsembleConfig | None = None,
+    config: PolicyEnsembleConfig | None = None,
     on_progress: OnProgress = no_progress,
     *,
     marks: Sequence[int] = (),
@@ -163,7 +163,7 @@ def train_ensemble(
     marks: numbers of steps (multiples of `n_envs`) at which `on_members` is given the members as they are then, neither
     averaged nor chosen. threads: how many members learn at the same time; the result is the same for any number.
     """
-    config = config or EnsembleConfig()
+    config = config or PolicyEnsembleConfig()
     if config.members < 2:
         raise LearningError(f"members = {config.members}: diversity needs at least 2")
     use_one_thread()

@@ -10,6 +10,8 @@ from backend.store.dataset.columns import (
     STUDY_FILE,
     TRAJECTORY_FOLDER,
 )
+from backend.store.dataset.descriptions import CITATION, CROISSANT, DATA_PACKAGE, LICENCE, PSYCH_DS
+from backend.store.dataset.preference_pairs import FOLDER as PAIRS_FOLDER
 from backend.store.dataset.tables import TABLES
 
 
@@ -52,6 +54,12 @@ def data_dictionary() -> str:
         f"| `{DEMONSTRATION_FOLDER}/ID.npz` | one demonstration, where paths were drawn: `stroke_points`, "
         "`stroke_speeds`, `stroke_times_s` as drawn; cubic B-splines `spline_knots`, `spline_coefficients`, "
         "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its NPZ |",
+        f"| `{PAIRS_FOLDER}/` | the pairs that may be learned from as JSON lines `prompt`, `chosen`, `rejected`: "
+        "`train`, `practice` and `probes` apart; `datasets.load_dataset` opens the folder, TRL takes its columns |",
+        f"| `{DATA_PACKAGE}` | Frictionless Data Package of the CSV tables: types, keys, what refers to what |",
+        f"| `{CROISSANT}` | Croissant description of the Parquet tables |",
+        f"| `{PSYCH_DS}` | Psych-DS metadata (schema.org): every variable; files keep our names, not that standard's |",
+        f"| `{CITATION}`, `{LICENCE}` | how to cite, and what may be done with the data |",
         f"| `{DICTIONARY_FILE}` | this text |",
         f"| `{CHECKSUMS_FILE}` | sha256 of every other file; check with `sha256sum -c {CHECKSUMS_FILE}` |",
     ]

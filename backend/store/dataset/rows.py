@@ -31,7 +31,7 @@ from backend.store.models import (
 from backend.store.models import Session as SessionRow
 from backend.store.plain_data import copied, mentions
 from backend.store.sides import chosen_and_rejected, is_side
-from backend.store.who_counts import is_practice, left_out_of_study, may_be_published, role_of
+from backend.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn, role_of
 
 Row = dict[str, Any]
 REMOVED = "[removed]"
@@ -260,6 +260,10 @@ class Content:
                 "rejected": rejected,
                 "chosen_shown": "first" if choice == "a" else "second",
             }
+
+    def learned_from(self) -> set[str]:
+        """Codes of those whose answers models may learn from."""
+        return {one.code for one in self.people.values() if reason_not_to_learn(one, "all") is None}
 
     def of_session(self, session_id: str) -> Row:
         return {"session": session_id, **self._of_participant(self.people[self.by_id[session_id].participant_id])}

@@ -8,24 +8,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from backend.analysis.metrics import measure
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
-from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.dataset.columns import (
@@ -34,11 +30,12 @@ from backend.store.dataset.columns import (
     FORMAT,
     PROTOCOL_FOLDER,
     STUDY_FILE,
-    TRAJECTORY_FOLDER,
     Table,
 )
 from backend.store.dataset.csv_text import csv_text
+from backend.store.dataset.descriptions import NOT_STATED, About, write_descriptions
 from backend.store.dataset.dictionary import data_dictionary
+from backend.store.dataset.preference_pairs import write_pairs
 from backend.store.dataset.rows import Content
 from backend.store.dataset.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
 from backend.store.dataset.tables import (
@@ -52,9 +49,11 @@ from backend.store.dataset.tables import (
     SESSIONS,
     STEPS,
     STROKES,
+    TABLES,
     TRAJECTORIES,
     TRIALS,
 )
+from backend.store.dataset.trajectory_files import write_trajectories
 from backend.store.models import (
     ProtocolVersion,
     Study,
@@ -65,19 +64,6 @@ from backend.store.models import (
 from backend.store.payment_codes import changes_without, data_without, yaml_without
 
 Row = dict[str, Any]
-STEPS_ROWS_AT_ONCE = 4096
-MEASURED = {
-    "time_s": "time",
-    "path_length_m": "path_length",
-    "mean_speed_m_per_s": "mean_speed",
-    "accumulated_angle_rad": "accumulated_angle",
-    "min_human_distance_m": "min_human_distance",
-    "min_obstacle_distance_m": "min_obstacle_distance",
-    "path_area_m2": "path_area",
-    "straight_distance_m": "straight_distance",
-    "relative_path_length": "relative_path_length",
-}
-"""Column of the table of metrics -> field of `TrajectoryMetrics`."""
 
 
 class ExportError(ValueError):
@@ -145,7 +131,6 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     driven = {one for stroke in strokes for one in trajectories_of(stroke.walk, stroke.trajectory)}
     shown = sorted(driven | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
-    (out / TRAJECTORY_FOLDER).mkdir()
     tables: dict[Table, list[Row]] = {
         PARTICIPANTS: list(content.participants()),
         SESSIONS: list(content.sessions()),
@@ -158,80 +143,18 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         STROKES: list(stroke_rows(strokes, content.of_session)),
     }
     write_demonstrations(files, strokes, out)
-    tables[TRAJECTORIES], tables[METRICS], step_count = _write_trajectories(files, [stored[one] for one in shown], out)
-    counted = {f"{STEPS.name}.parquet": step_count}
+    written = write_trajectories(files, [stored[name] for name in shown], out)
+    tables[TRAJECTORIES], tables[METRICS] = written.rows, written.metrics
+    may = content.learned_from()
+    pairs = [row for row in tables[PAIRS] if row["participant"] in may]
+    write_pairs(out, pairs, written.prompts, written.texts)
+    counted = {f"{STEPS.name}.parquet": written.steps}
     for table, rows in tables.items():
         pq.write_table(pa.Table.from_pylist(rows, schema=table.schema()), out / f"{table.name}.parquet")
         (out / f"{table.name}.csv").write_text(csv_text(table, rows), encoding="utf-8", newline="")
         counted |= {f"{table.name}.{ending}": len(rows) for ending in ("parquet", "csv")}
     _write_study(s, study, out, {table.name: len(rows) for table, rows in tables.items()}, stored.values())
     return counted
-
-
-def _write_trajectories(
-    files: ArtefactStore, stored: list[TrajectoryRow], out: Path
-) -> tuple[list[Row], list[Row], int]:
-    """Write the NPZ files and the table of steps. Returns the rows of the tables of trajectories and of their metrics,
-    and the steps' count."""
-    rows, measured, count = [], [], 0
-    waiting: list[Row] = []
-    with pq.ParquetWriter(out / f"{STEPS.name}.parquet", STEPS.schema()) as writer:
-        for row in stored:
-            content = files.get(row.id)
-            (out / TRAJECTORY_FOLDER / f"{row.id}.npz").write_bytes(content)
-            trajectory = Trajectory.from_bytes(content)
-            rows.append(
-                {
-                    "trajectory": row.id,
-                    "setup": row.setup,
-                    "scene_hash": row.scene_hash,
-                    "scene": json.dumps(trajectory.scene.as_dict(), sort_keys=True),
-                    "outcome": Outcome(row.outcome).name.lower(),
-                    "steps": row.steps,
-                    "dt_s": trajectory.dt,
-                    "robot_radius_m": ROBOT_RADIUS_M,
-                    "duration_s": row.duration_s,
-                    "self_intersections": trajectory.self_intersections,
-                    "made_by": row.made_by,
-                    "created_at": row.created_at,
-                }
-            )
-            measured.append(_metrics(row.id, trajectory))
-            waiting += _steps(row.id, trajectory)
-            count += row.steps
-            if len(waiting) >= STEPS_ROWS_AT_ONCE:
-                writer.write_table(pa.Table.from_pylist(waiting, schema=STEPS.schema()))
-                waiting = []
-        writer.write_table(pa.Table.from_pylist(waiting, schema=STEPS.schema()))
-    return rows, measured, count
-
-
-def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
-    found = measure([trajectory])
-    values = {column: float(getattr(found, name)[0]) for column, name in MEASURED.items()}
-    return {
-        "trajectory": trajectory_id,
-        "outcome": Outcome(trajectory.outcome).name.lower(),
-        **{column: value if math.isfinite(value) else None for column, value in values.items()},
-    }
-
-
-def _steps(trajectory_id: str, trajectory: Trajectory) -> Iterator[Row]:
-    poses, actions = trajectory.poses.astype(np.float64), trajectory.actions.astype(np.float64)
-    for k in range(len(actions)):
-        yield {
-            "trajectory": trajectory_id,
-            "step": k,
-            "time_s": k * trajectory.dt,
-            **dict(zip(("x_m", "y_m", "yaw_rad"), poses[k].tolist(), strict=True)),
-            **dict(zip(("next_x_m", "next_y_m", "next_yaw_rad"), poses[k + 1].tolist(), strict=True)),
-            "action_linear": actions[k, 0].item(),
-            "action_angular": actions[k, 1].item(),
-            "reward": float(trajectory.rewards[k]),
-            "done": bool(trajectory.dones[k]),
-            "observation": trajectory.observations[k].tolist(),
-            "next_observation": trajectory.next_observations[k].tolist(),
-        }
 
 
 def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], stored: Iterable[TrajectoryRow]) -> None:
@@ -291,11 +214,8 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
                 }
                 for one in later
             ],
-            "licence": study.protocol.get("licence")
-            or "not stated in the protocol: ask the study's experimenter before you use or share these data",
-            "citation": study.protocol.get("citation")
-            or f"{study.name} (study {study.id}, protocol {study.protocol_name} version {study.protocol_version}, "
-            f"sha256 {study.protocol_hash}), collected with Desire Path",
+            "licence": study.protocol.get("licence") or NOT_STATED,
+            "citation": _citation(study),
             "rows": counts,
             "setups": setups,
             "erased_participants": [
@@ -304,6 +224,23 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
         },
     )
     (out / DICTIONARY_FILE).write_text(data_dictionary(), encoding="utf-8")
+    about = About(
+        study=study.id,
+        name=study.name,
+        protocol=f"{study.protocol_name} version {study.protocol_version}",
+        created_at=study.created_at.isoformat(),
+        licence=study.protocol.get("licence"),
+        citation=_citation(study),
+    )
+    write_descriptions(out, about, TABLES)
+
+
+def _citation(study: Study) -> str:
+    stated: str | None = study.protocol.get("citation")
+    return stated or (
+        f"{study.name} (study {study.id}, protocol {study.protocol_name} version {study.protocol_version}, "
+        f"sha256 {study.protocol_hash}), collected with Desire Path"
+    )
 
 
 def _write_json(path: Path, data: Any) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from backend.demonstrations.demonstration import Demonstration
     from backend.study.kinds.demonstration import DemonstrationStep
 
-MOST_POINTS = 4_000  # as client/sections.js
+MOST_POINTS = 4_000  # ours; the stage is told
 MOST_ATTEMPTS = 60  # ours, per step: who needs more is better served by a pause
 POINTERS = frozenset({"mouse", "touch", "pen", "keys", "bot"})
 

@@ -47,10 +47,11 @@ class StepView:
 
 @dataclass(frozen=True)
 class Playback:
-    """A trajectory that has to be played now."""
+    """A trajectory that has to be played now; its letter stands for `label_s` before it moves."""
 
     trajectory: str
     label: str
+    label_s: float
     view: str
     playback_id: str
 
@@ -91,10 +92,9 @@ def playing(trial: Trial | None) -> Playback | None:
     if trial is None or trial.phase not in PLAYING:
         return None
     side: Side = "a" if trial.phase == "playing_a" else "b"
-    letter = side.upper() if label_s(trial) else ""
-    return Playback(
-        shown_on(side, trial.trajectory_a, trial.trajectory_b), letter, trial.view, playback_id(trial, side)
-    )
+    trajectory = shown_on(side, trial.trajectory_a, trial.trajectory_b)
+    stands_s = label_s(trial)
+    return Playback(trajectory, side.upper() if stands_s else "", stands_s, trial.view, playback_id(trial, side))
 
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:

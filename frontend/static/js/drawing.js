@@ -79,7 +79,7 @@ export class Drawing extends StageBar {
     const sections = pen.can_undo !== this.pen.can_undo || pen.length_m !== this.pen.length_m;
     this.pen = pen;
     if (pen.drawing || (sections && !pen.problem)) this.problem = "";
-    const [low, high] = pen.speeds ?? [0.1, 0.25];
+    const [low, high] = pen.speeds;
     this.slider.value = String(Math.round((100 * (pen.speed - low)) / (high - low)));
     this.slider.setAttribute("aria-valuetext", `${this.number(pen.speed, 2)} m/s`);
     if (this.state.phase === "drawing") this.showPen();
@@ -114,10 +114,10 @@ export class Drawing extends StageBar {
     this.hintLine.toggleAttribute("data-attention", Boolean(this.problem || (tight && length)));
   }
 
-  /** @param {{name: string, metres: number}} near */
+  /** @param {{name: string, metres: number, tight: boolean}} near */
   nearWords(near) {
     const stage = this.words.stage;
-    const kind = near.metres < 0 ? "would_hit" : near.metres < 0.08 ? "too_close" : "room_left";
+    const kind = near.metres < 0 ? "would_hit" : near.tight ? "too_close" : "room_left";
     return String(stage[kind][near.name] ?? "").replace("{metres}", this.number(near.metres, 2));
   }
 
@@ -127,7 +127,7 @@ export class Drawing extends StageBar {
   }
 
   chosenSpeed() {
-    const [low, high] = this.pen.speeds ?? [0.1, 0.25];
+    const [low, high] = this.pen.speeds ?? [0, 0];
     return low + (Number(this.slider.value) / 100) * (high - low);
   }
 

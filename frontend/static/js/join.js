@@ -11,6 +11,8 @@ const LONG_SIDE = 740;
 /** The bars above and below the room, CSS pixels. */
 const BARS = 160;
 const SMOOTH_FROM = 15; // pictures per second: below, nobody would call it smooth
+const MEASURED_TIMES = 3;
+const PAUSE_MS = 700; // whatever kept the device busy may be over then
 
 /**
  * What the study's protocol asks of a device, null where it asks nothing (backend/study/protocol/schema.py, DeviceGate).
@@ -84,8 +86,19 @@ function check() {
   begin.disabled = !(webgl && size && pointer && rate !== undefined && fast);
 }
 
+/** One busy second is no slow device: what would be told as slow is measured again, and the best of it counts. */
 async function measure() {
-  rate = webgl ? await frameRate(innerWidth, Math.max(200, innerHeight - BARS)) : null;
+  const wanted = Math.max(SMOOTH_FROM, gate.min_frame_rate ?? 0, gate.light_below ?? 0);
+  /** @type {number | null} */
+  let best = null;
+  for (let tries = 0; webgl && tries < MEASURED_TIMES; tries += 1) {
+    if (tries) await new Promise((done) => setTimeout(done, PAUSE_MS));
+    const measured = await frameRate(innerWidth, Math.max(200, innerHeight - BARS));
+    if (measured === null) break;
+    best = Math.max(best ?? 0, measured);
+    if (best >= wanted) break;
+  }
+  rate = best;
   check();
 }
 

@@ -18,6 +18,14 @@ export function localTimes(root) {
   }
 }
 
+/** Say below the page which time zone its times are in. */
+function timeZone() {
+  for (const note of document.querySelectorAll("[data-time-zone]")) {
+    const zone = Intl.DateTimeFormat().resolvedOptions().timeZone;
+    note.textContent = `${/** @type {HTMLElement} */ (note).dataset.timeZone ?? ""}${zone ? `: ${zone}` : ""}`;
+  }
+}
+
 /** Buttons with data-copies="ID OF AN INPUT". */
 function copyButtons() {
   document.addEventListener("click", async (event) => {
@@ -120,6 +128,7 @@ function waitingForms() {
 }
 
 localTimes(document);
+timeZone();
 copyButtons();
 dialogs();
 typedConfirmations();

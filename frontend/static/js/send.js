@@ -19,7 +19,7 @@ const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
 const PATIENCE_MS = 15000;
 
-/** @typedef {"connection" | "server" | null} Waiting for what a request has to wait; null: it went through */
+/** @typedef {"connection" | "server" | "full" | null} Waiting for what a request has to wait; null: it went through */
 
 /** Told whenever a request has to wait, and when it went through. @type {(waiting: Waiting) => void} */
 let onWaiting = () => {};
@@ -83,7 +83,7 @@ async function persist(url, body) {
       const answer = await response.json().catch(() => ({}));
       throw new Refused(response.status, answer.error ?? {});
     }
-    const why = response?.status === 503 || response?.status === 429 ? "server" : "connection";
+    const why = response?.status === 507 ? "full" : response?.status === 503 || response?.status === 429 ? "server" : "connection";
     if (why !== waiting) {
       waiting = why;
       onWaiting(why);

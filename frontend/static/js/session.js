@@ -370,8 +370,7 @@ function moveOut() {
 
 watchConnection((waiting) => {
   const offline = keep.held() ? "offline_answer" : "offline";
-  const busy = waiting === "server";
-  showBanner(waiting ? say(busy ? "busy" : offline) : null);
+  showBanner(waiting ? say({ server: "busy", full: "full", connection: offline }[waiting]) : null);
   if (!waiting) notice("connection", { back: true });
 });
 document.addEventListener("visibilitychange", () => notice("visibility", { hidden: document.hidden }));

@@ -28,6 +28,9 @@ import { Refused, pause } from "./send.js";
 const EARLY_WAIT_MS = 400;
 const EARLY_TRIES = 25;
 
+/** So long a ready stage may take to begin with what the server plays; then the order was lost on its way. */
+const LOST_AFTER_MS = 15000;
+
 /** Why the stage stopped a drive, in the words of the server. @type {Record<string, Cut>} */
 const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
 
@@ -50,6 +53,12 @@ export class StageBar {
     this.cutting = false;
     /** @type {S["phase"] | null} */
     this.shown = null;
+    /** What the stage has begun with. @type {string | null | undefined} */
+    this.begun = null;
+    /** Rings where the stage does not begin. @type {ReturnType<typeof setTimeout> | undefined} */
+    this.alarm = undefined;
+    /** What the alarm is set for. @type {string | null} */
+    this.awaited = null;
     /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
     this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
@@ -71,6 +80,7 @@ export class StageBar {
   leave() {
     this.over = true;
     clearInterval(this.clock);
+    clearTimeout(this.alarm);
     document.removeEventListener("keydown", this.onKey);
     document.removeEventListener("visibilitychange", this.onHidden);
     document.removeEventListener("opened", this.onDialog);
@@ -81,6 +91,21 @@ export class StageBar {
   update(state) {
     this.state = { ...this.state, ...state };
     if (!this.busy) this.show();
+    this.watch();
+  }
+
+  /** Nobody waits for what will never play: a stage that does not begin is loaded anew, and the drive with it. */
+  watch() {
+    const awaited = this.playing && this.stageReady && !this.over ? this.state.playback_id : null;
+    if (awaited === this.awaited) return;
+    clearTimeout(this.alarm);
+    this.awaited = awaited;
+    if (!awaited) return;
+    this.alarm = setTimeout(() => {
+      if (this.over || this.begun === awaited || this.state.playback_id !== awaited) return;
+      this.stageReady = false;
+      this.interrupted("connection").then(() => this.needs.reloadStage());
+    }, LOST_AFTER_MS);
   }
 
   /** Whether a drive is shown now. */
@@ -113,7 +138,11 @@ export class StageBar {
       case "ready":
         this.setReady();
         break;
+      case "label":
+        this.begun = message.playback_id;
+        break;
       case "playing":
+        this.begun = message.playback_id;
         this.run();
         break;
       case "played":
@@ -148,6 +177,7 @@ export class StageBar {
     this.stageReady = true;
     this.needs.cover(null);
     if (!this.busy) this.show();
+    this.watch();
   }
 
   /**
@@ -213,6 +243,7 @@ export class StageBar {
       this.busy = false;
       done();
       if (!this.over) this.show();
+      this.watch();
       // hidden while the request was under way: the drive that began meanwhile was not seen
       if (!this.over && document.hidden) this.interrupted("hidden");
     }

@@ -52,6 +52,28 @@ def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfi
     assert "not trained in PyBullet" in result["sb3_pybullet_note"]
 
 
+def test_arms_that_take_turns_do_what_each_does_alone(tiny_config: BaseConfig) -> None:
+    def work(*arms: str) -> list[tuple[object, ...]]:
+        result = benchmark_train(seeds=2, arms=arms, config=TINY, base=tiny_config)
+        names = ("arm", "weights", "seed", "updates", "transitions", "held_out_success", "tries")
+        return sorted(tuple(entry[name] for name in names) for entry in result["per_seed"])
+
+    assert work("fast", "sb3_fast") == sorted([*work("fast"), *work("sb3_fast")])
+
+
+def test_turns_are_taken_chunk_by_chunk() -> None:
+    order: list[str] = []
+
+    def training(name: str, chunks: int) -> training_arms.Training:
+        for _ in range(chunks):
+            order.append(name)
+            yield
+        return []
+
+    training_arms.taking_turns({"a": training("a", 3), "b": training("b", 1)})
+    assert order == ["a", "b", "a", "a"]
+
+
 def test_a_slow_arm_that_never_arrives_gives_a_lower_bound(tiny_config: BaseConfig, tmp_path: Path) -> None:
     keep = tmp_path / "kept.json"
     benchmark_train(seeds=1, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config, keep=keep)

@@ -32,7 +32,7 @@ from backend.learning.alignment.thesis import thesis_config
 from backend.learning.cards import read_config
 from backend.learning.policies.shape import FAST_HEADS
 from backend.learning.td3.base import BaseConfig
-from backend.learning.td3.ensemble import EnsembleConfig
+from backend.learning.td3.ensemble import PolicyEnsembleConfig
 from backend.simulation.trajectory import Outcome
 
 TINY = replace(
@@ -226,7 +226,7 @@ def test_the_crossing_is_where_the_second_stays_above(
     assert crossing((5, 15, 60)[: len(first)], first, second) == expected
 
 
-@pytest.mark.parametrize("config", [BaseConfig("open_field", seed=7), EnsembleConfig(kappa=0.5)])
+@pytest.mark.parametrize("config", [BaseConfig("open_field", seed=7), PolicyEnsembleConfig(kappa=0.5)])
 def test_settings_are_stored_under_their_first_names_and_read_again(config) -> None:
     """A task is named by a hash of its settings: what was computed before settings were renamed is found again."""
     stored = json.loads(json.dumps(config.as_dict()))

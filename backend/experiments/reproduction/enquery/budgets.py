@@ -11,7 +11,7 @@ from backend.learning.alignment.fine_tuning import FineTuningConfig
 from backend.learning.alignment.gate import GateRule
 from backend.learning.policies.shape import FAST_HEADS, THESIS_HEADS
 from backend.learning.td3.base import BaseConfig
-from backend.learning.td3.ensemble import EnsembleConfig
+from backend.learning.td3.ensemble import PolicyEnsembleConfig
 
 SETUP = "open_field"
 CONDITIONED = f"{SETUP}/conditioned"
@@ -63,7 +63,7 @@ class EnqueryBudget:
     states: int = 1_000  # 6.5.1.1: in which action diversity is measured
     base_updates: int = BaseConfig(SETUP).updates
     ensemble_steps: int = thesis.ENSEMBLE_STEPS
-    base_transitions: int = EnsembleConfig().base_transitions
+    base_transitions: int = PolicyEnsembleConfig().base_transitions
     selection_scenes: int = FineTuningConfig().selection_scenes
     gate_scenes: int = GateRule().scenes
     replay_transitions: int = FineTuningConfig().replay_transitions

@@ -22,12 +22,14 @@ from backend.learning.policies.shipped import load_conditioned, load_ensemble, l
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.preferences import Preference
 from backend.learning.queries.queries import Query, QueryConfig, generate_queries, segment_queries
-from backend.learning.rewards.reward_mlp import MlpConfig, fit_mlp
-from backend.learning.rewards.reward_model import RewardModel, accuracy, fit_linear
-from backend.learning.rewards.reward_weights import fit_weights
+from backend.learning.rewards.held_out import accuracy
+from backend.learning.rewards.linear import fit_linear
+from backend.learning.rewards.mlp import MlpConfig, fit_mlp
+from backend.learning.rewards.preference_weights import fit_weights
+from backend.learning.rewards.reward_model import RewardModel
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import BaseConfig, train_base
-from backend.learning.td3.ensemble import EnsembleConfig, train_ensemble
+from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
 from backend.learning.td3.replay import collect
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Outcome
@@ -63,7 +65,7 @@ def train_base_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> Task
 
 def train_ensemble_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     base = stored_policies(needs[0])[0]
-    result = train_ensemble(base, EnsembleConfig(**read_config(params)), threads=1)  # tasks are made side by side
+    result = train_ensemble(base, PolicyEnsembleConfig(**read_config(params)), threads=1)  # tasks are made side by side
     return _with_policies(result.members, {"success_rates": result.success_rates, "diversity": result.diversity})
 
 
@@ -72,7 +74,7 @@ def sweep_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
 
     success_rates: (marks, members). diversity: (marks,), over states of the regenerated base buffer.
     """
-    base, config = stored_policies(needs[0])[0], EnsembleConfig(**read_config(params["config"]))
+    base, config = stored_policies(needs[0])[0], PolicyEnsembleConfig(**read_config(params["config"]))
     chosen = params["scenes"]
     scenes = scene_set(SETUP, chosen["n"], purpose=Purpose.SELECT, seed=chosen["seed"])
     seen = np.asarray(collect(base, config.base_transitions, noise=config.exploration, seed=config.seed).filled()[0])

@@ -28,7 +28,7 @@ from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import FAST_HEADS
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy, shipped_names
 from backend.learning.td3.base import BaseConfig
-from backend.learning.td3.ensemble import EnsembleConfig
+from backend.learning.td3.ensemble import PolicyEnsembleConfig
 
 
 @dataclass(frozen=True)
@@ -99,13 +99,13 @@ def make_plan(budget: EnqueryBudget, seed: int, speed: Speed) -> EnqueryPlan:
     if budget.train:
         config = BaseConfig(SETUP, seed=seed, heads=budget.heads, updates=budget.base_updates)
         base = Task("train_base", config.as_dict(), seconds=60 + own * config.updates)
-        members = EnsembleConfig(seed=seed, steps=budget.ensemble_steps, base_transitions=budget.base_transitions)
+        members = PolicyEnsembleConfig(seed=seed, steps=budget.ensemble_steps, base_transitions=budget.base_transitions)
         ensemble = Task("train_ensemble", members.as_dict(), (base,), seconds=10 + own * 4 * members.steps)
     sweep = {
         kappa: Task(
             "sweep",
             {
-                "config": EnsembleConfig(
+                "config": PolicyEnsembleConfig(
                     seed=seed, kappa=kappa, steps=max(budget.marks), base_transitions=budget.base_transitions
                 ).as_dict(),
                 "marks": list(budget.marks),

@@ -1,6 +1,6 @@
 """The reward model of the objectives: what a posterior over preference weights says of steps and of whole trajectories.
 
-The posterior itself lives in `posterior.py`, the linear and the neural models in `reward_model.py` and `reward_mlp.py`.
+The posterior itself lives in `posterior.py`, the linear and the neural models in `linear.py` and `mlp.py`.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from backend.learning.preferences.objectives import NAMES, gains, step_terms_of
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig, choice_probabilities, weights_of_shares
 from backend.learning.preferences.preferences import Preference, usable
 from backend.learning.preferences.spans import seen_differences
-from backend.learning.rewards.reward_model import Reduction
+from backend.learning.rewards.reward_model import Reduction, RewardModel
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 
@@ -28,11 +28,13 @@ KEPT_PARTICLES = 500
 
 
 @dataclass(frozen=True)
-class WeightsRewardModel:
+class WeightsRewardModel(RewardModel):
     """All float32. shares: (9,) expected share of each objective in the preference, in the order of NAMES.
 
     weights: (particles, 9), rationality, lapse_rate: (particles,): a sample of the posterior, what predicts an answer.
     """
+
+    kind: ClassVar[str] = "weights"
 
     setup: str
     shares: Floats
@@ -74,7 +76,7 @@ class WeightsRewardModel:
         return {name: float(share) for name, share in zip(NAMES, self.shares, strict=True)}
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
-        meta: dict[str, object] = {"kind": "weights", "setup": self.setup, "reduction": self.reduction}
+        meta: dict[str, object] = {"kind": self.kind, "setup": self.setup, "reduction": self.reduction}
         return meta, {
             "shares": self.shares,
             "weights": self.weights,

@@ -1,13 +1,13 @@
 """The thesis's neural reward model (6.4.4): the critic's architecture, Bradley-Terry loss, best epoch kept.
 
-The linear model, our default, and the storage format live in `reward_model.py`.
+The linear model, our default, is `linear.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ from torch import Tensor
 from backend.learning.policies.networks import Parameters, critic_forward, use_one_thread
 from backend.learning.policies.shape import FAST_HEADS, NetworkShape
 from backend.learning.preferences.preferences import Preference, usable
-from backend.learning.rewards.reward_model import Reduction
+from backend.learning.rewards.reward_model import Reduction, RewardModel
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -38,8 +38,10 @@ class MlpConfig:
 
 
 @dataclass(frozen=True)
-class MlpRewardModel:
+class MlpRewardModel(RewardModel):
     """layers: weight, bias, ... of a one-headed critic. shift, scale: normalise its output to mean 0, deviation 1."""
+
+    kind: ClassVar[str] = "mlp"
 
     setup: str
     shape: NetworkShape
@@ -69,7 +71,7 @@ class MlpRewardModel:
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
         meta: dict[str, object] = {
-            "kind": "mlp",
+            "kind": self.kind,
             "setup": self.setup,
             "reduction": self.reduction,
             "shape": self.shape.as_dict(),

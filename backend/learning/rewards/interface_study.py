@@ -1,13 +1,13 @@
 """Chapter 7's reward model: one network for all people's answers in one view (spec 07; details from the public code).
 
-Chapter 6's neural model for one person's few answers is `reward_mlp.py`; storage lives in `reward_model.py`.
+Chapter 6's neural model for one person's few answers is `mlp.py`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.preferences.preferences import Preference, usable
-from backend.learning.rewards.reward_model import Reduction
+from backend.learning.rewards.reward_model import Reduction, RewardModel
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -42,8 +42,10 @@ class InterfaceConfig:
 
 
 @dataclass(frozen=True)
-class InterfaceRewardModel:
+class InterfaceRewardModel(RewardModel):
     """r(s, a) in (-1, 1). layers: weight (out, in), bias (out,), ... in order."""
+
+    kind: ClassVar[str] = "interface"
 
     setup: str
     layers: tuple[Floats, ...]
@@ -60,7 +62,7 @@ class InterfaceRewardModel:
         return found
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
-        meta: dict[str, object] = {"kind": "interface", "setup": self.setup, "reduction": self.reduction}
+        meta: dict[str, object] = {"kind": self.kind, "setup": self.setup, "reduction": self.reduction}
         return meta, {f"layer_{k:02d}": array for k, array in enumerate(self.layers)}
 
     @classmethod

@@ -1,0 +1,79 @@
+"""Mixed models against R's `ordinal` and `lme4`-like limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from scipy import special
+from statsmodels.miscmodels.ordinal_model import OrderedModel
+
+from backend.analysis.mixed_models import NoFit, chance_of_the_higher, cumulative_logit, ratio_test
+
+# Randall (1989), ratings of bitterness of wines by nine judges, cold and warm, without and with contact to the skins,
+# twice each; R's `ordinal::wine`. Christensen's tutorial of clmm2 gives for rating ~ temp + contact, random judge,
+# nAGQ = 10: 3.0619 (0.5951), 1.8334 (0.5122), thresholds -1.6237, 1.5134, 4.2285, 6.0888 (Laplace), variance 1.288,
+# log-likelihood -81.53246.
+RATINGS = [
+    *(2, 3, 3, 4, 4, 4, 5, 5, 1, 2, 1, 3, 2, 3, 5, 4, 2, 3, 3, 2, 5, 5, 4, 4, 3, 2, 3, 2, 3, 2, 5, 3, 2, 3, 4, 3),
+    *(3, 3, 3, 3, 3, 2, 3, 2, 2, 4, 5, 4, 1, 1, 2, 2, 2, 3, 2, 3, 2, 2, 2, 3, 3, 3, 3, 4, 1, 2, 3, 2, 3, 2, 4, 4),
+]
+CONDITIONS = np.column_stack([np.tile([0, 0, 0, 0, 1, 1, 1, 1], 9), np.tile([0, 0, 1, 1, 0, 0, 1, 1], 9)])
+JUDGES = np.repeat(np.arange(9), 8)
+
+
+def test_the_judges_of_wine() -> None:
+    fit = cumulative_logit(RATINGS, CONDITIONS, JUDGES, ("warm", "contact"))
+    assert fit.coefficients == pytest.approx([3.0619, 1.8334], abs=2e-4)
+    assert fit.errors == pytest.approx([0.5951, 0.5122], abs=2e-4)
+    assert fit.log_likelihood == pytest.approx(-81.53246, abs=1e-4)
+    assert fit.person_sd**2 == pytest.approx(1.288, abs=1e-3)
+    assert fit.thresholds == pytest.approx([-1.6237, 1.5134, 4.2285, 6.0888], abs=0.005)
+    assert fit.interval(0) == pytest.approx((3.0619 - 1.96 * 0.5951, 3.0619 + 1.96 * 0.5951), abs=1e-3)
+
+
+def test_a_condition_is_tested_by_the_ratio_of_likelihoods() -> None:
+    """Twice the difference of the log-likelihoods, one degree of freedom: contact with the skins matters."""
+    whole = cumulative_logit(RATINGS, CONDITIONS, JUDGES, ("warm", "contact"))
+    without = cumulative_logit(RATINGS, CONDITIONS[:, :1], JUDGES, ("warm",))
+    test = ratio_test(whole, without)
+    assert (test.statistic, test.df) == (pytest.approx(2 * (whole.log_likelihood - without.log_likelihood)), 1)
+    assert test.p < 0.001
+
+
+def test_people_who_do_not_differ_leave_an_ordinary_model() -> None:
+    """Everybody once: statsmodels' ordered logit has the same likelihood, to which the mixed one converges."""
+    random = np.random.default_rng(2)
+    x = random.integers(0, 2, 400)
+    y = 1 + np.digitize(0.8 * x + random.logistic(size=400), [-1.0, 0.5, 1.5])
+    theirs = OrderedModel(y, x[:, None].astype(float), distr="logit").fit(disp=False)
+    fit = cumulative_logit(y, x, np.repeat(np.arange(40), 10), ("x",))
+    assert fit.person_sd < 0.3
+    assert fit.log_likelihood >= theirs.llf - 1e-3
+    assert fit.coefficients[0] == pytest.approx(theirs.params[0], abs=0.03)
+    assert fit.errors[0] == pytest.approx(theirs.bse[0], abs=0.02)
+
+
+def test_choices_of_two_are_a_logistic_model() -> None:
+    random = np.random.default_rng(5)
+    people = np.repeat(np.arange(60), 12)
+    x = np.tile([0, 1], 360)
+    own = random.normal(0, 1.2, 60)
+    y = random.random(720) < special.expit(0.4 + 0.9 * x + own[people])
+    fit = cumulative_logit(y, x, people, ("x",))
+    assert fit.coefficients[0] == pytest.approx(0.9, abs=2.5 * fit.errors[0])
+    assert fit.person_sd == pytest.approx(1.2, abs=0.4)
+    assert -fit.thresholds[0] == pytest.approx(0.4, abs=0.5)
+    ordinary = sm.Logit(y.astype(float), sm.add_constant(x.astype(float))).fit(disp=False)
+    assert fit.log_likelihood > ordinary.llf + 20  # people differ
+    alone = cumulative_logit(y, np.zeros((720, 0)), people, [])
+    at, low, high = chance_of_the_higher(alone)
+    assert low < at < high
+    assert at == pytest.approx(special.expit(0.85), abs=0.1)
+
+
+def test_what_has_no_fit_says_why() -> None:
+    with pytest.raises(NoFit, match="same answer"):
+        cumulative_logit([3, 3, 3], np.zeros((3, 0)), [1, 2, 3], [])
+    with pytest.raises(NoFit):
+        cumulative_logit([1] * 20 + [2] * 20, [0] * 20 + [1] * 20, list(range(20)) * 2, ("x",))

@@ -1,0 +1,5 @@
+"""Fixtures that benchmarks share with learning."""
+
+from tests.learning.conftest import tiny_config
+
+__all__ = ["tiny_config"]

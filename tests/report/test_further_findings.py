@@ -1,0 +1,182 @@
+"""What stands beside the declared tests, from studies small enough to work out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from backend.analysis.scales import SCALES
+from backend.report.analysis_plan import AnalysisPlan, Equivalence
+from backend.report.findings import Findings, analyse
+from backend.report.further_findings import Further
+from backend.report.made_up_cohorts import Cohort, made_up_study
+from backend.report.report_text import sections
+from backend.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
+
+PLAN = AnalysisPlan(metrics=())
+X, Y = "immersive", "top_down"
+
+
+def nothing(trajectory: str) -> None:
+    raise LookupError(trajectory)
+
+
+def found(data: StudyData, plan: AnalysisPlan = PLAN) -> tuple[Findings, Further]:
+    of = analyse(data, nothing, "all", plan)
+    assert of.further is not None
+    return of, of.further
+
+
+def said(of: Findings, title: str) -> str:
+    (part,) = (part for part in sections(of, [], Path()) if part.title == title)
+    return " ".join([*part.sentences, *(cell for table in part.tables for row in table.rows for cell in row)])
+
+
+def crossover(values: list[tuple[int, int]], orders: list[tuple[str, str]]) -> StudyData:
+    """values: of X and Y."""
+    people = [ParticipantRow(f"P-{k}", False, None, False, "completed", order) for k, order in enumerate(orders)]
+    ratings = [
+        Rating(f"P-{k}", name, "q", "fun", value)
+        for k, pair in enumerate(values)
+        for name, value in zip((X, Y), pair, strict=True)
+    ]
+    return StudyData("By hand", "1", {}, "", [], people, [], ratings, [])
+
+
+def test_period_and_carry_over_of_two_conditions() -> None:
+    """The second condition met is rated higher, whichever it is; who begins with X rates both higher."""
+    values = [(4, 6), (5, 7), (4, 7), (5, 6), (3, 1), (2, 1), (4, 1), (3, 2)]
+    orders = [(X, Y)] * 4 + [(Y, X)] * 4
+    of, beside = found(crossover(values, orders))
+    period, carried = beside.order_effects
+    by_period = np.array([pair if order[0] == X else pair[::-1] for pair, order in zip(values, orders, strict=True)])
+    assert period.p == pytest.approx(stats.wilcoxon(*by_period.T).pvalue, abs=0.005)
+    assert period.effect == -1.0
+    sums = by_period.sum(axis=1)
+    assert carried.statistic == stats.mannwhitneyu(sums[:4], sums[4:]).statistic
+    assert carried.direction == f"higher for {X} first than for {Y} first"
+    assert "Grizzle" in said(of, "Order effects")
+    assert period not in of.tests
+    same, nobody = found(crossover(values, [(X, Y)] * 8))  # everybody in one order: nothing to tell apart
+    assert nobody.order_effects == []
+    assert "Order effects" not in [part.title for part in sections(same, [], Path())]
+
+
+def test_period_of_three_conditions_is_friedmans() -> None:
+    names = ("a", "b", "c")
+    orders = [("a", "b", "c"), ("b", "c", "a"), ("c", "a", "b")] * 3
+    people = [ParticipantRow(f"P-{k}", False, None, False, "completed", order) for k, order in enumerate(orders)]
+    ratings = [Rating(one.code, name, "q", "fun", 2 + place) for one in people for place, name in enumerate(one.order)]
+    _, beside = found(StudyData("By hand", "1", {}, "", [], people, [], ratings, []))
+    (period,) = beside.order_effects
+    assert period.statistic == pytest.approx(18.0)
+    assert period.direction == "ratings change from period to period"
+    assert set(names) == set(people[0].order)
+
+
+def test_agreement_between_views_is_tested_against_agreement_with_oneself() -> None:
+    data = made_up_study(Cohort(steady=0.95, consistency={"top_down": 0.6}), 24, repeats=10)
+    of, beside = found(data)
+    test = beside.against_retest
+    assert test is not None
+    within, between = [], []
+    for one in data.people:
+        mine = [c for c in data.choices if c.person == one.code]
+        views = sorted({c.condition for c in mine})
+        first = {(c.condition, c.query): c.chosen for c in mine if c.role == "regular"}
+        again = [
+            [c.chosen == first[v, c.query] for c in mine if c.role == "repeat" and c.condition == v] for v in views
+        ]
+        within.append(np.mean([np.mean(hits) for hits in again]))
+        pairs = [(a, b) for k, a in enumerate(views) for b in views[k + 1 :]]
+        queries = sorted({q for _, q in first})
+        between.append(np.mean([np.mean([first[a, q] == first[b, q] for q in queries]) for a, b in pairs]))
+    differences = np.round(np.subtract(between, within), 12)
+    assert test.n == 24
+    assert test.p == pytest.approx(stats.wilcoxon(differences[differences != 0]).pvalue, abs=0.01)
+    assert "own first answer" in said(of, "Agreement between conditions against consistency")
+    few, none = found(data, AnalysisPlan(metrics=(), min_probes=11))
+    assert none.against_retest is None
+    assert few.between
+
+
+def test_equivalence_and_bayes_factors_only_where_declared() -> None:
+    values = [(4, 4), (5, 5), (4, 5), (5, 4), (3, 3), (2, 2), (4, 4), (3, 3)]
+    data = crossover(values, [(X, Y), (Y, X)] * 4)
+    compared = [Comparison(f"P-{k}", "own", "base", False) for k in range(8)] * 2
+    data = replace(data, comparisons=compared)
+    assert found(data)[1].equivalent == []
+    assert found(data)[1].weighed == ()
+    plan = AnalysisPlan(metrics=(), bayes_factors=True, equivalence=Equivalence(rating=1.0, share=0.2))
+    of, beside = found(data, plan)
+    same, own = beside.equivalent
+    assert same.significant()
+    assert same.correction == "Holm"
+    assert same.about == "fun, immersive against top down, within ±1"
+    assert not own.significant()
+    assert own.effect == 0.5
+    rating, choice = beside.weighed
+    assert rating.factor < 1 < choice.factor
+    assert "speak for none" in said(of, "Evidence for no difference")
+
+
+def test_reliability_of_a_scale_counts_turned_items() -> None:
+    sus = SCALES["sus"]
+    data = made_up_study(Cohort(items_alike=0.6), 40, items=(), rankings=(), scales=[sus], conditions=("x", "y"))
+    of, beside = found(data)
+    assert [(one.scale, one.condition, one.of.items) for one in beside.reliabilities] == [
+        ("SUS", "x", 10),
+        ("SUS", "y", 10),
+    ]
+    assert all(one.of.alpha > 0.85 for one in beside.reliabilities)
+    assert "SUS" in said(of, "Reliability of scales")
+
+
+def test_three_policies_have_worths() -> None:
+    def study(arms: tuple[str, ...]) -> StudyData:
+        people = [ParticipantRow(f"P-{k}", False, None, False, "completed", ()) for k in range(8)]
+        answers = [
+            Comparison(one.code, *pair, False)
+            for k, one in enumerate(people)
+            for arm in arms
+            for pair in ((("own", arm),) * 3 + (((arm, "own"),) if k % 2 else ()))
+        ]
+        asked = [Choice(one.code, "v", "v", "1", "regular", "a", "b", "a", 1.0) for one in people]
+        return StudyData("By hand", "1", {}, "", [], people, asked, [], answers)
+
+    of, beside = found(study(("base", "other")))
+    assert [one.name for one in beside.worths] == ["the own policy", "the base policy", "another participant's policy"]
+    assert beside.worths[0].low > beside.worths[1].high
+    assert "Bradley and Terry" in said(of, "Worths of the policies compared")
+    assert found(study(("base",)))[1].worths == []
+
+
+def test_mixed_models_beside_the_tests() -> None:
+    data = made_up_study(
+        Cohort(ratings={"fun": {"immersive": 1.5}}, second_shown=0.0), 24, items=("fun",), comparisons=4
+    )
+    of, beside = found(data, AnalysisPlan(metrics=(), models=True))
+    fun = beside.models[0]
+    assert fun.about == "rating of fun"
+    (immersive, at, low, high), (top, *_) = fun.effects
+    assert immersive == "immersive against first person"
+    assert top == "top down against first person"
+    assert 1 < low < at < high
+    assert fun.test is not None
+    assert fun.test.p < 0.001
+    assert [one.about for one in beside.models[1:]] == [
+        "choosing the second shown",
+        "choosing the own policy over the base policy",
+        "choosing the own policy over another participant's policy",
+    ]
+    chance = beside.models[2].effects[0]
+    assert chance[0] == "chance"
+    assert 0.2 < chance[2] < 0.5 < chance[3] < 0.8
+    assert "odds ratio" in said(of, "Mixed models")
+    alike = replace(data, ratings=[replace(one, value=4) for one in data.ratings if one.condition])
+    assert found(alike, AnalysisPlan(metrics=(), models=True))[1].models[0].problem is not None
+    assert found(data)[1].models == ()

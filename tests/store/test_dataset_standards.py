@@ -1,0 +1,193 @@
+"""Data sets are opened by the tools for which they are described, each of them really run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from backend.simulation.setups import ROBOT_RADIUS_M
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore
+from backend.store.database import Database
+from backend.store.dataset.writing import export_study
+from backend.store.models import Participant, Study, utc_now
+from tests.store.old_installation import unpack
+from tests.store.small_study import SmallStudy
+
+STUDIES = ("Quick", "Interface", "Two_appointments", "The_rest")
+
+
+@pytest.fixture(scope="module")
+def data_sets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four studies with every kind of step and state, as they are exported today."""
+    from sqlalchemy import select
+
+    folder = tmp_path_factory.mktemp("standards")
+    old = unpack(folder)
+    database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
+    database.migrate()
+    with database.session() as s:
+        studies = {study.name.replace(" ", "_"): study.id for study in s.scalars(select(Study))}
+    for name in STUDIES:
+        export_study(database, old.artefacts, studies[name], folder / "today" / name, pilots=True)
+    return folder / "today"
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_frictionless_finds_its_package_valid(data_sets: Path, name: str):
+    """Types of every cell, keys, references between tables, sizes and hashes."""
+    frictionless = pytest.importorskip("frictionless")
+    report = frictionless.validate(str(data_sets / name / "datapackage.json"))
+    assert report.valid, report.flatten(["title", "rowNumber", "fieldName", "note"])[:5]
+    assert report.stats["tasks"] == 11
+    assert sum(task.stats.get("rows", 0) for task in report.tasks) > 20
+
+
+def test_frictionless_notices_a_changed_cell(data_sets: Path, tmp_path: Path):
+    import shutil
+
+    frictionless = pytest.importorskip("frictionless")
+    copied = shutil.copytree(data_sets / "Quick", tmp_path / "copied")
+    trials = copied / "trials.csv"
+    trials.write_text(trials.read_text().replace("true", "perhaps", 1))
+    assert not frictionless.validate(str(copied / "datapackage.json")).valid
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_croissant_is_read_by_its_library(data_sets: Path, name: str):
+    mlcroissant = pytest.importorskip("mlcroissant")
+    read = mlcroissant.Dataset(jsonld=data_sets / name / "croissant.json")
+    assert not read.metadata.ctx.issues.errors
+    for table in ("trials", "participants", "trajectory_metrics"):
+        rows = pq.read_table(data_sets / name / f"{table}.parquet")
+        records = list(read.records(table))
+        assert len(records) == len(rows)
+        assert {key.partition("/")[2] for key in records[0]} == set(rows.column_names)
+
+
+def test_the_folder_of_pairs_opens_as_it_is(data_sets: Path, tmp_path: Path):
+    """With `datasets` where it is installed: it brings a second HTTP library, so it is no dependency of ours."""
+    opening = (  # apart: the repository has a folder of that name
+        "import datasets, json, sys\n"
+        "opened = datasets.load_dataset(sys.argv[1], cache_dir='cache')\n"
+        "print(json.dumps({name: split.column_names for name, split in opened.items()}))"
+    )
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {"HF_HUB_OFFLINE": "1"}
+    told = subprocess.run(
+        [sys.executable, "-P", "-c", opening, str(data_sets / "Interface" / "preference_pairs")],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    if "No module named 'datasets'" in told.stderr or "has no attribute 'load_dataset'" in told.stderr:
+        pytest.skip("datasets is not installed")
+    assert told.returncode == 0, told.stderr
+    opened = json.loads(told.stdout)
+    assert set(opened) == {"train", "practice", "probes"}
+    assert all({"prompt", "chosen", "rejected"} <= set(columns) for columns in opened.values())
+
+
+def lines(folder: Path, split: str) -> list[dict[str, object]]:
+    path = folder / "preference_pairs" / f"{split}.jsonl"
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+@pytest.mark.parametrize("name", ["Quick", "Interface"])
+def test_pairs_are_preferences_as_trl_documents_them(data_sets: Path, name: str):
+    """Strings `prompt`, `chosen`, `rejected` per line; practice and what was asked again are files of their own."""
+    folder = data_sets / name
+    card = (folder / "preference_pairs" / "README.md").read_text().split("---\n")[1]
+    splits = {one["split"]: one["path"] for one in yaml.safe_load(card)["configs"][0]["data_files"]}
+    assert set(splits.values()) == {path.name for path in (folder / "preference_pairs").glob("*.jsonl")}
+    table = {row["response"]: row for row in pq.read_table(folder / "pairs.parquet").to_pylist()}
+    for split, roles in {"train": {"regular"}, "practice": {"practice"}, "probes": {"repeat"}}.items():
+        for row in lines(folder, split):
+            assert all(isinstance(row[one], str) for one in ("prompt", "chosen", "rejected"))
+            assert row["role"] in roles
+            assert table[row["response"]]["chosen"] == row["chosen_trajectory"]
+            stored = Trajectory.from_bytes((folder / "trajectories" / f"{row['chosen_trajectory']}.npz").read_bytes())
+            told = np.array(json.loads(row["chosen"]))
+            np.testing.assert_allclose(told[:, 1:], stored.poses, atol=0.006)
+            assert json.loads(row["prompt"])["scene"]["setup"] == row["setup"]
+    assert lines(folder, "train")
+
+
+def test_pairs_hold_nobody_who_must_not_be_learned_from(study: SmallStudy, tmp_path: Path):
+    people = {code: study.participant(code, drives=100 * k)[0] for k, code in enumerate(("P1", "P2", "P3"))}
+    study.participant("P4", drives=400, pilot=True)
+    with study.database.transaction() as s:
+        s.get_one(Participant, people["P2"]).excluded_at = utc_now()
+        s.get_one(Participant, people["P3"]).consents = {"training": False}
+    export_study(study.database, study.files, study.id, tmp_path / "out", pilots=True)
+    assert {row["participant"] for row in lines(tmp_path / "out", "train")} == {"P1"}
+    assert {row["participant"] for row in pq.read_table(tmp_path / "out" / "pairs.parquet").to_pylist()} == {
+        *("P1", "P2", "P3", "P4")
+    }
+
+
+def test_ratings_carry_their_questionnaire_and_condition(data_sets: Path):
+    rows = pq.read_table(data_sets / "Interface" / "questionnaire_items.parquet").to_pylist()
+    rated = {(row["questionnaire"], row["condition"]) for row in rows}
+    assert {("interface_items", view) for view in ("top_down", "first_person", "immersive")} <= rated
+    assert ("demographics", None) in rated
+
+
+def test_clearance_can_be_computed_from_the_tables_alone(data_sets: Path):
+    folder = data_sets / "Interface"
+    shown = pq.read_table(folder / "trajectories.parquet").to_pylist()
+    metrics = {row["trajectory"]: row for row in pq.read_table(folder / "trajectory_metrics.parquet").to_pylist()}
+    steps = pq.read_table(folder / "trajectory_steps.parquet").to_pandas()
+    assert {row["robot_radius_m"] for row in shown} == {ROBOT_RADIUS_M}
+    for row in shown:
+        person = json.loads(row["scene"])["person"]["pose"]
+        path = steps[steps.trajectory == row["trajectory"]]
+        xs, ys = ([*path[name], path[f"next_{name}"].iloc[-1]] for name in ("x_m", "y_m"))
+        nearest = np.hypot(np.array(xs) - person["x"], np.array(ys) - person["y"]).min()
+        assert metrics[row["trajectory"]]["min_human_distance_m"] == pytest.approx(nearest, abs=1e-6)
+
+
+def test_no_cell_is_longer_than_a_spreadsheets(data_sets: Path):
+    import csv
+
+    for path in data_sets.rglob("*.csv"):
+        with path.open(encoding="utf-8", newline="") as file:
+            assert max(len(cell) for row in csv.reader(file) for cell in row) < 32_767, path
+
+
+def test_the_plan_of_a_session_is_its_steps(data_sets: Path):
+    folder = data_sets / "Interface"
+    steps = pq.read_table(folder / "planned_steps.parquet").to_pylist()
+    answered = {(row["session"], row["step"]) for row in pq.read_table(folder / "responses.parquet").to_pylist()}
+    assert answered <= {(row["session"], row["step"]) for row in steps}
+    assert {row["role"] for row in steps if row["kind"] == "trial"} == {"practice", "regular", "repeat"}
+
+
+def test_how_to_cite_and_what_may_be_done_is_said(data_sets: Path, study: SmallStudy, tmp_path: Path):
+    folder = data_sets / "Quick"
+    cited = yaml.safe_load((folder / "CITATION.cff").read_text())
+    assert (cited["cff-version"], cited["type"], cited["license"]) == ("1.2.0", "dataset", "CC-BY-4.0")
+    assert "creativecommons.org/licenses/by/4.0" in (folder / "LICENSE.txt").read_text()
+    told = json.loads((folder / "dataset_description.json").read_text())
+    assert (told["@type"], told["name"]) == ("Dataset", "Quick")
+    assert {"trial", "practice", "sides_swapped"} <= {one["name"] for one in told["variableMeasured"]}
+    with study.database.transaction() as s:
+        row = s.get_one(Study, study.id)
+        row.protocol = {**row.protocol, "licence": None}
+    export_study(study.database, study.files, study.id, tmp_path / "out")
+    assert "ask the study's experimenter" in (tmp_path / "out" / "LICENSE.txt").read_text()
+    assert "license" not in yaml.safe_load((tmp_path / "out" / "CITATION.cff").read_text())
+    assert "licenses" not in json.loads((tmp_path / "out" / "datapackage.json").read_text())
+
+
+def test_a_study_without_answers_has_no_pairs(database: Database, files: ArtefactStore, tmp_path: Path):
+    export_study(database, files, SmallStudy(database, files).id, tmp_path / "out")
+    assert not (tmp_path / "out" / "preference_pairs").exists()
