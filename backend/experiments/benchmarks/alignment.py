@@ -1,6 +1,6 @@
 """How long it takes from the last answer to a policy that can be shown, and how far that policy moved.
 
-Clocks live here and in `benchmark.py`, nowhere else in this room.
+Clocks live in this room of benchmarks, nowhere in learning.
 """
 
 from __future__ import annotations
@@ -39,35 +39,35 @@ Floats = NDArray[np.float32]
 Config = RelabellingConfig | ConditioningSearchConfig
 FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
 FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
-LONGEST_DRIVE_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
+LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
 
 
 @dataclass(frozen=True)
-class Made:
-    """What followed the last answer. told: more keys of the result. refinement: the instant policy and what became of
-    it, whether that takes over or not.
+class AlignedPolicy:
+    """What followed the last answer. more: further keys of the result. refinement: the instant policy and what became
+    of it, whether that takes over or not.
     """
 
     policy: Policy
-    told: dict[str, Any] = field(default_factory=dict)
+    more: dict[str, Any] = field(default_factory=dict)
     refinement: tuple[Policy, Policy] | None = None
 
 
-def instant(setup: str, preferences: list[Preference], config: Config) -> Made:
+def instant(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
     """Recipe A: the posterior after all answers, its weights folded into the conditioned policy."""
     del config  # nothing is trained
     weights = fit_weights(preferences).preference_weights()
-    return Made(load_conditioned(f"{setup}/conditioned").at(weights), {"wants": _named(weights)})
+    return AlignedPolicy(load_conditioned(f"{setup}/conditioned").at(weights), {"wants": _named(weights)})
 
 
-def refined(setup: str, preferences: list[Preference], config: Config) -> Made:
+def refined(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
     """The refinement of the instant policy, which stays where that is not better on the gate's scenes."""
     if not isinstance(config, ConditioningSearchConfig):
         raise LearningError(f"config = {config}: mode conditioning_search needs a ConditioningSearchConfig")
     weights = fit_weights(preferences).preference_weights()
     conditioned = load_conditioned(f"{setup}/conditioned")
     result = search_conditioning(conditioned, weights, load_policy(f"{setup}/base"), config)
-    told = {
+    more = {
         "wants": _named(weights),
         "told": result.offsets.tolist(),
         "takes_over": result.takes_over,
@@ -77,10 +77,10 @@ def refined(setup: str, preferences: list[Preference], config: Config) -> Made:
         "chosen": result.chosen,
     }
     instantly = conditioned.at(weights)
-    return Made(result.policy if result.takes_over else instantly, told, (instantly, result.policy))
+    return AlignedPolicy(result.policy if result.takes_over else instantly, more, (instantly, result.policy))
 
 
-def from_base(setup: str, preferences: list[Preference], config: Config) -> Made:
+def from_base(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
     """Fine-tuning of the base policy with the nine-feature model, or the thesis's recipe with the neural one."""
     if not isinstance(config, RelabellingConfig):
         raise LearningError(f"config = {config}: modes fine_tuning and thesis need a RelabellingConfig")
@@ -88,19 +88,19 @@ def from_base(setup: str, preferences: list[Preference], config: Config) -> Made
     neural = isinstance(config, ThesisConfig)
     model = fit_mlp(preferences, MlpConfig(seed=config.seed)) if neural else fit_linear(preferences)
     result = align(load_policy(f"{setup}/base"), model, config)
-    told = {
+    more = {
         "gate": asdict(result.gate),
         "preference_weight": result.reward_weight,
         "chosen_checkpoint": result.chosen,
     }
-    return Made(result.policy, told)
+    return AlignedPolicy(result.policy, more)
 
 
 @dataclass(frozen=True)
 class Mode:
     """make: answers to policy. own_process: whether it is started as a job would be, imports included."""
 
-    make: Callable[[str, list[Preference], Config], Made]
+    make: Callable[[str, list[Preference], Config], AlignedPolicy]
     config: Callable[[int], Config]
     own_process: bool = True
 
@@ -133,7 +133,7 @@ def benchmark_align(
 
     `seconds` of mode instant: posterior from all answers, file, fold, in a process that runs already, as the server
     does; of the others: a process of its own with its imports, model, training and gate. Queries are fresh ones of the
-    shipped ensemble. `base`, `neutral` (the conditioned policy with nothing wanted) and `aligned` are as from
+    shipped ensemble. `base`, `neutral` (the conditioned policy at no weights) and `aligned` are as from
     `evaluate`; `paired_gain` is the ratio of mean minimum human distances (aligned / base) over the scenes in which
     both succeed, with its 95 % interval. `share_of_the_way` is of the oracle's foremost objective, from the base policy
     to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
@@ -145,7 +145,7 @@ def benchmark_align(
     chosen = MODES[mode]
     config = config or chosen.config(seed)
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
-    query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
+    query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
     asked = generate_queries(load_ensemble(setup), query_config)
     preferences = make_oracle(oracle, lapse_rate=noise, seed=seed, indifference=indifference, myopia_s=myopia_s).answer(
         asked.queries
@@ -176,12 +176,12 @@ def benchmark_align(
         "ceiling_m": compared["ceiling_m"],
         "objective": objective,
         **_moved(objective, base, neutral, made.policy, n, report_seed),
-        **made.told,
+        **made.more,
         **({"against_instant": compare_policies(*made.refinement, n=n, seed=report_seed)} if made.refinement else {}),
     }
 
 
-def _timed(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, Made]:
+def _timed(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, AlignedPolicy]:
     if not mode.own_process:
         began = time.perf_counter()
         made = mode.make(setup, preferences, config)

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED, LONGEST_DRIVE_S
+from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED, LONGEST_SHOWN_S
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.evaluate import mean_estimate, wilson
@@ -131,7 +131,7 @@ def benchmark_preferences(
 def _queries(setup: str, config: PreferencesConfig, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds."""
     count = config.answers if config.choose == "random" else max(config.answers, config.pool)
-    asked = QueryConfig(count=count, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_DRIVE_S[setup])
+    asked = QueryConfig(count=count, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
     if config.queries == "ensemble":
         return generate_queries(load_ensemble(setup), asked).queries
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries

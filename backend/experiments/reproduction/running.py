@@ -69,17 +69,17 @@ def compute(
     began = time.perf_counter()
     tell(estimate(wanted, work).in_words(processes))
 
-    def told(task: Task, done: int, todo: int, left: float) -> None:
+    def report(task: Task, done: int, todo: int, left: float) -> None:
         tell(f"[{done}/{todo}] {name(task)}; about {told_time(left)} left")
 
-    computed = finish(wanted, functions, work, processes=processes, on_task=told)
+    computed = finish(wanted, functions, work, processes=processes, on_task=report)
     made = {task.key: work.load(task.key).meta["made"] for task in in_order(wanted)}
     return Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
 
 
 def write_results(path: Path, run: Run, budget: DataclassInstance, **results: Any) -> dict[str, Any]:
     """Write results.json: run, budget, `results` and what is known of every task. Returns what stands in it."""
-    told = {
+    written = {
         "command": run.command,
         "commit": run.commit,
         "budget": asdict(budget),
@@ -91,8 +91,8 @@ def write_results(path: Path, run: Run, budget: DataclassInstance, **results: An
         **results,
         "pieces": run.made,
     }
-    path.write_text(json.dumps(plain(told), indent=1) + "\n", encoding="utf-8")
-    return told
+    path.write_text(json.dumps(plain(written), indent=1) + "\n", encoding="utf-8")
+    return written
 
 
 def plain(value: Any) -> Any:

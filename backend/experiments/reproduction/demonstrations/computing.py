@@ -55,16 +55,16 @@ def controller(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
     return TaskResult({"curve": curve, "chosen": trained.chosen}, {"policy": np.frombuffer(content, dtype=np.uint8)})
 
 
-def _driver(params: Mapping[str, Any], needs: Sequence[TaskResult]) -> str | Policy:
+def _acting(params: Mapping[str, Any], needs: Sequence[TaskResult]) -> str | Policy:
     return Policy.from_bytes(needs[0].arrays["policy"].tobytes()) if needs else str(params["controller"])
 
 
 def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Drives from every demonstrated start, measured; the demonstrations measured beside them."""
     demonstrations = demonstrations_of(params)
-    drives = roll_out(_driver(params, needs), [d.scene for d in demonstrations])
-    arrays = {**_shown(drives, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
-    return TaskResult({"judged": judge_rollouts(drives, demonstrations).as_dict()}, arrays)
+    rollouts = roll_out(_acting(params, needs), [d.scene for d in demonstrations])
+    arrays = {**_shown(rollouts, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
+    return TaskResult({"judged": judge_rollouts(rollouts, demonstrations).as_dict()}, arrays)
 
 
 def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -73,7 +73,7 @@ def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     found: dict[str, Any] = {}
     for kind in KINDS:
         scenes = unseen_scenes(pairs, kind, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
-        measured = measure(roll_out(_driver(params, needs), scenes))
+        measured = measure(roll_out(_acting(params, needs), scenes))
         found[kind] = {
             "n": len(scenes),
             "success_rate": success_rate(measured.outcome),
@@ -84,11 +84,11 @@ def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     return TaskResult({"unseen": found}, {})
 
 
-def _shown(drives: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
-    """What figures need of drives: poses padded with NaN, numbers of chapter 2, speed profiles."""
-    measured = measure(drives)
-    poses = np.full((len(drives), max(len(t.poses) for t in drives), 3), np.nan, dtype=np.float32)
-    for row, trajectory in zip(poses, drives, strict=True):
+def _shown(rollouts: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
+    """What figures need of rollouts: poses padded with NaN, numbers of chapter 2, speed profiles."""
+    measured = measure(rollouts)
+    poses = np.full((len(rollouts), max(len(t.poses) for t in rollouts), 3), np.nan, dtype=np.float32)
+    for row, trajectory in zip(poses, rollouts, strict=True):
         row[: len(trajectory.poses)] = trajectory.poses
     return {
         f"{name}_poses": poses,
@@ -96,7 +96,7 @@ def _shown(drives: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
         f"{name}_relative_path_length": measured.relative_path_length,
         f"{name}_min_human_distance": measured.min_human_distance,
         f"{name}_path_area": measured.path_area,
-        f"{name}_speeds": np.stack([speed_profile(t) for t in drives]),
+        f"{name}_speeds": np.stack([speed_profile(t) for t in rollouts]),
     }
 
 

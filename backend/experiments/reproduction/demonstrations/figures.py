@@ -41,7 +41,7 @@ COLOURS = {DEMONSTRATED: DATA[4], OURS: DATA[0], "social_cost": DATA[2], "dwa": 
 VARIANT_COLOURS = dict(zip(VARIANTS, DATA, strict=False))
 CURVES = {
     "frechet_m": "Frechet distance f(t*) (m)",
-    "followed_rate": "drives that follow",
+    "followed_rate": "rollouts that follow",
     "success_rate": "success, demonstrated starts",
     "unseen_success_rate": "success, unseen scenes",
 }
@@ -59,14 +59,14 @@ def pictures(plan: DemonstrationsPlan, load: Load) -> list[Picture]:
 
 
 def _poses(plan: DemonstrationsPlan, load: Load, environment: str, style: str, controller: str) -> NDArray[Any]:
-    """(drives, steps, 3) of the first seed."""
+    """(rollouts, steps, 3) of the first seed."""
     source = OURS if controller == DEMONSTRATED else controller
     arrays = load(plan.judged[first_cell(plan, environment, style, source)].key).arrays
     return arrays["demonstrated_poses" if controller == DEMONSTRATED else "driven_poses"]
 
 
 def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
-    """Figure 2.3 a-d: demonstrations and drives from their starts, a colour per position-orientation pair."""
+    """Figure 2.3 a-d: demonstrations and rollouts from their starts, a colour per position-orientation pair."""
     scenes, styles = demonstration_scenes(environment), plan.budget.styles
     room = scenes[0].room
     shape = room.width / room.length if room is not None else 1.0
@@ -80,8 +80,8 @@ def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pic
             draw_solids(ax, scenes[0])
             for pair, scene in enumerate(scenes):
                 draw_person(ax, scene, DATA[pair])
-            for drive, poses in enumerate(_poses(plan, load, environment, style, controller)):
-                pair, path = drive // plan.budget.per_pair, poses[np.isfinite(poses[:, 0])]
+            for number, poses in enumerate(_poses(plan, load, environment, style, controller)):
+                pair, path = number // plan.budget.per_pair, poses[np.isfinite(poses[:, 0])]
                 ax.plot(path[:, 0], path[:, 1], color=DATA[pair], linewidth=0.8, alpha=0.8, zorder=5)
                 speeds = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1) / CONTROL_DT_S
                 rows += [
@@ -89,7 +89,7 @@ def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pic
                         "style": style,
                         "controller": controller,
                         "pair": pair,
-                        "drive": drive,
+                        "rollout": number,
                         "time_s": round(step * CONTROL_DT_S, 1),
                         "x_m": round(float(path[step, 0]), 4),
                         "y_m": round(float(path[step, 1]), 4),
@@ -105,8 +105,8 @@ def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pic
                 ax.set_ylabel(style.replace("_", " "))
     return Picture(
         f"paths_{environment}",
-        f"Demonstrations and drives in the {environment}",
-        "Rows: programmed demonstrators. Columns: what they demonstrated, and what the controllers drive from the same "
+        f"Demonstrations and rollouts in the {environment}",
+        "Rows: programmed demonstrators. Columns: what they demonstrated, and what the controllers do from the same "
         "starts; TD3 without demonstrations is the same controller in every row. A colour per position-orientation "
         "pair; noses show where the person looks. After figure 2.3 a-d.",
         figure,
@@ -115,7 +115,7 @@ def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pic
 
 
 def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
-    """Figure 2.3 e-g: path length, distance and area by controller, median and quartiles over drives."""
+    """Figure 2.3 e-g: path length, distance and area by controller, median and quartiles over rollouts."""
     styles = plan.budget.styles
     rows: Rows = []
     width = 0.8 / len(SHOWN)
@@ -134,7 +134,7 @@ def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> 
                         "measure": name,
                         "style": style,
                         "controller": controller,
-                        "drives": len(found),
+                        "rollouts": len(found),
                         "lower_quartile": low,
                         "median": middle,
                         "upper_quartile": high,
@@ -148,7 +148,7 @@ def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> 
     return Picture(
         f"measures_{environment}",
         f"Path length, distance and area in the {environment}",
-        "Medians over all drives from demonstrated starts, lines from the lower to the upper quartile. Relative path "
+        "Medians over all rollouts from demonstrated starts, lines from the lower to the upper quartile. Relative path "
         "length: driven over straight; path area: between the path and the straight line. After figure 2.3 e-g.",
         figure,
         rows,
@@ -209,7 +209,7 @@ def unseen_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pi
 
 
 def speeds_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
-    """Figure 2.5a: the speeds demonstrated near the person, and those driven."""
+    """Figure 2.5a: the speeds demonstrated near the person, and those executed."""
     limits = get_setup(environment).limits
     style = "slow_near_person" if "slow_near_person" in plan.budget.styles else plan.budget.styles[0]
     arrays = load(plan.judged[first_cell(plan, environment, style, OURS)].key).arrays
@@ -226,7 +226,7 @@ def speeds_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pi
                         {
                             "pair": pair,
                             "whose": whose,
-                            "drive": number,
+                            "rollout": number,
                             "share": round(float(s), 4),
                             "speed_m_s": float(v),
                         }
@@ -240,7 +240,7 @@ def speeds_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pi
     return Picture(
         f"speeds_{environment}",
         f"Speed profiles in the {environment}, {style.replace('_', ' ')}",
-        "Forward speed along the path, of every demonstration and of the drive from its start. After figure 2.5 a.",
+        "Forward speed along the path, of every demonstration and of the rollout from its start. After figure 2.5 a.",
         figure,
         rows,
     )
@@ -292,8 +292,8 @@ def curves_picture(plan: DemonstrationsPlan, load: Load, environment: str, style
         f"curves_{environment}_{style}",
         f"Learning curves, {style.replace('_', ' ')} in the {environment}",
         "From demonstrated starts: the median deviation-aware Frechet distance (dotted: the bar, which means nothing "
-        "where drives leave their demonstration early), the share of drives that follow a demonstration to the goal "
-        "(arrived, f at most 0.25 m, t* at least 0.8), success; then success in unseen selection scenes. Thin: each "
+        "where rollouts leave their demonstration early), the share of rollouts that follow one to the goal (arrived, "
+        " f at most 0.25 m, t* at least 0.8), success; then success in unseen selection scenes. Thin: each "
         "seed, with averaged weights; thick: their mean. "
         "Seconds of one core, the measuring at every point included.",
         figure,

@@ -79,7 +79,7 @@ class ControllerCell:
 
 @dataclass(frozen=True)
 class DemonstrationsPlan:
-    """trained: the training of a cell; judged: its drives from demonstrated starts; unseen: those elsewhere, for a
+    """trained: the training of a cell; judged: its rollouts from demonstrated starts; unseen: those elsewhere, for a
     baseline the same task in every style's cell, because it knows of none.
     """
 

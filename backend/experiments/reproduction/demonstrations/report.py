@@ -97,7 +97,7 @@ def _without(rows: Sequence[ControllerRow]) -> list[str]:
         return []
     passing = [
         f"{_whose(row)} (f = {_number(row.values['frechet_m'])} m at t* = {_number(row.values['t_star'])}, "
-        f"{100 * (row.values['followed_rate'] or 0):.0f} % of drives follow)"
+        f"{100 * (row.values['followed_rate'] or 0):.0f} % of rollouts follow)"
         for row in plain
         if row.follows
     ]
@@ -121,7 +121,7 @@ def _measures_brief(plan: DemonstrationsPlan, load: Load) -> list[str]:
         told.append(f"{title} above {' and '.join(f'that of {NAMES[b]} in {n}' for b, n in beaten.items())}")
     cases = len(plan.budget.environments) * len(plan.budget.styles)
     return [
-        f"Ours beside the baselines, means over drives, of {cases} demonstrators and environments: {'; '.join(told)}."
+        f"Ours beside the baselines, means over rollouts, of {cases} demonstrators and environments: {'; '.join(told)}."
     ]
 
 
@@ -141,16 +141,16 @@ def sections(
     whole = (plan.budget.environments[0], plan.budget.ablated)
     ablated = [row for row in rows if (row.environment, row.style) == whole and row.controller in VARIANTS]
     return [
-        Section("Demonstrations and drives", pictures=shown("paths")),
+        Section("Demonstrations and rollouts", pictures=shown("paths")),
         Section(
             "Likeness to the demonstrations",
             [
-                "Every controller drives once from every demonstrated start. f(t*) and t* are those of the "
+                "Every controller rolls out once from every demonstrated start. f(t*) and t* are those of the "
                 "demonstration of the same pair that is followed best; a small f at a small t* says nothing. Two "
-                "medians may come from different drives, and a robot that circles where it starts has a small f at "
-                "t* = 1: so the share of drives is told, too, that arrive with f at most 0.25 m and t* at least 0.8. "
-                "Medians over drives, means over seeds; in brackets the worst seed. TD3 without demonstrations is one "
-                "controller per environment and seed, the same for all demonstrators."
+                "medians may come from different rollouts, and a robot that circles where it starts has a small f at "
+                "t* = 1: so the share of them is given that arrive with f at most 0.25 m and t* at least 0.8. "
+                "Medians over rollouts, means over seeds; in brackets the worst seed. TD3 without demonstrations is a "
+                "controller per environment and seed, one for all demonstrators."
             ],
             tables=[_bars_table(main)],
         ),
@@ -228,12 +228,12 @@ def _measures_table(plan: DemonstrationsPlan, load: Load) -> Table:
         "environment",
         "demonstrator",
         "controller",
-        "drives",
+        "rollouts",
         "relative length",
         "human distance (m)",
         "area (m²)",
     ]
-    return Table("Means ± standard deviations over drives from demonstrated starts", heads, found)
+    return Table("Means ± standard deviations over rollouts from demonstrated starts", heads, found)
 
 
 def _unseen_table(rows: Sequence[ControllerRow]) -> Table:

@@ -42,7 +42,7 @@ BARS = {
     "success_rate": Bar("success from demonstrated starts", 0.95, True),
     "frechet_m": Bar("deviation-aware Frechet distance, median (m)", 0.25, False),
     "t_star": Bar("deviation point t*, median", 0.8, True),
-    "followed_rate": Bar("drives that follow a demonstration to the goal", 0.5, True),
+    "followed_rate": Bar("rollouts that follow a demonstration to the goal", 0.5, True),
     "speed_correlation": Bar("correlation of speed profiles, median", 0.8, True),
     "starts": Bar("success from random starts", 0.9, True),
     "goals": Bar("success to random goals", 0.9, True),
@@ -71,7 +71,7 @@ class ControllerRow:
 
     @property
     def follows(self) -> bool:
-        """Whether it meets the bar on the Frechet distance: median f, median t*, and both by the same drives."""
+        """Whether it meets the bar on the Frechet distance: median f, median t*, and both by the same rollouts."""
         return all(BARS[name].met(self.values[name]) is True for name in FOLLOWING)
 
 
@@ -123,7 +123,7 @@ def _over(values: Sequence[float | None], statistic: Callable[[list[float]], Any
 def measured(
     plan: DemonstrationsPlan, load: Load, environment: str, style: str, controller: str, name: str
 ) -> NDArray[Any]:
-    """A measure of figure 2.3 over all drives of all seeds; controller DEMONSTRATED: of the demonstrations."""
+    """A measure of figure 2.3 over all rollouts of all seeds; controller DEMONSTRATED: of the demonstrations."""
     source = OURS if controller == DEMONSTRATED else controller
     whose = "demonstrated" if controller == DEMONSTRATED else "driven"
     cells = [c for c in plan.judged if (c.environment, c.style, c.controller) == (environment, style, source)]

@@ -98,7 +98,7 @@ def ensemble_answers(members: Sequence[Policy], count: int, seed: int) -> list[P
         max_duration_s=float("inf"),
         min_duration_s=0.0,
         min_gap_m=0.0,
-        scenes_per_round=16 + count,  # changes no query, only how many scenes are driven beyond those needed
+        scenes_per_round=16 + count,  # changes no query, only how many scenes are rolled out beyond those needed
         max_scenes=256 + 4 * count,  # all are drawn before the first trajectory
     )
     return make_oracle(ORACLE).answer(generate_queries(members, config).queries)
@@ -159,14 +159,14 @@ def alignment_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskR
         "preference_weight": result.reward_weight,
         "replay_sha256": result.replay_sha256,
     }
-    return _driven(result.policy, params["scenes"], meta)
+    return _rolled_out(result.policy, params["scenes"], meta)
 
 
 def instant_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The conditioned policy at the weights that the answers say, and its trajectories in the table's scenes."""
     weights = weights_said(params, needs)
     policy = load_conditioned(params["conditioned"]).at(weights).without_critic()
-    return _driven(policy, params["scenes"], {"weights": weights.tolist()})
+    return _rolled_out(policy, params["scenes"], {"weights": weights.tolist()})
 
 
 def refined_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -186,7 +186,7 @@ def refined_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRes
         "chosen": result.chosen,
         "history": result.history,
     }
-    return _driven(shown, params["scenes"], meta)
+    return _rolled_out(shown, params["scenes"], meta)
 
 
 def weights_said(params: dict[str, Any], needs: Sequence[TaskResult]) -> NDArray[np.float32]:
@@ -197,10 +197,10 @@ def weights_said(params: dict[str, Any], needs: Sequence[TaskResult]) -> NDArray
 
 def raw_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The base policy's trajectories in the table's scenes."""
-    return _driven(stored_policies(needs[0])[0].without_critic(), params["scenes"], {})
+    return _rolled_out(stored_policies(needs[0])[0].without_critic(), params["scenes"], {})
 
 
-def _driven(policy: Policy, scenes: dict[str, int], meta: dict[str, Any]) -> TaskResult:
+def _rolled_out(policy: Policy, scenes: dict[str, int], meta: dict[str, Any]) -> TaskResult:
     table = episodes(policy, table_scenes(scenes))
     return _with_policies(
         [policy],

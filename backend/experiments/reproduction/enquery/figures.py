@@ -51,7 +51,7 @@ def pictures(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Pic
         for name in CONDITIONS
     }
     members_shown = [
-        drives_picture(
+        trajectories_picture(
             f"members_{letter}",
             f"All members of the ensemble, scene {letter}",
             {f"member {k}": member for k, member in enumerate(members)},
@@ -60,7 +60,7 @@ def pictures(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Pic
         for letter, scene in zip("ab", seen, strict=False)
     ]
     compared = [
-        drives_picture(
+        trajectories_picture(
             f"aligned_{recipe}",
             f"RAW and {FIRST} by {told}",
             {RAW: base, FIRST: first_runs[recipe, FIRST]},
@@ -242,12 +242,14 @@ def _dots(ax: Axes, rows: Sequence[TableRow]) -> None:
     ax.set_xticks(range(len(rows)), [row.name for row in rows])
 
 
-def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts: Sequence[Scene]) -> Picture:
+def trajectories_picture(name: str, title: str, policies: Mapping[str, Policy], starts: Sequence[Scene]) -> Picture:
     """Figures 6.3 and 6.7: several policies from the same starts."""
-    drives = rollouts_from({told: policy.rollout_policy for told, policy in policies.items()}, get_setup(SETUP), starts)
+    rollouts = rollouts_from(
+        {whose: policy.rollout_policy for whose, policy in policies.items()}, get_setup(SETUP), starts
+    )
     rows: Rows = [
         {
-            "policy": told,
+            "policy": whose,
             "start": start,
             "time_s": round(float(time), 3),
             "x_m": round(float(pose[0]), 4),
@@ -255,7 +257,7 @@ def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts
             "heading_rad": round(float(pose[2]), 4),
             "outcome": trajectory.outcome.name.lower(),
         }
-        for told, trajectories in drives.items()
+        for whose, trajectories in rollouts.items()
         for start, trajectory in enumerate(trajectories)
         for time, pose in zip(trajectory.times, trajectory.poses, strict=True)
     ]
@@ -263,7 +265,7 @@ def drives_picture(name: str, title: str, policies: Mapping[str, Policy], starts
         f"Scene {starts[0].seed} of the open field, {len(starts)} starts: the scene's own, then each time the free "
         "place farthest from all others and the goal. A cross marks where a trajectory ended without arriving."
     )
-    return Picture(name, title, caption, starts_figure(drives, title=title), rows)
+    return Picture(name, title, caption, starts_figure(rollouts, title=title), rows)
 
 
 def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: Policy, scene: Scene) -> Picture:

@@ -326,7 +326,7 @@ def _alignment_table(recipe: str, rows: Sequence[TableRow]) -> Table:
     if rows[0].took_over is not None:
         took = ", ".join(f"{row.name} {row.took_over} of {row.alignments}" for row in rows if row.name != RAW)
         note = (
-            f" Where the refinement was no improvement on other scenes the conditioned policy drives; it was in {took}."
+            f" Where the refinement was no improvement on other scenes the conditioned one is shown; it was in {took}."
         )
     body = [
         [

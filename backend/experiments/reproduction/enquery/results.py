@@ -182,7 +182,7 @@ def crossings_of(curves: Sequence[CurvePoint]) -> dict[str, int | None]:
 def table_of_recipe(recipe: str, runs: dict[str, list[TaskResult]], raw: TaskResult) -> list[TableRow]:
     """The five rows with their tests against EnQ-15, corrected by Holm over those of the four that can be made.
 
-    Alignments that all came out alike, as a conditioned policy's do that is told the same, have no spread to test with.
+    Alignments that all came out alike, as a conditioned policy's do at the same weights, have no spread to test with.
     """
     samples = {name: np.stack([made.arrays["min_human_distance"] for made in of]) for name, of in runs.items()}
     first = samples[FIRST].astype(np.float64)
