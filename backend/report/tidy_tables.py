@@ -6,7 +6,7 @@ Both are the same tables (`store/dataset`), so a report is the same wherever it 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,7 @@ def tidy(
     # a choice whose time was over names no trajectory
     answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and is_side(row["choice"])}
     trials = [row for row in tables["trials"] if row["trial"] in answers]
-    items = list(_items(files))
+    items = [*_items(files), *_rated_items(row["plan"] for row in tables["sessions"])]
     checks = {(one.questionnaire, one.key) for one in items if one.instructed}
     session = {row["session"]: row for row in tables["sessions"]}
     plans = {name: row["plan"] for name, row in session.items()}
@@ -150,20 +150,21 @@ def _comparison(trial: Row, answer: Row) -> Comparison | None:
 
 
 def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[Rating]:
+    """Items of questionnaires as they were answered; ratings of what was shown, averaged over what one person rated
+    under one condition."""
+    shown: dict[tuple[str, str | None, str, str], list[float]] = defaultdict(list)
+    steps = {session: {step["key"]: step for step in plan} for session, plan in plans.items()}
     for row in responses:
-        if row["kind"] != "questionnaire":
-            continue
-        questionnaire, condition = _asked(plans[row["session"]], row["step"])
-        for item, value in row["value"].items():
-            if item in MARKS:
-                continue
-            yield Rating(row["participant"], condition, questionnaire, item, value)
-
-
-def _asked(plan: Sequence[Row], step_key: str) -> tuple[str, str | None]:
-    """Which questionnaire a step asked, and about which condition: that of its own block, where it stands in one."""
-    step = next(one for one in plan if one["key"] == step_key)
-    return step["questionnaire"], step.get("block")
+        step = steps[row["session"]].get(row["step"], {})
+        item = step.get("rates")
+        if item is not None and item in row["value"]:
+            shown[row["participant"], step.get("block"), step["stage"], item].append(float(row["value"][item]))
+        if row["kind"] == "questionnaire":
+            for name, value in row["value"].items():
+                if name not in MARKS:
+                    yield Rating(row["participant"], step.get("block"), step["questionnaire"], name, value)
+    for (person, condition, stage, item), values in shown.items():
+        yield Rating(person, condition, stage, item, sum(values) / len(values))
 
 
 def _blocks(files: Mapping[str, str]) -> Iterator[tuple[str, Row, str | None]]:
@@ -192,6 +193,15 @@ def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
 
 def _scales(files: Mapping[str, str]) -> Iterator[tuple[str, Scale]]:
     return ((questionnaire, frozen_scale(copy)) for questionnaire, _, copy in _blocks(files) if copy)
+
+
+def _rated_items(plans: Iterable[Sequence[Row]]) -> list[ItemText]:
+    """What was rated of trajectories that were shown, as one item per stage."""
+    rated = {(step["stage"], step["rates"]): step for plan in plans for step in plan if step.get("rates")}
+    return [
+        ItemText(stage, item, "scale", f"{item} of {stage}".replace("_", " "), step.get("points", 7), {})
+        for (stage, item), step in sorted(rated.items())
+    ]
 
 
 def _english(text: Mapping[str, str]) -> str:

@@ -197,9 +197,9 @@ class Content:
 
     def items(self) -> Iterator[Row]:
         for answer in self.answers:
-            if answer.kind != "questionnaire":
-                continue
             step = self._step_of(answer)
+            if answer.kind != "questionnaire" and not step.get("rates"):
+                continue
             for item, given in sorted(self._value(answer).items()):
                 if item in MARKS:
                     continue
@@ -209,7 +209,7 @@ class Content:
                     **self.of_session(answer.session_id),
                     "step": answer.step_key,
                     "item": item,
-                    "questionnaire": step.get("questionnaire"),
+                    "questionnaire": step.get("questionnaire") or step.get("stage"),
                     "condition": step.get("block"),
                     "answer": given if isinstance(given, str) else as_json(given),
                     "answer_number": float(given) if is_number else None,

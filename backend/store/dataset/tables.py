@@ -201,7 +201,7 @@ RESPONSES = Table(
 )
 ITEMS = Table(
     "questionnaire_items",
-    "item of an answered questionnaire",
+    "item of an answered questionnaire, or rating of what a trial showed",
     (
         Column("response", TEXT, "id of the answer the item belongs to", form=IS_ID),
         _SESSION,

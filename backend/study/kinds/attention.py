@@ -21,6 +21,7 @@ class AttentionStep(Step):
 class Attention(Kind[AttentionStep]):
     name = "attention"
     step = AttentionStep
+    stored = {"choice": "a or b", "instructed": "the letter that the page said", "passed": "whether they are the same"}
 
     def payload(self, step: AttentionStep, page: Page) -> dict[str, Any]:
         return {"instructed": step.instructed}

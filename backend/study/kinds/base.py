@@ -7,7 +7,7 @@ nothing in the session machine, knows a kind by name. Kinds know no protocol as 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
@@ -154,8 +154,9 @@ class BlockPart(Part):
 class Step(BaseModel):
     """Base of a step in a participant's plan. key: unique in the plan; stage: the stage's; block: the condition's name.
 
-    `when`: not everybody meets it. `then`: what its answer begins. Plans are stored as JSON with what was set alone;
-    what older plans say that nobody reads any more is passed over.
+    `when`: not everybody meets it. `then`: what its answer begins. `rates`: its answer's field that is a number and
+    rates what its trial shows; data sets, reports and reward models find ratings by it. Plans are stored as JSON
+    with what was set alone; what older plans say that nobody reads any more is passed over.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
@@ -167,6 +168,7 @@ class Step(BaseModel):
     view: View | None = None
     when: When | None = None
     then: Literal["train"] | None = None
+    rates: str | None = None
 
     def least_s(self, *, timed_out: bool) -> int:
         """How long its page must stand before it can be answered. timed_out: half filled, because its time is over."""
@@ -300,6 +302,10 @@ class Simulated(Protocol):
         ...
 
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side: ...
+    def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
+        """How much one trajectory is liked, 0 to 1."""
+        ...
+
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
 
 
@@ -313,38 +319,6 @@ class BadValue(Refused):
 def timed_out(value: Mapping[str, Any]) -> bool:
     """Whether the page says that the protocol's time for the step was over."""
     return value.get("timed_out") is True
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of a kind's own table in the export. type: text, number, whole or yes_no."""
-
-    name: str
-    type: Literal["text", "number", "whole", "yes_no"]
-    meaning: str
-
-
-@dataclass(frozen=True)
-class AnswerTable:
-    """A table of its own that a kind's answers fill in the export, beside their row in `responses`.
-
-    row: what one row is, in words. Who answered, in which session and condition, stands in every such table anyway.
-    """
-
-    name: str
-    row: str
-    columns: tuple[Column, ...]
-
-
-@dataclass(frozen=True)
-class Rated:
-    """An answer as the report reads it: one rating of one item. points: of a scale 1 to points; None: any number."""
-
-    item: str
-    words: str
-    value: float
-    points: int | None
-    extra: dict[str, Any] = field(default_factory=dict)
 
 
 class Kind(Generic[S]):
@@ -366,7 +340,8 @@ class Kind(Generic[S]):
     """Nobody answers it: the session goes on by itself (`settle`), and its progress does not count it."""
     answer: ClassVar[str] = ""
     """What its stored answers are called, as `responses.kind`; default its name."""
-    table: ClassVar[AnswerTable | None] = None
+    stored: ClassVar[Mapping[str, str]] = {}
+    """What a stored answer holds (`responses.value` in the export): field -> its meaning."""
     begun: ClassVar[Mapping[str, Callable[[Acting], None]]] = {}
     """What happens when a step whose `then` says so was answered."""
 
@@ -439,16 +414,6 @@ class Kind(Generic[S]):
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """A simulated participant's answer. step: as the API tells it, with what `told` adds."""
         return {}
-
-    # data
-
-    def rows(self, value: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-        """The rows of `table` that one stored answer fills."""
-        yield from ()
-
-    def rated(self, value: Mapping[str, Any]) -> Iterator[Rated]:
-        """The answer as ratings, for the report."""
-        yield from ()
 
 
 def make_trial(acting: Acting, step: Step, *, kind: str, trajectory_a: str, trajectory_b: str, **rest: Any) -> Trial:

@@ -92,6 +92,7 @@ class ComparisonStep(Step):
 class Comparison(Kind[ComparisonStep]):
     name = "comparison"
     step = ComparisonStep
+    stored = {"choice": "a or b"}
     stages = {"comparison": ComparisonStage}
     shows = "trajectories"
     previewed = True

@@ -57,6 +57,7 @@ class ComprehensionStep(AskingStep):
 class Comprehension(Asking[ComprehensionStep]):
     name = "comprehension"
     step = ComprehensionStep
+    stored = {"ITEM": "answer by item", "passed": "whether all were right"}
     stages = {"comprehension": ComprehensionStage}
 
     def payload(self, step: ComprehensionStep, page: Page) -> dict[str, Any]:

@@ -46,6 +46,12 @@ class ConsentStep(TextStep):
 class Consent(TextPage[ConsentStep]):
     name = "consent"
     step = ConsentStep
+    stored = {
+        "given": "true",
+        "version": "of the text",
+        "text_hash": "sha256 of the text as it was shown",
+        "purposes": "what else was agreed to: training, open_data",
+    }
     stages = {"consent": ConsentStage}
 
     def payload(self, step: ConsentStep, page: Page) -> dict[str, Any]:

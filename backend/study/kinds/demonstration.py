@@ -105,6 +105,7 @@ class DemonstrationStep(Step):
 class Demonstration(Kind[DemonstrationStep]):
     name = "demonstration"
     step = DemonstrationStep
+    stored = {"stroke": "id of the stroke that is kept", "skipped": "true where a further path was not wanted"}
     stages = {"demonstrations": DemonstrationsStage}
     shows = "paper"
 

@@ -22,6 +22,7 @@ class GuessStep(Step):
 class Guess(Kind[GuessStep]):
     name = "guess"
     step = GuessStep
+    stored = {"choice": "a or b", "about": "step of the comparison", "right": "whether it came from the own answers"}
 
     def payload(self, step: GuessStep, page: Page) -> dict[str, Any]:
         return {"learns_from": page.frozen.learns_from}

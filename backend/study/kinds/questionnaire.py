@@ -156,6 +156,11 @@ class Asking(Kind[A]):
 class AskQuestionnaire(Asking[QuestionnaireStep]):
     name = "questionnaire"
     step = QuestionnaireStep
+    stored = {
+        "ITEM": "answer by item; a ranking is the list of values, best first",
+        "passed": "attention checks: whether all were right",
+        "timed_out": "true where the time was over",
+    }
     stages = {"questionnaire": QuestionnaireStage}
     block_parts = {"questionnaire": BlockQuestionnaire}
 

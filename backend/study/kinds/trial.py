@@ -220,6 +220,7 @@ def checked_side(value: Mapping[str, Any]) -> Side:
 class Trial(Kind[TrialStep]):
     name = "trial"
     step = TrialStep
+    stored = {"choice": "a or b", "timed_out": "true where the time for the choice was over"}
     shows = "trajectories"
     previewed = True
     answer = "preference"

@@ -15,7 +15,7 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
-from backend.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle
+from backend.learning.preferences.oracles import ALWAYS_RIGHT, ORACLE_PREFERENCES, Oracle, ResponseModel, make_oracle
 from backend.learning.queries.queries import Query
 from backend.report.made_up_cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
@@ -136,6 +136,7 @@ class SimulatedParticipant:
         self._style, self._number = character.style, number
         self._participant = client.join(character.told(number))
         self._responses = self._comparisons = 0
+        self._valued: list[float] = []
 
     def walk(self) -> Walk:
         """From the first page to the last."""
@@ -178,6 +179,17 @@ class SimulatedParticipant:
             else:
                 choice ^= self.person.slips(condition, query, role)
         return "b" if choice else "a"
+
+    def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
+        """How much the oracle likes it, 0 to 1: its place among all that this participant was asked about so far."""
+        condition = str(step.get("block"))
+        name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        if name not in ORACLE_PREFERENCES:
+            return float(self.random.random())
+        value = float(ORACLE_PREFERENCES[name].value([trajectory])[0])
+        below = sum(one < value for one in self._valued) + 0.5 * sum(one == value for one in self._valued)
+        self._valued.append(value)
+        return (below + 0.5) / len(self._valued)
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """A path in its style, drawn again where it touches something, then kept.
@@ -222,6 +234,9 @@ class _OnPages:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
