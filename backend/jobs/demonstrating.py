@@ -16,7 +16,7 @@ from backend.demonstrations.judging import judge_rollouts
 from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
 from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.jobs.context import JobContext
-from backend.jobs.kept_artefacts import find_artefact, keep
+from backend.jobs.kept_artefacts import find_artefact, keep, require_job
 from backend.jobs.kinds import TrainDemonstrationsParams
 from backend.learning.alignment.gate import GateRule, verdict
 from backend.learning.policies.policy import Policy
@@ -97,6 +97,7 @@ def _demonstrations(
 
 def _keep_rollouts(context: JobContext, rollouts: Sequence[Trajectory], made_by: str | None) -> list[str]:
     with context.database.transaction() as s:
+        require_job(s, context)
         return [row.id for row in save_trajectories(s, context.files, rollouts, made_by)]
 
 

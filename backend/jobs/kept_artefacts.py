@@ -15,7 +15,7 @@ from backend.learning.cards import source_commit
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectory
-from backend.store.models import Artefact
+from backend.store.models import Artefact, Job
 from backend.store.shipped import policy_artefact
 
 Parent = tuple[Artefact, str]  # the artefact and its role in what is made from it
@@ -62,6 +62,7 @@ def keep(
     Raises ArtefactError if a parent was erased or quarantined while the job ran: nothing is kept then.
     """
     with context.database.transaction() as s:
+        require_job(s, context)
         for parent, _ in parents:
             find_artefact(s, parent.id, parent.kind)
         card = {
@@ -109,9 +110,17 @@ def card_of(
 
 
 def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
-    """Store a trajectory of a policy; returns its id."""
+    """Store a trajectory of a policy; returns its id. Raises ArtefactError if the policy or the job was erased."""
     with context.database.transaction() as s:
+        require_job(s, context)
         return save_trajectory(s, context.files, trajectory, made_by=made_by).id
+
+
+def require_job(s: DbSession, context: JobContext) -> None:
+    """Raises ArtefactError if the job's row is gone: somebody's answers were erased while it ran, and nothing of what
+    it makes may be kept."""
+    if s.get(Job, context.job.id, with_for_update={"read": True}) is None:
+        raise ArtefactError(f"job {context.job.id} is not there any more; was a participant erased?")
 
 
 def command_of(kind: str, params: Params) -> str:

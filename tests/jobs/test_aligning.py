@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import numpy as np
 import pytest
-from sqlalchemy import select
+from sqlalchemy import func, select
 
 from backend.jobs.aligning import align
 from backend.jobs.context import JobContext, Progress
@@ -17,7 +21,8 @@ from backend.learning.preferences.objectives import NAMES
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database
-from backend.store.models import Artefact, Job, Response, utc_now
+from backend.store.erasure import erase_participant
+from backend.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
 from backend.store.outbox import enqueue_job
 from backend.store.shipped import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
@@ -186,3 +191,42 @@ def test_two_answers_cannot_be_held_out_and_the_job_says_so(services):
     params = RewardModelParams(snapshot=snapshot_of(services, participants=1, answers=2))
     result = learn_reward_model(begin(services, "reward_model", params.model_dump()), params)
     assert result["held_out"] == [{"participant": "P001", "n": 2, "reason": "too_few_answers"}]
+
+
+@pytest.mark.parametrize("after", [0, 1, 2, 3])
+def test_an_erasure_while_the_job_runs_leaves_no_file_of_what_was_derived(
+    services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+):
+    """Wherever it cuts in: before the reward model, the policy, or between the trajectories that are kept of it."""
+    settings, database, files = services
+    study_id = add_answered_study(database, files, answers=8)
+    with database.session() as s:
+        person = s.scalars(select(Participant.id).where(Participant.study_id == study_id)).one()
+    with database.transaction() as s:
+        snapshot = take_snapshot(s, files, study_id=study_id, whose="simulated").id
+    params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2)
+    context = begin(services, "align", params.model_dump())
+    before = set(files.names())
+    kept = []
+    transaction = Database.transaction
+
+    @contextmanager
+    def cut_in(self: Database, **named: object) -> Iterator[object]:
+        if self is database and not kept:
+            with transaction(self) as s:
+                made = s.scalar(select(func.count()).select_from(Artefact).where(Artefact.job_id == context.job.id))
+                made += len(s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.not_in(before))).all())
+            if made >= after:
+                kept.append(made)
+                erase_participant(Database(settings.database), files, person, "tester", data=tmp_path, compact=False)
+        with transaction(self, **named) as s:
+            yield s
+
+    monkeypatch.setattr(Database, "transaction", cut_in)
+    with pytest.raises(ArtefactError, match=r"erased|no reward_model|no snapshot"):
+        align(context, params)
+    monkeypatch.undo()
+    assert kept == [after]
+    with database.session() as s:
+        of_base = TrajectoryRow.made_by == policy_artefact(s, "study_room/base").id
+        assert set(files.names()) - before <= set(s.scalars(select(TrajectoryRow.id).where(of_base)))
