@@ -14,7 +14,7 @@ from backend.jobs.kinds import Params
 from backend.learning.cards import source_commit
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
-from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectory
+from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
 from backend.store.models import Artefact, Job
 from backend.store.shipped import policy_artefact
 
@@ -109,11 +109,25 @@ def card_of(
     }
 
 
-def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
-    """Store a trajectory of a policy; returns its id. Raises ArtefactError if the policy or the job was erased."""
+def keep_trajectories(context: JobContext, trajectories: Sequence[Trajectory], made_by: str | None) -> list[str]:
+    """Store rollouts of a policy (None: of a programmed controller); returns their ids.
+
+    Raises ArtefactError if the job, the policy, or what the job learns from, was erased or quarantined while it ran: no
+    file is written then.
+    """
     with context.database.transaction() as s:
         require_job(s, context)
-        return save_trajectory(s, context.files, trajectory, made_by=made_by).id
+        if (learned_from := context.job.params.get("snapshot")) is not None:
+            # Locked where rows can be (PostgreSQL), so that no erasure passes between this look and the file.
+            snapshot = s.get(Artefact, learned_from, with_for_update={"read": True})
+            if snapshot is None or snapshot.quarantined_at is not None:
+                raise ArtefactError(f"what job {context.job.id} learns from is quarantined or erased: {QUARANTINED}")
+        return [row.id for row in save_trajectories(s, context.files, trajectories, made_by)]
+
+
+def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
+    """`keep_trajectories` of one."""
+    return keep_trajectories(context, [trajectory], made_by)[0]
 
 
 def require_job(s: DbSession, context: JobContext) -> None:

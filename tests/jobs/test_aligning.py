@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
+from backend.jobs import aligning
 from backend.jobs.aligning import align
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kept_artefacts import ArtefactError
@@ -161,6 +162,43 @@ def test_nothing_is_kept_of_answers_that_are_erased_meanwhile(services):
     with database.session() as s:
         made = s.scalars(select(Artefact).where(Artefact.job_id == context.job.id, Artefact.kind == "policy"))
         assert list(made) == []
+
+
+@pytest.mark.parametrize("erased", ["quarantined", "gone"])
+def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_erased_meanwhile(
+    services, monkeypatch, erased
+):
+    """The erasure comes when the policy is stored already and its rollouts for the comparison are not."""
+    settings, database, files = services
+    study = add_answered_study(database, files, answers=9 if erased == "gone" else 8)
+    with database.transaction() as s:
+        snapshot = take_snapshot(s, files, study_id=study, whose="simulated").id
+    params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2)
+    context = begin(services, "align", params.model_dump())
+    before: set[str] = set()
+    prepared = aligning._comparisons
+
+    def erase_first(*given: object) -> object:
+        before.update(path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file())
+        if erased == "quarantined":
+            with database.transaction() as s:
+                s.get_one(Artefact, snapshot).quarantined_at = utc_now()
+        else:
+            with database.session() as s:
+                people = list(s.scalars(select(Participant.id).where(Participant.study_id == study)))
+            for person in people:
+                erase_participant(database, files, person, "tester", data=settings.data, compact=False)
+        return prepared(*given)
+
+    monkeypatch.setattr(aligning, "_comparisons", erase_first)
+    with pytest.raises(ArtefactError, match="quarantined" if erased == "quarantined" else "not there any more"):
+        align(context, params)
+    after = {path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file()}
+    assert after - before == set()
+    with database.session() as s:
+        made = s.scalars(select(Artefact.id).where(Artefact.job_id == context.job.id, Artefact.kind == "policy"))
+        for policy in made:
+            assert list(s.scalars(select(TrajectoryRow).where(TrajectoryRow.made_by == policy))) == []
 
 
 def erase_then(context: JobContext, snapshot: str) -> Progress:
