@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run test setup setup-test lint lock clean
+.PHONY: mutation run test setup setup-test lint lock clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -42,3 +42,7 @@ lock:
 
 clean:
 	rm -rf $(VENV) node_modules .pytest_cache .mypy_cache .ruff_cache
+
+# Changes put into the statistics and the report, a sample by lot, and whether the tests notice: docs/numbers.md.
+mutation: setup
+	nice $(BIN)/python scripts/mutation.py --sample 150

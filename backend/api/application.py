@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import structlog
-from fastapi import FastAPI, Request
+from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
@@ -15,12 +15,12 @@ from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
+from backend.api.core.catalogues import Texts
 from backend.api.core.contract import Told, trouble_in
-from backend.api.core.dependencies import Services, route_of
+from backend.api.core.dependencies import Application, Services, route_of
 from backend.api.core.disk import is_full, room_left
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.prose import prose
-from backend.api.core.texts import Texts
 from backend.api.core.throttle import TooLarge, memory_limiter
 from backend.api.lab.whole_reports import Reports
 from backend.api.participant.requests import refusal_page
@@ -71,7 +71,7 @@ def build_services(settings: Settings) -> Services:
     )
 
 
-def create_application(services: Services) -> FastAPI:
+def create_application(services: Services) -> Application:
     """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
     from backend.api.analyst import routes
     from backend.api.core import auth, published
@@ -79,8 +79,9 @@ def create_application(services: Services) -> FastAPI:
     from backend.api.lab import learnt_pages, study_pages
     from backend.api.participant import session_pages
 
-    application = FastAPI(title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None)
-    application.state.services = services
+    application = Application(
+        services, title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None
+    )
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     for module in (session_pages, auth, study_pages, learnt_pages, routes, published):
         application.include_router(module.router)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 import structlog
 import uvicorn
 
-from app.server import StageServer
+from app.stage_server import StageServer
 from backend.api.application import create_application, create_stage_application
 from backend.api.core.dependencies import Services
 from backend.jobs.process import start_worker

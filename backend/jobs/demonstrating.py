@@ -16,15 +16,14 @@ from backend.demonstrations.judging import judge_rollouts
 from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
 from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.jobs.context import JobContext
-from backend.jobs.kept_artefacts import find_artefact, keep
+from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectories
 from backend.jobs.kinds import TrainDemonstrationsParams
 from backend.learning.alignment.gate import GateRule, verdict
 from backend.learning.policies.policy import Policy
 from backend.learning.queries.queries import QueryConfig, look_alike
 from backend.learning.scene_sets import Purpose, describe
 from backend.simulation.demonstration_scenes import demonstration_scene
-from backend.simulation.trajectory import Outcome, Trajectory
-from backend.store.artefacts import save_trajectories
+from backend.simulation.trajectory import Outcome
 from backend.store.demonstration_snapshots import KeptDemonstration, read_demonstrations
 from backend.store.models import Artefact
 
@@ -69,7 +68,7 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     )
     rollouts = [
         {"demonstration": one.demonstration, "pair": one.pair, "trajectory": trajectory}
-        for one, trajectory in zip(kept, _keep_rollouts(context, made, policy_id), strict=True)
+        for one, trajectory in zip(kept, keep_trajectories(context, made, policy_id), strict=True)
     ]
     context.progress(0.95)
     pairs = sorted({one.pair for one in kept})
@@ -95,11 +94,6 @@ def _demonstrations(
     return artefact, kept, [Demonstration.from_bytes(context.files.get(one.demonstration)) for one in kept]
 
 
-def _keep_rollouts(context: JobContext, rollouts: Sequence[Trajectory], made_by: str | None) -> list[str]:
-    with context.database.transaction() as s:
-        return [row.id for row in save_trajectories(s, context.files, rollouts, made_by)]
-
-
 def _situations(
     context: JobContext, pairs: Sequence[int], policy: Policy, policy_id: str
 ) -> tuple[list[dict[str, Any]], list[bool]]:
@@ -110,9 +104,9 @@ def _situations(
         scenes,
         own,
         dwa,
-        _keep_rollouts(context, own, policy_id),
-        _keep_rollouts(context, dwa, None),
-        _keep_rollouts(context, social, None),
+        keep_trajectories(context, own, policy_id),
+        keep_trajectories(context, dwa, None),
+        keep_trajectories(context, social, None),
         strict=True,
     )
     situations = [

@@ -14,8 +14,8 @@ from backend.jobs.kinds import Params
 from backend.learning.cards import source_commit
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
-from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectory
-from backend.store.models import Artefact
+from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
+from backend.store.models import Artefact, Job
 from backend.store.shipped import policy_artefact
 
 Parent = tuple[Artefact, str]  # the artefact and its role in what is made from it
@@ -62,6 +62,7 @@ def keep(
     Raises ArtefactError if a parent was erased or quarantined while the job ran: nothing is kept then.
     """
     with context.database.transaction() as s:
+        require_job(s, context)
         for parent, _ in parents:
             find_artefact(s, parent.id, parent.kind)
         card = {
@@ -108,10 +109,32 @@ def card_of(
     }
 
 
-def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
-    """Store a trajectory of a policy; returns its id."""
+def keep_trajectories(context: JobContext, trajectories: Sequence[Trajectory], made_by: str | None) -> list[str]:
+    """Store rollouts of a policy (None: of a programmed controller); returns their ids.
+
+    Raises ArtefactError if the job, the policy, or what the job learns from, was erased or quarantined while it ran: no
+    file is written then.
+    """
     with context.database.transaction() as s:
-        return save_trajectory(s, context.files, trajectory, made_by=made_by).id
+        require_job(s, context)
+        if (learned_from := context.job.params.get("snapshot")) is not None:
+            # Locked where rows can be (PostgreSQL), so that no erasure passes between this look and the file.
+            snapshot = s.get(Artefact, learned_from, with_for_update={"read": True})
+            if snapshot is None or snapshot.quarantined_at is not None:
+                raise ArtefactError(f"what job {context.job.id} learns from is quarantined or erased: {QUARANTINED}")
+        return [row.id for row in save_trajectories(s, context.files, trajectories, made_by)]
+
+
+def keep_trajectory(context: JobContext, trajectory: Trajectory, made_by: str) -> str:
+    """`keep_trajectories` of one."""
+    return keep_trajectories(context, [trajectory], made_by)[0]
+
+
+def require_job(s: DbSession, context: JobContext) -> None:
+    """Raises ArtefactError if the job's row is gone: somebody's answers were erased while it ran, and nothing of what
+    it makes may be kept."""
+    if s.get(Job, context.job.id, with_for_update={"read": True}) is None:
+        raise ArtefactError(f"job {context.job.id} is not there any more; was a participant erased?")
 
 
 def command_of(kind: str, params: Params) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.simulation.npz import MIB, Bounds, from_npz, to_npz
+from backend.simulation.npz import MIB, Arrays, Bounds, from_npz, to_npz
 from backend.simulation.scene import Scene
 
 Floats = NDArray[np.float32]
@@ -73,6 +73,7 @@ class Trajectory:
         """Read `to_bytes` back. Never unpickles. Raises ValueError for anything else."""
         try:
             meta, arrays = from_npz(data, BOUNDS)
+            _check_shapes(arrays)
             return cls(
                 scene=Scene.from_dict(meta["scene"]),
                 outcome=Outcome(meta["outcome"]),
@@ -86,3 +87,19 @@ class Trajectory:
     def digest(self) -> str:
         """sha256 of `to_bytes`, the trajectory's identity in the store."""
         return hashlib.sha256(self.to_bytes()).hexdigest()
+
+
+def _check_shapes(arrays: Arrays) -> None:
+    """Raise ValueError unless there are arrays of as many steps as there are actions, as the class says."""
+    steps, inputs = len(arrays["actions"]), arrays["observations"].shape[1:]
+    needed = {
+        "poses": (steps + 1, 3),
+        "observations": (steps, *inputs),
+        "actions": (steps, 2),
+        "rewards": (steps,),
+        "next_observations": (steps, *inputs),
+        "dones": (steps,),
+    }
+    for name, shape in needed.items():
+        if arrays[name].shape != shape:
+            raise ValueError(f"array {name!r} has shape {arrays[name].shape}; with {steps} actions it must be {shape}")

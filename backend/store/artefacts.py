@@ -155,7 +155,13 @@ def save_trajectory(
 def save_trajectories(
     s: Session, files: ArtefactStore, trajectories: Sequence[Trajectory], made_by: str | None = None
 ) -> list[TrajectoryRow]:
-    """`save_trajectory` for many at once, faster; rows in the order given."""
+    """`save_trajectory` for many at once, faster; rows in the order given.
+
+    Raises ArtefactError if the policy that made them was erased or quarantined meanwhile: they would be all that is
+    left of somebody's answers.
+    """
+    if made_by is not None and SHA256.fullmatch(made_by):
+        _require(s, made_by, f"policy {made_by} of {len(trajectories)} trajectories")  # before a file is written
     rows: list[TrajectoryRow] = []
     for sha, trajectory in zip(files.put_all(t.to_bytes() for t in trajectories), trajectories, strict=True):
         row = s.get(TrajectoryRow, sha)
@@ -205,12 +211,10 @@ def save_artefact(
     parents, answers = sorted(set(parents)), sorted(set(answers))
     sha = hashlib.sha256(content).hexdigest()
     for parent_id, role in parents:
-        parent = s.get(Artefact, parent_id)
-        if parent is None or parent_id == sha:
-            raise ArtefactError(f"parent {parent_id} ({role}) of {kind} {name!r} is not in the store; was it erased?")
-        if parent.quarantined_at is not None:
-            raise ArtefactError(f"parent {parent_id} ({role}) of {kind} {name!r} is quarantined: {QUARANTINED}")
-        simulated = simulated or parent.simulated
+        what = f"parent {parent_id} ({role}) of {kind} {name!r}"
+        if parent_id == sha:
+            raise ArtefactError(f"{what} is itself")
+        simulated = _require(s, parent_id, what).simulated or simulated
     simulated = _check_answers(s, answers, f"{kind} {name!r}") or simulated
     artefact = s.get(Artefact, sha)
     if artefact is None:
@@ -280,6 +284,16 @@ def lineage(s: Session, artefact_id: str, role: str | None = None) -> Lineage:
         parents=tuple(lineage(s, parent_id, parent_role) for parent_id, parent_role in parents.all()),
         answers=tuple(answers),
     )
+
+
+def _require(s: Session, artefact_id: str, what: str) -> Artefact:
+    """An artefact from which something may be made; it cannot be erased before this transaction ends."""
+    found = s.get(Artefact, artefact_id, with_for_update={"read": True})
+    if found is None:
+        raise ArtefactError(f"{what} is not in the store; was it erased?")
+    if found.quarantined_at is not None:
+        raise ArtefactError(f"{what} is quarantined: {QUARANTINED}")
+    return found
 
 
 def _check_answers(s: Session, answers: Sequence[str], what: str) -> bool:

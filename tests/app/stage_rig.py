@@ -20,8 +20,8 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from app.server import StageServer
 from app.stage import Stage
+from app.stage_server import StageServer
 from backend.api.stage.stage_proxy import Origins, StageDoor, StageGrant
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import draw_scene

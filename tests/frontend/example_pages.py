@@ -16,8 +16,8 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import Response
 
+from backend.api.core.catalogues import Texts
 from backend.api.core.prose import prose
-from backend.api.core.texts import Texts
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 CONTACT = "Dr. Ada Muster, ada@example.org"

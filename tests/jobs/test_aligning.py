@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 import numpy as np
 import pytest
-from sqlalchemy import select
+from sqlalchemy import func, select
 
+from backend.jobs import aligning
 from backend.jobs.aligning import align
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kept_artefacts import ArtefactError
@@ -17,7 +22,8 @@ from backend.learning.preferences.objectives import NAMES
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database
-from backend.store.models import Artefact, Job, Response, utc_now
+from backend.store.erasure import erase_participant
+from backend.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
 from backend.store.outbox import enqueue_job
 from backend.store.shipped import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
@@ -158,6 +164,43 @@ def test_nothing_is_kept_of_answers_that_are_erased_meanwhile(services):
         assert list(made) == []
 
 
+@pytest.mark.parametrize("erased", ["quarantined", "gone"])
+def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_erased_meanwhile(
+    services, monkeypatch, erased
+):
+    """The erasure comes when the policy is stored already and its rollouts for the comparison are not."""
+    settings, database, files = services
+    study = add_answered_study(database, files, answers=9 if erased == "gone" else 8)
+    with database.transaction() as s:
+        snapshot = take_snapshot(s, files, study_id=study, whose="simulated").id
+    params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2)
+    context = begin(services, "align", params.model_dump())
+    before: set[str] = set()
+    prepared = aligning._comparisons
+
+    def erase_first(*given: object) -> object:
+        before.update(path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file())
+        if erased == "quarantined":
+            with database.transaction() as s:
+                s.get_one(Artefact, snapshot).quarantined_at = utc_now()
+        else:
+            with database.session() as s:
+                people = list(s.scalars(select(Participant.id).where(Participant.study_id == study)))
+            for person in people:
+                erase_participant(database, files, person, "tester", data=settings.data, compact=False)
+        return prepared(*given)
+
+    monkeypatch.setattr(aligning, "_comparisons", erase_first)
+    with pytest.raises(ArtefactError, match="quarantined" if erased == "quarantined" else "not there any more"):
+        align(context, params)
+    after = {path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file()}
+    assert after - before == set()
+    with database.session() as s:
+        made = s.scalars(select(Artefact.id).where(Artefact.job_id == context.job.id, Artefact.kind == "policy"))
+        for policy in made:
+            assert list(s.scalars(select(TrajectoryRow).where(TrajectoryRow.made_by == policy))) == []
+
+
 def erase_then(context: JobContext, snapshot: str) -> Progress:
     """What an erasure does to a snapshot, at the moment when the training begins."""
     with context.database.transaction() as s:
@@ -186,3 +229,42 @@ def test_two_answers_cannot_be_held_out_and_the_job_says_so(services):
     params = RewardModelParams(snapshot=snapshot_of(services, participants=1, answers=2))
     result = learn_reward_model(begin(services, "reward_model", params.model_dump()), params)
     assert result["held_out"] == [{"participant": "P001", "n": 2, "reason": "too_few_answers"}]
+
+
+@pytest.mark.parametrize("after", [0, 1, 2, 3])
+def test_an_erasure_while_the_job_runs_leaves_no_file_of_what_was_derived(
+    services, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: int
+):
+    """Wherever it cuts in: before the reward model, the policy, or between the trajectories that are kept of it."""
+    settings, database, files = services
+    study_id = add_answered_study(database, files, answers=8)
+    with database.session() as s:
+        person = s.scalars(select(Participant.id).where(Participant.study_id == study_id)).one()
+    with database.transaction() as s:
+        snapshot = take_snapshot(s, files, study_id=study_id, whose="simulated").id
+    params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2)
+    context = begin(services, "align", params.model_dump())
+    before = set(files.names())
+    kept = []
+    transaction = Database.transaction
+
+    @contextmanager
+    def cut_in(self: Database, **named: object) -> Iterator[object]:
+        if self is database and not kept:
+            with transaction(self) as s:
+                made = s.scalar(select(func.count()).select_from(Artefact).where(Artefact.job_id == context.job.id))
+                made += len(s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.not_in(before))).all())
+            if made >= after:
+                kept.append(made)
+                erase_participant(Database(settings.database), files, person, "tester", data=tmp_path, compact=False)
+        with transaction(self, **named) as s:
+            yield s
+
+    monkeypatch.setattr(Database, "transaction", cut_in)
+    with pytest.raises(ArtefactError, match=r"erased|no reward_model|no snapshot"):
+        align(context, params)
+    monkeypatch.undo()
+    assert kept == [after]
+    with database.session() as s:
+        of_base = TrajectoryRow.made_by == policy_artefact(s, "study_room/base").id
+        assert set(files.names()) - before <= set(s.scalars(select(TrajectoryRow.id).where(of_base)))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.api.core.texts import Texts
+from backend.api.core.catalogues import Texts
 from backend.jobs.alignment_algorithms import search_config, training_config
 from backend.jobs.kept_artefacts import command_of
 from backend.jobs.kinds import (

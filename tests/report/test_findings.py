@@ -240,3 +240,61 @@ def test_the_declared_plan_counts_and_deviations_are_said(tmp_path: Path) -> Non
     file.write_text("alfa: 0.01\n")
     with pytest.raises(ValueError, match=r"alfa.*known: alpha"):
         read_plan(file)
+
+
+@pytest.mark.parametrize("state", ["paused", "active", "expired", "screened_out", "none"])
+def test_only_who_completed_is_analysed(state: str) -> None:
+    """Whatever else a session is, unless the plan takes all."""
+    two = [PERSON, replace(PERSON, code="P-2", state=state)]
+    answers = [choice(one.code, HERE, 0, "a") for one in two]
+    found = analyse(study(answers, two), nothing, plan=PLAN)
+    assert (found.analysed, found.flow.unfinished) == (("P-1",), {state: 1})
+    assert analyse(study(answers, two), nothing, plan=AnalysisPlan(metrics=(), sessions="all")).flow.analysed == 2
+
+
+def test_flips_are_averaged_within_people_before_over_them() -> None:
+    """P-1 flips three queries, P-2 one: each counts once. Pooled, P-1 would count three times."""
+    queries = load_queries("study_room/queries_200").queries[:4]
+    trajectories = {
+        f"{k}-{side}": t for k, q in enumerate(queries) for side, t in (("a", q.trajectory_a), ("b", q.trajectory_b))
+    }
+    two = [PERSON, replace(PERSON, code="P-2")]
+    answers = [choice(code, HERE, k, "a") for code in ("P-1", "P-2") for k in range(4)]
+    answers += [choice("P-1", THERE, k, "b" if k < 3 else "a") for k in range(4)]
+    answers += [choice("P-2", THERE, k, "b" if k == 3 else "a") for k in range(4)]
+    found = analyse(study(answers, two), trajectories.__getitem__)
+    lengths = {name: float(measure([t]).path_length[0]) for name, t in trajectories.items()}
+    deviation = np.std(list(lengths.values()), ddof=1)
+    flips = [(lengths[f"{k}-b"] - lengths[f"{k}-a"]) / deviation for k in range(4)]
+    changed = found.disagreement[HERE, THERE]["path_length"]
+    assert changed.n == 2
+    assert changed.mean == pytest.approx((np.mean(flips[:3]) + flips[3]) / 2)
+    assert changed.sd == pytest.approx(np.std([np.mean(flips[:3]), flips[3]], ddof=1))
+
+
+def test_what_was_not_chosen_was_rejected() -> None:
+    first, second = choice("P-1", HERE, 0, "a"), choice("P-1", HERE, 0, "b")
+    assert (first.chosen, first.rejected, first.second_chosen) == ("0-a", "0-b", False)
+    assert (second.chosen, second.rejected, second.second_chosen) == ("0-b", "0-a", True)
+
+
+def test_position_and_time_are_of_regular_answers_alone() -> None:
+    """Two people; probes and practice, all second, all slow, count nowhere. Times: the mean of people's medians."""
+    two = [PERSON, replace(PERSON, code="P-2")]
+    answers = [
+        replace(choice("P-1", HERE, k, side), decision_s=s)
+        for k, (side, s) in enumerate(zip("aab", (1.0, 3.0, 8.0), strict=True))
+    ]
+    answers += [replace(choice("P-2", HERE, k, "a"), decision_s=s) for k, s in enumerate((5.0, 7.0))]
+    answers += [
+        replace(choice(one.code, HERE, k, "b", role), decision_s=99.0)
+        for one in two
+        for k in range(5)
+        for role in ("practice", "repeat", "swap", "transitivity")
+    ]
+    of = analyse(study(answers, two), nothing, plan=PLAN).of_condition[HERE]
+    assert of.answers == 5
+    assert (of.second_shown.n, of.second_shown.mean) == (2, pytest.approx(1 / 6))
+    assert (of.decision_s.n, of.decision_s.mean) == (2, 4.5)
+    timeless = [replace(one, decision_s=None) for one in answers]
+    assert math.isnan(analyse(study(timeless, two), nothing, plan=PLAN).of_condition[HERE].decision_s.mean)

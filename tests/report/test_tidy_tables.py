@@ -6,9 +6,11 @@ import json
 from dataclasses import asdict
 from datetime import UTC, datetime
 
+import pytest
 import yaml
 
 from backend.analysis.scales import SCALES
+from backend.report.study_data import StudyData
 from backend.report.tidy_tables import tidy
 
 FILES = {
@@ -79,3 +81,73 @@ def test_a_choice_whose_time_was_over_is_none_and_its_mark_no_rating() -> None:
     assert {one.points for one in scale} == {5}
     assert any(one.reversed for one in scale)
     assert data.scales == [("usability", SCALES["sus"])]
+
+
+def comparison(name: str, **arms: object) -> dict:
+    return {**trial(name), "kind": "comparison", "query": None, "arms": {"a": "policy-a", "b": "policy-b", **arms}}
+
+
+def tidied(trials: list[dict], responses: list[dict], **more: dict) -> StudyData:
+    tables = {
+        "participants": [{**PERSON, **more.get("person", {})}],
+        "sessions": [{**SESSION, **more.get("session", {})}],
+        "trials": trials,
+        "responses": responses,
+    }
+    return tidy("Study", "1", {}, "", FILES, tables)
+
+
+def test_the_first_shown_is_a_and_the_second_b() -> None:
+    shown = {**trial("1"), "trajectory_a": "left", "trajectory_b": "right"}
+    (first,) = tidied([shown], [response("1", "a", {"choice": "a"})]).choices
+    assert (first.first, first.second, first.chosen, first.rejected) == ("left", "right", "left", "right")
+    (second,) = tidied([shown], [response("1", "b", {"choice": "b"})]).choices
+    assert (second.chosen, second.rejected, second.second_chosen) == ("right", "left", True)
+
+
+@pytest.mark.parametrize(
+    ("arms", "choice", "chosen", "rejected", "opponent"),
+    [
+        ({"own": "a"}, "a", "own", "base", "policy-b"),
+        ({"own": "a"}, "b", "base", "own", "policy-b"),
+        ({"own": "b"}, "b", "own", "base", "policy-a"),
+        ({"own": "b", "other": "a"}, "a", "other", "own", "policy-a"),
+        ({"own": "a", "other": "b", "look_alike": True}, "a", "own", "other", "policy-b"),
+        ({"own": "a", "neutral": "b"}, "b", "neutral", "own", "policy-b"),
+    ],
+)
+def test_a_comparison_says_which_arm_was_chosen(
+    arms: dict, choice: str, chosen: str, rejected: str, opponent: str
+) -> None:
+    data = tidied([comparison("1", **arms)], [response("1", choice, {"choice": choice})])
+    (found,) = data.comparisons
+    assert (found.chosen, found.rejected, found.opponent) == (chosen, rejected, opponent)
+    assert found.look_alike == ("look_alike" in arms)
+    assert data.choices == []
+
+
+def test_a_guess_is_right_or_wrong_and_nothing_where_there_was_no_comparison() -> None:
+    told = [
+        {**response(None, None, {"choice": "a", **value}), "kind": "guess"}
+        for value in ({"right": True}, {"right": False}, {})
+    ]
+    assert [one.right for one in tidied([], told).guesses] == [True, False]
+
+
+def test_a_person_is_what_the_last_appointment_says() -> None:
+    plan = [{"key": "1", "kind": "trial", "block": "top_down"}, {"key": "2", "kind": "trial", "block": "immersive"}]
+    assigned = {"groups": {"block": "small"}, "blocks": {}}
+    (person,) = tidied([], [], session={"plan": [*plan, plan[0]], "assignment": assigned}).people
+    assert (person.order, person.groups, person.state) == (("top_down", "immersive"), {"block": "small"}, "completed")
+    (gone,) = tidied([], [], person={"excluded": True}).people
+    assert gone.excluded == "no reason given"
+    (told,) = tidied([], [], person={"excluded": True, "excluded_reason": "looked away"}).people
+    assert told.excluded == "looked away"
+    assert tidied([], []).people[0].excluded is None
+
+
+def test_ratings_in_a_block_are_about_its_condition() -> None:
+    plan = [{"key": "block.fun", "kind": "questionnaire", "questionnaire": "usability", "block": "immersive"}]
+    given = {**response(None, None, {"sus_1": 4}), "step": "block.fun"}
+    (rating,) = tidied([], [given], session={"plan": plan}).ratings
+    assert (rating.condition, rating.questionnaire, rating.item, rating.value) == ("immersive", "usability", "sus_1", 4)

@@ -73,6 +73,14 @@ def test_a_trajectory_is_read_and_written_again_byte_for_byte(trajectory: Trajec
     assert to_npz(*from_npz(content)) == content
 
 
+@pytest.mark.parametrize("name", ["poses", "observations", "actions", "rewards", "next_observations", "dones"])
+def test_a_trajectory_whose_arrays_do_not_belong_together_is_refused(name: str, trajectory: Trajectory) -> None:
+    header, arrays = from_npz(trajectory.to_bytes())
+    for changed in (arrays[name][:-1], arrays[name][..., None], np.float32(0)):
+        with pytest.raises(ValueError, match="not a desirepath trajectory"):
+            Trajectory.from_bytes(to_npz(header, arrays | {name: np.asarray(changed)}))
+
+
 @pytest.mark.parametrize("shape", [(), (0,), (0, 3), (4, 5), (2, 3, 4)])
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("kind", [np.float16, np.float64, np.int8, np.bool_, np.uint32])

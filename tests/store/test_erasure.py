@@ -258,3 +258,15 @@ def test_a_participant_of_the_same_code_in_another_study_keeps_their_jobs(study:
         nobodys = enqueue_job(s, "reward_model", {"only": ["P1"]}).id
     erase_participant(study.database, study.files, person, by="tester")
     assert all_ids(study.database, Job) == {others, nobodys}
+
+
+def test_what_an_erased_policy_made_is_not_stored_any_more(study: SmallStudy):
+    person, session = study.participant("P1")
+    with study.database.transaction() as s:
+        snapshot = take_snapshot(s, study.files, session_id=session).id
+    policy = study.model(snapshot)
+    erase_participant(study.database, study.files, person, by="tester")
+    before = list(study.files.names())
+    with pytest.raises(ArtefactError, match="was it erased"), study.database.transaction() as s:
+        save_trajectory(s, study.files, trajectory(900), made_by=policy)
+    assert list(study.files.names()) == before

@@ -35,9 +35,9 @@ from backend.api.analyst.path_rows import (
 from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
+from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
-from backend.api.core.texts import Catalogue
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
 from backend.api.stage.replay_stages import Replay
 from backend.demonstrations import demonstration_quality

@@ -16,10 +16,10 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from backend.api.core.auth import checked_csrf
+from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.figure_process import FigureError, FlowOrder
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
-from backend.api.core.texts import Catalogue
 from backend.api.stage.replay_stages import Replay
 from backend.explain.flow_field import CELL_M
 from backend.explain.flow_files import FigureFiles

@@ -1,6 +1,6 @@
 """What every request and answer in JSON has in common: cleaned and bounded input, one shape of refusal.
 
-The models of single routes stand beside their routes (`participant/bodies.py`, `participant/replies.py`, ...); how they
+The models of single routes stand beside their routes (`participant/sent.py`, `participant/replies.py`, ...); how they
 are published is `published.py`'s. What is checked before a body is parsed is `guard.py`'s.
 """
 

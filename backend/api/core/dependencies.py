@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import urlsplit
 
-from fastapi import Depends, Request
+from fastapi import Depends, FastAPI, Request
 from fastapi.templating import Jinja2Templates
 from starlette.responses import HTMLResponse
 
@@ -18,8 +18,8 @@ from backend.store.models import Setting
 if TYPE_CHECKING:
     from limits.strategies import MovingWindowRateLimiter
 
+    from backend.api.core.catalogues import Texts
     from backend.api.core.figure_process import FigureProcess
-    from backend.api.core.texts import Texts
     from backend.api.lab.whole_reports import Reports
     from backend.api.stage.admission import Admission
     from backend.api.stage.listening import Listeners
@@ -45,10 +45,20 @@ class Services:
     admission: Admission
 
 
+class Application(FastAPI):
+    """The pages' application, which knows the services that its routes work with."""
+
+    def __init__(self, services: Services, **options: Any) -> None:
+        super().__init__(**options)
+        self.services = services
+
+
 def services_of(request: Request) -> Services:
     """The services of the server that was asked."""
-    found: Services = request.app.state.services
-    return found
+    application = request.app
+    if not isinstance(application, Application):
+        raise TypeError(f"{application!r} is no Application: it has no services")
+    return application.services
 
 
 # Coroutines, because FastAPI sends every other dependency through a thread of its own.

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
@@ -125,20 +126,17 @@ def _literal(value: object) -> str:
 
 def types_now() -> str:
     """The types of everything that pages and bots send and are told, as they should stand in `contract.d.ts`."""
-    from backend.api.participant import bodies, replies
+    from backend.api.participant import replies, sent
 
-    sent = [
-        (model, "validation")
-        for model in vars(bodies).values()
-        if isinstance(model, type) and model.__module__ == bodies.__name__
-    ]
-    told = [
-        (model, "serialization")
-        for model in vars(replies).values()
-        if isinstance(model, type) and model.__module__ == replies.__name__
-    ]
-    _, schema = models_json_schema([*sent, *told, (Refusal, "serialization")], ref_template="{model}")  # type: ignore[list-item]
+    models = [*_models(sent, "validation"), *_models(replies, "serialization"), (Refusal, "serialization")]
+    _, schema = models_json_schema(models, ref_template="{model}")  # type: ignore[arg-type]
     return HEAD + "\n" + typescript(schema["$defs"])
+
+
+def _models(module: ModuleType, mode: str) -> list[tuple[type, str]]:
+    """The models that a module makes itself."""
+    own = (one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__)
+    return [(model, mode) for model in own]
 
 
 def main() -> None:

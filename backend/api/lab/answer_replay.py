@@ -12,9 +12,9 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
 from backend.api.core.auth import checked_csrf
+from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, contact, page, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
-from backend.api.core.texts import Catalogue
 from backend.api.lab.preview import QueryPreview
 from backend.api.lab.study_tabs import the_study
 from backend.api.participant.session_view import leads_to, next_kind

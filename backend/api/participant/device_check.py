@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.dependencies import contact, page, services_of
-from backend.api.participant.bodies import told_device
+from backend.api.participant.sent import told_device
 from backend.store.models import Session, utc_now
 from backend.study.protocol.schema import DeviceGate
 from backend.study.refusals import Refused

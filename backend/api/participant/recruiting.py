@@ -19,10 +19,10 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
-from backend.api.participant.bodies import Joining
 from backend.api.participant.device_check import remember
 from backend.api.participant.replies import Joined
 from backend.api.participant.requests import too_many
+from backend.api.participant.sent import Joining
 from backend.store.models import Participant, RecruitingId, Session, Study, utc_now
 from backend.study.links import as_issued, token_hash
 from backend.study.protocol.schema import DeviceGate

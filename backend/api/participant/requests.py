@@ -1,4 +1,4 @@
-"""Who asks too often, and how a refusal is shown. What a request may bring is `bodies.py`'s.
+"""Who asks too often, and how a refusal is shown. What a request may bring is `sent.py`'s.
 
 Routes live in `recruiting.py`, `session_pages.py`, `trials.py`, `stroke_requests.py` and `stream.py`.
 """

@@ -18,9 +18,9 @@ from starlette.responses import RedirectResponse, Response
 from backend.api.core.dependencies import TheServices, contact, page, services_of
 from backend.api.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
 from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
-from backend.api.participant.bodies import AnswerSent, Noticed, ProblemTold
 from backend.api.participant.replies import Answered, SessionState
 from backend.api.participant.requests import not_too_often, too_many
+from backend.api.participant.sent import AnswerSent, Noticed, ProblemTold
 from backend.api.participant.session_view import looking, page_context, state_of
 from backend.api.stage.admission import stage_cookie
 from backend.store.events import log_event

@@ -14,8 +14,8 @@ from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import Services, services_of
-from backend.api.participant.bodies import Driven, Interrupted, StrokeSent, WalkAgain
 from backend.api.participant.replies import DrawingReply
+from backend.api.participant.sent import Driven, Interrupted, StrokeSent, WalkAgain
 from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, StrokeRow, utc_now
 from backend.study.drawing import paths, strokes, walks

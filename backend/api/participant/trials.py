@@ -12,8 +12,8 @@ from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import TheServices, services_of
-from backend.api.participant.bodies import Interrupted, Seen, Start
 from backend.api.participant.replies import SessionState, TrialData
+from backend.api.participant.sent import Interrupted, Seen, Start
 from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, utc_now
 from backend.study.refusals import Refused

@@ -25,8 +25,8 @@ from backend.study.kinds import kind_of
 from backend.study.session import machine
 
 if TYPE_CHECKING:
-    from app.server import StageServer
     from app.stage import Stage
+    from app.stage_server import StageServer
 
 log = structlog.get_logger("desirepath.stage")
 

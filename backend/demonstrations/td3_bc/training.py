@@ -20,6 +20,7 @@ from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import NetworkShape
 from backend.learning.scene_sets import Purpose
 from backend.learning.td3.base import OnProgress, no_progress, policy_of
+from backend.learning.td3.checkpoints import checkpoints
 from backend.learning.td3.replay import ReplayCollector
 from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
@@ -144,17 +145,20 @@ def train_with_demonstrations(
     unseen = [
         scene for kind in KINDS for scene in unseen_scenes(pairs, kind, each, purpose=Purpose.SELECT, seed=config.seed)
     ]
-    checkpoints = max(1, min(config.checkpoints, config.updates // UPDATES_BETWEEN))
-    marks = [round(config.updates * (k + 1) / checkpoints) for k in range(checkpoints)]
+    count = max(1, min(config.checkpoints, config.updates // UPDATES_BETWEEN))
+    marks = [round(config.updates * (k + 1) / count) for k in range(count)]
     history: list[dict[str, float | None]] = []
     best, kept = -math.inf, training.policy()
-    while marks:
+
+    def step() -> int:
         training.vector_step()
-        if training.agent.updates < marks[0]:
-            if training.agent.updates % (50 * config.updates_per_step) == 0:
-                on_progress(training.done, {"updates": training.agent.updates})
-            continue
-        marks.pop(0)
+        return training.agent.updates
+
+    def between(updates: int) -> None:
+        if updates % (50 * config.updates_per_step) == 0:
+            on_progress(training.done, {"updates": updates})
+
+    for updates in checkpoints(step, marks, between):
         for averaged in (False, True):
             policy = training.policy(averaged=averaged)
             judged = judge(policy, demonstrations)
@@ -163,7 +167,7 @@ def train_with_demonstrations(
             score = found + (likeness if config.demonstrations else 0.0)
             history.append(
                 {
-                    "updates": training.agent.updates,
+                    "updates": updates,
                     "transitions": training.transitions,
                     "averaged": float(averaged),
                     **judged.as_dict(),

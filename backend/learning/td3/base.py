@@ -21,6 +21,7 @@ from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import FAST_HEADS, NetworkShape
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.backprop import Floats
+from backend.learning.td3.checkpoints import checkpoints
 from backend.learning.td3.replay import ReplayBuffer, ReplayCollector
 from backend.learning.td3.td3 import Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
@@ -112,20 +113,24 @@ class BaseTraining:
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self._average = self.agent.actor.flat.clone()
 
-    def vector_step(self) -> None:
-        """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random)."""
+    def vector_step(self) -> int:
+        """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random).
+
+        Returns how many updates there were in all.
+        """
         config = self.config
         warm = self.transitions >= config.random_transitions
         self.collector.step(self.agent.act if warm else None, self.buffer)
         self.transitions += config.n_envs
         if not warm:
-            return
+            return self.agent.updates
         self.agent.set_learning_rate(self._learning_rate())
         penalty = self._smoothness_penalty()
         term = (lambda _, actions: smoothness_penalty_gradient(actions, penalty)) if penalty > 0 else None
         for _ in range(config.updates_per_step):
             self.agent.update(self.buffer.sample(config.batch_size, self._sampler), term)
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
+        return self.agent.updates
 
     def _learning_rate(self) -> float:
         config = self.config
@@ -166,14 +171,12 @@ def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> Bas
     marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
     history: list[dict[str, float]] = []
     best = (-1.0, training.policy())
-    while marks:
-        training.vector_step()
-        updates = training.agent.updates
-        if updates < marks[0]:
-            if updates and updates % (100 * config.updates_per_step) == 0:
-                on_progress(updates / total, {"updates": updates, "transitions": training.transitions})
-            continue
-        marks.pop(0)
+
+    def between(updates: int) -> None:
+        if updates and updates % (100 * config.updates_per_step) == 0:
+            on_progress(updates / total, {"updates": updates, "transitions": training.transitions})
+
+    for updates in checkpoints(training.vector_step, marks, between):
         for averaged in (False, True):
             policy = training.policy(averaged=averaged)
             table = evaluate(policy.act, training.setup, scenes)

@@ -33,6 +33,7 @@ from backend.learning.preferences.objectives import (
 )
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
+from backend.learning.td3.checkpoints import checkpoints
 from backend.learning.td3.replay import ReplayBuffer, ReplayCollector
 from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine
@@ -260,8 +261,9 @@ class ConditionedTraining:
             self.buffer.rolled_out_by = sample_weights(n_envs, config, self._random)
             collector.step(base.act, self.buffer)
 
-    def vector_step(self) -> None:
-        """One step of all environments, each by its own weights, then `updates_per_step` updates."""
+    def vector_step(self) -> int:
+        """One step of all environments, each by its own weights, then `updates_per_step` updates; returns how many
+        there were in all."""
         config, engine = self.config, self._collector.engine
         self.buffer.rolled_out_by = self._weights
         self._collector.step(lambda o: self.agent.act(self._inputs(o, self._weights)), self.buffer)
@@ -276,6 +278,7 @@ class ConditionedTraining:
         for _ in range(config.updates_per_step):
             self.agent.update(self.batch())
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
+        return self.agent.updates
 
     def batch(self) -> Batch:
         """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time.
@@ -364,14 +367,12 @@ def train_conditioned(
     marks = [round(config.updates * (2 / 3 + (k + 1) / config.checkpoints / 3)) for k in range(config.checkpoints)]
     history: list[dict[str, float]] = []
     tried: list[tuple[ConditionedPolicy, Steerability]] = []
-    while marks:
-        training.vector_step()
-        updates = training.agent.updates
-        if updates < marks[0]:
-            if updates % (100 * config.updates_per_step) == 0:
-                on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
-            continue
-        marks.pop(0)
+
+    def between(updates: int) -> None:
+        if updates % (100 * config.updates_per_step) == 0:
+            on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
+
+    for updates in checkpoints(training.vector_step, marks, between):
         policy = training.policy(averaged=True)
         movement = _movement(policy, base, scenes)
         metrics = {"updates": updates, "transitions": training.transitions, **movement.summary()}

@@ -22,6 +22,7 @@ from backend.learning.policies.shape import ACTION_SIZE
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.backprop import Floats, Weights, move_towards
 from backend.learning.td3.base import OnProgress, no_progress, policy_of
+from backend.learning.td3.checkpoints import checkpoints
 from backend.learning.td3.replay import ReplayBuffer, ReplayCollector, collect
 from backend.learning.td3.td3 import Td3Agent, Td3Config, act
 from backend.simulation.fast import FastEngine, evaluate
@@ -174,20 +175,27 @@ def train_ensemble(
     candidates: list[list[Policy]] = []
     taken_at: list[int] = []
     done = 0
+
+    def step() -> int:
+        nonlocal done
+        for member in members:
+            member.interact()
+        for _ in pool.map(_Member.learn, members, others):
+            pass  # waits for all; what fails in one is raised here
+        done += config.n_envs
+        if done % (40 * config.n_envs) == 0:
+            on_progress(min(1.0, done / config.steps), {"steps": done})
+        if done in marks:
+            on_members(done, [policy_of(m.agent, setup.name).without_critic() for m in members])
+        return done
+
+    # A candidate is taken after whole steps of the environments, at most one after each.
+    each = config.checkpoints * config.n_envs
+    taken = sorted({-(-config.steps * (k + 1) // each) * config.n_envs for k in range(config.checkpoints)})
     with ThreadPoolExecutor(threads) as pool:
-        while done < config.steps:
-            for member in members:
-                member.interact()
-            for _ in pool.map(_Member.learn, members, others):
-                pass  # waits for all; what fails in one is raised here
-            done += config.n_envs
-            if done % (40 * config.n_envs) == 0:
-                on_progress(min(1.0, done / config.steps), {"steps": done})
-            if done in marks:
-                on_members(done, [policy_of(m.agent, setup.name).without_critic() for m in members])
-            if done >= config.steps * (len(candidates) + 1) / config.checkpoints:
-                taken_at.append(done)
-                candidates.append([policy_of(m.agent, setup.name, m.average).without_critic() for m in members])
+        for steps in checkpoints(step, taken, lambda _: None):
+            taken_at.append(steps)
+            candidates.append([policy_of(m.agent, setup.name, m.average).without_critic() for m in members])
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     success = np.array([[success_rate(evaluate(c.act, setup, scenes).outcome) for c in row] for row in candidates])
     sampler = torch.Generator().manual_seed(config.seed)
