@@ -10,7 +10,7 @@ from sqlalchemy import select
 from backend.api.core.dependencies import Services
 from backend.api.core.roles import CHANGING, ROLES, SHOWING, Right, may, rule_of
 from backend.store.models import Audit, Note, Participant, Session, Study
-from tests.api.lab_services import csrf
+from tests.api.lab_services import csrf, sign_in
 
 
 def entries(services: Services, **where: str) -> list[Audit]:
@@ -129,3 +129,29 @@ def test_owner_has_every_right_and_viewer_only_looks():
     assert all(may("owner", right) for right in Right)
     assert [right for right in Right if may("viewer", right)] == [Right.LOOK]
     assert not may("nobody", Right.LOOK)
+
+
+def test_failed_sign_ins_and_what_changed_in_the_settings_are_in_the_audit_log(visitor, lab_services):
+    visitor.post("/lab/sign-in", data={"name": "experimenter", "password": "wrong"})
+    visitor.post("/lab/sign-in", data={"name": "seven quiet robots", "password": ""})  # typed into the wrong field
+    sign_in(visitor)
+    form = {"csrf": csrf(visitor), "help_contact": "Dr. Who"}
+    assert visitor.post("/lab/settings", data=form).status_code == 303
+    with lab_services.database.session() as s:
+        refused = list(s.scalars(select(Audit).where(Audit.action == "sign_in_refused").order_by(Audit.id)))
+        (changed,) = s.scalars(select(Audit).where(Audit.action == "settings_changed"))
+    assert [(one.by, one.outcome) for one in refused] == [("experimenter", "refused"), ("-", "refused")]
+    assert changed.data == {"contact": {"before": "", "after": "Dr. Who"}}
+    page = visitor.get("/lab/audit").text
+    assert "failed to sign in" in page
+    assert "unknown account" in page
+    assert "seven quiet robots" not in page
+    assert "before</span>" in page
+
+
+def test_one_person_may_be_experimenter_and_analyst(as_role, walked):
+    both = as_role("researcher")
+    assert both.get(f"/lab/studies/{walked.id}/recruit").status_code == 200
+    assert both.get("/lab/jobs/new").status_code == 200
+    assert both.get("/lab/settings").status_code == 403
+    assert ROLES["researcher"] == ROLES["experimenter"] | ROLES["analyst"]

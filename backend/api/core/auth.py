@@ -28,12 +28,14 @@ from backend.api.core.dependencies import Db, public_url, route_of, services_of
 from backend.api.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
 from backend.api.core.roles import ROLES, may, rule_of
 from backend.api.core.throttle import address_of, count
+from backend.store.audit import record
 from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import SignIn, User, utc_now
 
 COOKIE = "desirepath_sign_in"
 FIRST_USER = "experimenter"
+NOBODY = "-"  # in the audit log, for a name that is none: it may be a password typed into the wrong field
 SIGN_IN_LASTS = timedelta(hours=12)  # (ours) one working day; the browser keeps the cookie no longer either
 SHORTEST_PASSWORD = 12  # characters (ours); NIST SP 800-63B asks for length, not for mixtures
 LONGEST_PASSWORD = 200  # hashing has a cost; nobody types more
@@ -266,6 +268,7 @@ def sign_in(
     if not _verified(known_hash, password[:LONGEST_PASSWORD]) or user_id is None:
         with database.transaction() as s:
             log_event(s, "sign_in_refused")
+            record(s, "sign_in_refused", by=name if user_id else NOBODY, outcome="refused")
         return again(401, "wrong")
     services_of(request).limiter.clear(*windows[0])
     audited(request, "signed_in", by=name)

@@ -22,10 +22,13 @@ class Right(StrEnum):
     MANAGE = "manage"  # accounts and roles, settings, the audit log, how long data are kept
 
 
+EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY})
+ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE})
 ROLES: dict[str, frozenset[Right]] = {
     "owner": frozenset(Right),
-    "experimenter": frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY}),
-    "analyst": frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE}),
+    "researcher": EXPERIMENTER | ANALYST,  # one person who does both, as in small labs
+    "experimenter": EXPERIMENTER,
+    "analyst": ANALYST,
     "viewer": frozenset({Right.LOOK}),
 }
 

@@ -63,10 +63,15 @@ def save_settings(
         checked = checked_public_url(address)
     except ValueError:
         return _settings_page(request, database, status=422, problem="address", address=address)
+    told = " ".join(help_contact.split())[:LONGEST_CONTACT]
     with database.transaction() as s:
+        before = {"public_url": _stored(s, "public_url", "url"), "contact": _stored(s, "contact", "text")}
         _put(s, "public_url", "url", checked)
-        _put(s, "contact", "text", " ".join(help_contact.split())[:LONGEST_CONTACT])
+        _put(s, "contact", "text", told)
+        after = {"public_url": checked, "contact": told}
+        changed = {name: {"before": before[name], "after": now} for name, now in after.items() if before[name] != now}
         log_event(s, "settings_changed", by=user.name)
+    audit_details(request, **changed)
     return RedirectResponse("/lab/settings?done=settings_saved", status_code=303)
 
 
@@ -127,6 +132,11 @@ def remove_account(name: str, database: Db, user: CheckedCsrf) -> Response:
         s.delete(found)
         log_event(s, "account_removed", account=name, by=user.name)
     return RedirectResponse("/lab/settings?done=account_removed", status_code=303)
+
+
+def _stored(s: DatabaseSession, key: str, field: str) -> str:
+    row = s.get(Setting, key)
+    return str(row.value.get(field, "")) if row is not None else ""
 
 
 def _put(s: DatabaseSession, key: str, field: str, value: str) -> None:
