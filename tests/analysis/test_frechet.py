@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import LineString
-from shapely import frechet_distance as shapely_discrete
 
 from backend.analysis.frechet import deviation, frechet_distance, prefix_distances
 
@@ -102,11 +100,32 @@ def test_every_distance_lies_where_the_reference_decision_turns(a: np.ndarray, b
     assert prefixes[-1] <= exact + 1e-9
 
 
+def shortest_leash(a: np.ndarray, b: np.ndarray) -> float:
+    """The discrete distance by its definition (Eiter and Mannila 1994): the shortest leash, among all distances of two
+    points, with which dog and walker get from both starts to both ends, point by point, neither ever going back. (The
+    library that this was compared with before is wrong in one pair of two hundred.)"""
+    distances = np.array([[math.dist(p, q) for q in b] for p in a])
+
+    def arrive(leash: float) -> bool:
+        open_pairs, seen = [(0, 0)], set()
+        while open_pairs:
+            i, j = pair = open_pairs.pop()
+            if pair in seen or i == len(a) or j == len(b) or distances[pair] > leash:
+                continue
+            if pair == (len(a) - 1, len(b) - 1):
+                return True
+            seen.add(pair)
+            open_pairs += [(i + 1, j), (i, j + 1), (i + 1, j + 1)]
+        return False
+
+    return next(leash for leash in sorted(set(distances.ravel().tolist())) if arrive(leash))
+
+
 @settings(max_examples=30, deadline=None)
 @given(paths(7), paths(7))
-def test_the_discrete_distance_is_shapelys_and_never_smaller(a: np.ndarray, b: np.ndarray) -> None:
+def test_the_discrete_distance_is_the_shortest_leash_and_never_smaller(a: np.ndarray, b: np.ndarray) -> None:
     discrete = frechet_distance(a, b, discrete=True)
-    assert discrete == pytest.approx(shapely_discrete(LineString(a), LineString(b)), abs=1e-12)
+    assert discrete == pytest.approx(shortest_leash(a, b), abs=1e-12)
     assert discrete >= frechet_distance(a, b) - 1e-9
     whole = [min(frechet_distance(a[: i + 1], b[: j + 1], discrete=True) for j in range(len(b))) for i in range(len(a))]
     assert prefix_distances(a, b, discrete=True) == pytest.approx(whole, abs=1e-12)
