@@ -73,7 +73,7 @@ class Tested:
         if self.significant(alpha):
             found = self.direction
         elif not self.possible(alpha):
-            found += f" and none could be with so few people (p cannot be below {self.least_p_corrected:.2g})"
+            found += f" and none could be with so few people (p cannot be below {self.least_p_corrected:.3f})"
         return f"{self.about[:1].upper()}{self.about[1:]}: {found}, {self.numbers()}."
 
     def numbers(self) -> str:
@@ -130,15 +130,18 @@ def _corrected(raw: Sequence[float], how: Correction) -> list[float]:
     return {"holm": holm(raw), "bonferroni": [min(1.0, len(raw) * p) for p in raw], "none": list(raw)}[how]
 
 
-def corrected_pairs(tests: Sequence[Tested], over: int, gate: Tested | None) -> list[Tested]:
+def corrected_pairs(tests: Sequence[Tested], over: int | None, gate: Tested | None) -> list[Tested]:
     """The tests of all pairs of one item's conditions, corrected for their number and for the number of items.
 
-    over: in how many items pairs are tested. gate: the item's test over all conditions, where only its being
-    significant lets the pairs be tested. Each item has alpha / over (Bonferroni). Behind the gate not all conditions
-    can be alike, so with k of them at most (k - 1) (k - 2) / 2 pairs can (Shaffer 1986; one of three): p is multiplied
-    by that many, and is no smaller than the gate's. Without a gate it is multiplied by the number of pairs. So in all
-    items and pairs together something that does not differ is found in at most alpha of studies.
+    over: in how many items pairs are tested; None: as the thesis, for these pairs alone (Bonferroni). gate: the item's
+    test over all conditions, where only its being significant lets the pairs be tested. Each item has alpha / over
+    (Bonferroni). Behind the gate not all conditions can be alike, so with k of them at most (k - 1) (k - 2) / 2 pairs
+    can (Shaffer 1986; one of three): p is multiplied by that many, and is no smaller than the gate's. Without a gate it
+    is multiplied by the number of pairs. So in all items and pairs together something that does not differ is found in
+    at most alpha of studies.
     """
+    if over is None:
+        return corrected(tests, "bonferroni")
     count = len(tests)
     conditions = round((1 + math.sqrt(1 + 8 * count)) / 2)
     factor = over * (count if gate is None else max(1, (conditions - 1) * (conditions - 2) // 2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from backend.analysis.tested import told_p
 from backend.explain.printed import Section, Table
 from backend.report.findings import Findings
 from backend.report.report_cells import NONE, effect_cell, named, number_words, p_cells, statistic_cell
@@ -120,7 +121,7 @@ def _models(found: Findings) -> Section:
     title, of = "Mixed models", found.further.models if found.further else ()
     rows = []
     for one in of:
-        test = NONE if one.test is None else f"χ²({one.test.df}) = {one.test.statistic:.2f}, p = {one.test.p:.3f}"
+        test = NONE if one.test is None else f"χ²({one.test.df}) = {one.test.statistic:.2f}, {told_p(one.test.p)}"
         if one.problem is not None:
             rows.append([one.about, one.problem, NONE, NONE, NONE])
         for name, at, low, high in one.effects:
@@ -128,8 +129,8 @@ def _models(found: Findings) -> Section:
             rows.append([one.about, name, f"{at:.2f} [{low:.2f}, {high:.2f}]", test, sd])
     sentence = (
         "Cumulative-link (ratings) and logistic (choices) models with an intercept of each person's own, by maximum "
-        "likelihood (adaptive quadrature, 15 nodes): odds ratios of a higher answer, or chances, with Wald's 95 % "
-        "intervals, and the likelihood-ratio test of all conditions. Beside the declared tests, uncorrected; "
+        "likelihood (adaptive quadrature, 15 nodes): odds ratios of a higher answer, or the median person's "
+        "chance, with Wald's 95 % intervals, and the likelihood-ratio test of all conditions. Beside the declared tests, uncorrected; "
         "of few people these intervals are too narrow."
     )
     heads = ["of", "effect", "odds ratio or chance, 95 %", "all conditions", "SD of people"]

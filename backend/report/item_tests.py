@@ -78,7 +78,7 @@ def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan
                 if _has_pairs(design, effect) and (plan.pairs == "always" or test.significant(plan.alpha))
                 for pair in corrected_pairs(
                     _pairs(table, design, effect[0], about=test.about, intervals=intervals),
-                    over if plan.pairs_over == "items" else 1,
+                    over if plan.pairs_over == "items" else None,
                     None if plan.pairs == "always" else test,
                 )
             ],

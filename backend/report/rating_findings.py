@@ -151,7 +151,7 @@ def ranking_results(
                     first_choice_pairs(
                         [of[0] for of in found.values()], [named(name) for name in found], about=test.about
                     ),
-                    len(places) if plan.pairs_over == "items" else 1,
+                    len(places) if plan.pairs_over == "items" else None,
                     test,
                 )
                 if test.significant(plan.alpha)

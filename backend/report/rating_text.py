@@ -146,8 +146,9 @@ def rankings_section(found: Findings) -> Section:
     heads = ["question", *map(named, options), "χ²", "p", "p, corrected", "p is", "V, 95 %", "n"]
     over = "the rankings" if found.plan.pairs_over == "items" else "one ranking's pairs"
     sentences = [
-        f"Chi-square test of first choices against equal shares (exact for up to 50 people), p corrected over the "
-        f"{len(found.rankings)} rankings ({found.rankings[0].test.correction}); where significant, the pairs, "
+        f"Chi-square test of first choices against equal shares (exact for up to 50 people), p corrected over "
+        f"{len(found.rankings)} ranking{'s' if len(found.rankings) > 1 else ''} "
+        f"({found.rankings[0].test.correction}); where significant, the pairs, "
         f"corrected over {over}. The choices of one question exclude each other, so z = (a - b) / √(a + b), with "
         "the exact binomial p.",
     ]

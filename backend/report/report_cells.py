@@ -70,4 +70,7 @@ def share_words(mean: Mean) -> str:
 
 def number_words(value: float, form: str) -> str:
     """A number that may not be known."""
-    return NONE if math.isnan(value) else form.format(value)
+    if math.isnan(value):
+        return NONE
+    told = form.format(value)
+    return told.removeprefix("-") if not told.strip("-0.") else told  # no -0.00

@@ -51,6 +51,9 @@ def test_pairs_behind_a_gate_are_corrected_over_pairs_and_items() -> None:
     assert {one.correction for one in pairs} == {"Shaffer, Bonferroni over the items"}
     alone = corrected_pairs([result(0.001), result(0.004), result(0.3)], 1, gate)
     assert [one.p_corrected for one in alone] == pytest.approx([0.002, 0.004, 0.3])
+    thesis = corrected_pairs([result(0.001), result(0.004), result(0.3)], None, gate)
+    assert [one.p_corrected for one in thesis] == pytest.approx([0.003, 0.012, 0.9])
+    assert thesis[0].correction == "Bonferroni"
     of_four = corrected_pairs([result(0.001)] * 6, 2, result(0.0001))
     assert of_four[0].p_corrected == pytest.approx(0.006)
     free = corrected_pairs([result(0.001, least=0.0005)] * 3, 10, None)

@@ -209,7 +209,7 @@ def test_pairs_are_corrected_over_all_items_or_as_the_plan_says() -> None:
     gate = over_items.items[0].test
     assert raw.p_corrected == pytest.approx(2 * max(gate.p, raw.p))
     of_item = analysed(both, AnalysisPlan(metrics=(), pairs_over="item"))
-    assert of_item.items[0].pairs[1].p_corrected == pytest.approx(max(gate.p, raw.p))
+    assert of_item.items[0].pairs[1].p_corrected == pytest.approx(3 * raw.p)
 
 
 def test_so_few_people_that_nothing_can_be_found_are_told_so() -> None:
