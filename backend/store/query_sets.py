@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from backend.store.artefact_upkeep import offered
 from backend.store.artefacts import (
     SHA256,
     ArtefactError,
@@ -43,7 +44,7 @@ class StoredQuery:
 
 def query_sets_here(s: Session) -> dict[str, str]:
     """id -> "name (setup, how many queries)" of every query set of the store that may be used, newest first."""
-    rows = select(Artefact).where(Artefact.kind == "query_set", Artefact.quarantined_at.is_(None))
+    rows = select(Artefact).where(Artefact.kind == "query_set", offered())
     return {
         found.id: f"{found.name} ({found.setup}, {len(found.card['stored_queries'])} queries)"
         for found in s.scalars(rows.order_by(Artefact.created_at.desc(), Artefact.id))

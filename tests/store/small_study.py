@@ -32,11 +32,11 @@ FILES = {
     "questionnaires/background.yaml": """
 blocks:
   - items:
-      - {key: age, type: number}
-      - {key: presence, type: scale}
+      - {key: age, type: number, text: {en: Age}}
+      - {key: presence, type: scale, text: {en: Presence}}
   - items:
-      - {key: remark, type: text}
-      - {key: taste, type: choice}
+      - {key: remark, type: text, text: {en: Remark}}
+      - {key: taste, type: choice, text: {en: Taste}}
 """,
     "texts/information.md": "# Über diese Studie\n",
 }
@@ -132,7 +132,10 @@ class SmallStudy:
                 token_hash=hashlib.sha256(person.id.encode()).hexdigest(),
                 simulated=simulated,
                 seed=3,
-                plan=[{"key": "trial-0", "kind": "trial"}, {"key": "background", "kind": "questionnaire"}],
+                plan=[
+                    {"key": "trial-0", "kind": "trial"},
+                    {"key": "background", "kind": "questionnaire", "questionnaire": "background"},
+                ],
                 device={"width": 1280, "user_agent": f"Browser {secret}"},
                 completion_code=f"done-{code}",
                 created_at=STARTED,

@@ -32,6 +32,7 @@ from backend.learning.scene_sets import Purpose, first_seed
 from backend.simulation.fast import rollout
 from backend.simulation.scenes import LARGEST_SEED, draw_scene
 from backend.simulation.setups import get_setup
+from backend.store.artefact_upkeep import offered
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Artefact
 
@@ -167,7 +168,7 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
 
 def _choices(s: DatabaseSession) -> Sequence[Artefact]:
     """The policies that can be drawn: what came with the product by name, then one's own, newest first."""
-    rows = select(Artefact).where(Artefact.kind.in_(KINDS), Artefact.quarantined_at.is_(None))
+    rows = select(Artefact).where(Artefact.kind.in_(KINDS), offered())
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 

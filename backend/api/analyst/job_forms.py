@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
 from backend.jobs.kinds import RECIPE, JobParamsError, Kind
+from backend.store.artefact_upkeep import offered
 from backend.store.models import Artefact
 
 TOLD_PROBLEMS = {
@@ -124,7 +125,7 @@ def _told(wrong: Mapping[str, Any]) -> dict[str, Any]:
 
 def _usable(s: Session, kind: str) -> Sequence[Artefact]:
     """Artefacts that a new job may work on: shipped ones first, then the newest."""
-    rows = select(Artefact).where(Artefact.kind == kind, Artefact.quarantined_at.is_(None))
+    rows = select(Artefact).where(Artefact.kind == kind, offered())
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 

@@ -28,6 +28,8 @@ class Artefact(Base):
     job_id: Mapped[str | None] = mapped_column(String(32), index=True)
     simulated: Mapped[bool] = mapped_column(Boolean, default=False)  # made from simulated answers
     quarantined_at: Mapped[datetime | None]
+    archived_at: Mapped[datetime | None]  # out of the lists from which something is chosen
+    archived_by: Mapped[str | None] = mapped_column(String(80))
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
 
 
