@@ -5,6 +5,7 @@ How a reward model is fitted is `backend.learning.rewards`'; which job wants whi
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Any
 
 from backend.jobs.context import JobContext
@@ -48,6 +49,12 @@ def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pr
     found: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
         found.setdefault(answer.participant, []).append(preference(answer))
+    # Whoever rated two trajectories differently prefers one of them: ratings teach as the choices they imply.
+    for one, other in combinations(snapshot.ratings, 2):
+        if one.participant == other.participant and one.rating != other.rating:
+            better, worse = (one, other) if one.rating > other.rating else (other, one)
+            pair = Preference(trajectory(better.trajectory), trajectory(worse.trajectory), better.source)
+            found.setdefault(one.participant, []).append(pair)
     return found
 
 

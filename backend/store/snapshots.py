@@ -89,6 +89,19 @@ class Answer:
 
 
 @dataclass(frozen=True)
+class RatedTrajectory:
+    """One usable rating of a trajectory that was shown alone. rating: on the protocol's own scale, more is better."""
+
+    response: str
+    trial: str
+    participant: str
+    view: str
+    trajectory: str
+    rating: float
+    source: str
+
+
+@dataclass(frozen=True)
 class Snapshot:
     """The content of a snapshot: answers of one setup in the order they were given, and what was left out.
 
@@ -102,19 +115,26 @@ class Snapshot:
     session: str | None
     answers: tuple[Answer, ...]
     left_out: dict[str, int]
+    ratings: tuple[RatedTrajectory, ...] = ()
 
     @property
     def simulated(self) -> bool:
         """Whether any answer came from an oracle."""
-        return any(answer.source == "simulated" for answer in self.answers)
+        sources = {*(one.source for one in self.answers), *(one.source for one in self.ratings)}
+        return "simulated" in sources
 
     def training_answers(self) -> tuple[Answer, ...]:
         """The answers that are independent: all but probes."""
         return tuple(answer for answer in self.answers if not answer.probe)
 
     def to_bytes(self) -> bytes:
-        """Canonical JSON: the same answers always give the same bytes, so the same snapshot."""
-        return json.dumps({"format": FORMAT, **asdict(self)}, sort_keys=True, ensure_ascii=False, indent=1).encode()
+        """Canonical JSON: the same answers always give the same bytes, so the same snapshot. `ratings` only where there
+        are some, so that snapshots of choices are what they always were.
+        """
+        data = {"format": FORMAT, **asdict(self)}
+        if not self.ratings:
+            del data["ratings"]
+        return json.dumps(data, sort_keys=True, ensure_ascii=False, indent=1).encode()
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Snapshot:
@@ -123,7 +143,8 @@ class Snapshot:
             data = json.loads(content)
             if data.pop("format") != FORMAT:
                 raise KeyError("format")
-            return cls(**{**data, "answers": tuple(Answer(**answer) for answer in data["answers"])})
+            ratings = tuple(RatedTrajectory(**rated) for rated in data.pop("ratings", ()))
+            return cls(**{**data, "answers": tuple(Answer(**one) for one in data["answers"]), "ratings": ratings})
         except (ValueError, KeyError, TypeError) as problem:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
@@ -217,7 +238,7 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
         .join(SessionRow, SessionRow.id == Response.session_id)
         .join(Participant, Participant.id == SessionRow.participant_id)
         .join(TrajectoryRow, TrajectoryRow.id == Trial.trajectory_a)
-        .where(SessionRow.study_id == study_id, Trial.kind == "query")
+        .where(SessionRow.study_id == study_id, Trial.kind.in_(("query", "rating")))
         .order_by(Participant.code, Response.created_at, Trial.index, Response.id)
     )
 
@@ -233,6 +254,7 @@ def _freeze(
 ) -> Artefact:
     left_out = dict.fromkeys(LEFT_OUT, 0)
     answers: list[Answer] = []
+    ratings: list[RatedTrajectory] = []
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
         reason = _reason_to_leave_out(response, trial, participant, whose)
@@ -240,6 +262,11 @@ def _freeze(
             left_out[reason] += 1
             continue
         setups[f"answer {response.id}"] = setup
+        source = "simulated" if participant.simulated else "human"
+        if trial.kind == "rating":
+            about = (response.id, trial.id, participant.code, trial.view, trial.trajectory_a)
+            ratings.append(RatedTrajectory(*about, rating=response.value["rating"], source=source))
+            continue
         answers.append(
             Answer(
                 response=response.id,
@@ -250,13 +277,13 @@ def _freeze(
                 trajectory_a=trial.trajectory_a,
                 trajectory_b=trial.trajectory_b,
                 choice=response.value["choice"],
-                source="simulated" if participant.simulated else "human",
+                source=source,
                 probe=trial.role in PROBE_ROLES,
             )
         )
     usable = [answer for answer in answers if not answer.probe]
-    if len(usable) < MIN_ANSWERS:
-        raise TooFewAnswers(whose, len(usable), left_out, len(answers) - len(usable))
+    if len(usable) + len(ratings) < MIN_ANSWERS:
+        raise TooFewAnswers(whose, len(usable) + len(ratings), left_out, len(answers) - len(usable))
     snapshot = Snapshot(
         setup=require_same(**setups),
         study=study.id,
@@ -265,9 +292,11 @@ def _freeze(
         session=session_id,
         answers=tuple(answers),
         left_out=left_out,
+        ratings=tuple(ratings),
     )
-    whom = answers[0].participant if session_id else WHOSE_WORDS[whose]  # in lists, different people's models differ
-    told = f", {len(answers)} answers of {whom}{f' in {view}' if view else ''}"
+    given: list[Answer | RatedTrajectory] = [*answers, *ratings]
+    whom = given[0].participant if session_id else WHOSE_WORDS[whose]  # in lists, different people's models differ
+    told = f", {len(given)} answers of {whom}{f' in {view}' if view else ''}"
     return save_artefact(
         s,
         files,
@@ -282,11 +311,12 @@ def _freeze(
             "protocol_hash": study.protocol_hash,
             "answers": len(answers),
             "probes": len(answers) - len(usable),
-            "participants": len({answer.participant for answer in answers}),
-            "human": sum(answer.source == "human" for answer in answers),
+            **({"ratings": len(ratings)} if ratings else {}),
+            "participants": len({answer.participant for answer in given}),
+            "human": sum(answer.source == "human" for answer in given),
             "left_out": left_out,
         },
-        answers=[answer.response for answer in answers],
+        answers=[answer.response for answer in given],
         study_id=study.id,
         simulated=snapshot.simulated,
     )
@@ -298,4 +328,5 @@ def _reason_to_leave_out(
     reason = reason_not_to_learn(participant, whose)
     if reason is None and is_practice(trial.role):
         return "learning"
-    return reason or (None if is_side(response.value.get("choice")) else "no_choice")
+    answered = "rating" in response.value or is_side(response.value.get("choice"))
+    return reason or (None if answered else "no_choice")

@@ -1,0 +1,116 @@
+"""Ratings: a trajectory is watched and rated on the protocol's own scale; export, report, reward models have them."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from backend.jobs.answers import preferences_of
+from backend.jobs.context import JobContext
+from backend.learning.preferences.oracles import ORACLE_PREFERENCES
+from backend.learning.rewards.held_out import accuracy
+from backend.learning.rewards.linear import fit_linear
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.findings import analyse
+from backend.report.tidy_tables import read_folder, read_study
+from backend.store.dataset.writing import export_study
+from backend.store.models import Response, Trial
+from backend.store.snapshots import Snapshot, load_snapshot, take_snapshot
+from backend.study.plan.planning import example_queries, make_plan
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.simulated.in_process import walk_in_process
+from backend.study.simulated.participant import Character
+from backend.study.studies import create_study
+from tests.study.small_protocol import small_protocol
+from tests.study.walking import Walker
+
+WORDS = {"en": "How did you like it?"}
+SCALE = {"question": WORDS, "points": 5, "low": {"en": "not at all"}, "high": {"en": "very much"}}
+RATING = {"rating": {"each": ["top_down", "first_person"], "count": 4, "scale": SCALE}}
+
+
+def watched(walker: Walker) -> None:
+    key = walker.view.key
+    play = walker.do(machine.start_trial, key, request_id=None, now=walker.now)
+    assert play.label == ""  # one that is shown alone has no letter
+    walker.later(60)
+    walker.do(machine.trajectory_seen, key, "a", play.playback_id, now=walker.now)
+
+
+def test_every_trajectory_is_watched_before_it_is_rated_on_the_scale(walk):
+    walker = walk(RATING)
+    shown = walker.view.payload
+    assert (shown["question"], shown["points"], shown["low"]) == ("How did you like it?", 5, "not at all")
+    with pytest.raises(Refused) as early:
+        walker.submit(walker.view.key, {"rating": 3})
+    assert early.value.code == "too_early"
+    watched(walker)
+    with pytest.raises(Refused, match="whole number from 1 to 5"):
+        walker.submit(walker.view.key, {"rating": 6})
+    walker.submit(walker.view.key, {"rating": 4})
+    assert walker.view.payload["number"] == 2
+
+
+def test_all_conditions_rate_the_same_trajectories_that_nothing_else_shows(tmp_path):
+    protocol = small_protocol(
+        tmp_path, [RATING, {"block": {"view": "top_down", "trials": [{"queries": {"count": 3}}]}}]
+    )
+    plan = make_plan(protocol.protocol, 3, example_queries(protocol.protocol))
+    rated = {
+        view: {one.trajectory for one in plan if one.kind == "rating" and one.view == view}
+        for view in ("top_down", "first_person")
+    }
+    assert rated["top_down"] == rated["first_person"]
+    assert len(rated["top_down"]) == 4
+    assert not rated["top_down"] & {one.trajectory_a for one in plan if one.kind == "trial"}
+
+
+def test_ratings_reach_data_set_and_report_and_a_reward_model_learns_from_them(
+    database, files, tmp_path, twenty_queries
+):
+    frozen = small_protocol(tmp_path, [RATING], query_set=str(twenty_queries))
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name="Rated", created_by=None)
+    said = walk_in_process(database, files, study, 4, Character(oracle="shortest"))
+    assert (said["completed"], said["participants"]) == (4, 4)
+    with database.session() as s:
+        given = s.execute(select(Response, Trial).join(Trial, Trial.id == Response.trial_id)).all()
+        assert {response.kind for response, _ in given} == {"rating"}
+        data, load = read_study(s, files, study)
+    export_study(database, files, study.id, tmp_path / "out")
+    with (tmp_path / "out" / "questionnaire_items.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["item"] == "rating"]
+    assert len(rows) == len(given) == 4 * 2 * 4
+    assert {row["condition"] for row in rows} == {"top_down", "first_person"}
+    exported, _ = read_folder(tmp_path / "out")
+    assert exported.ratings == data.ratings  # one per person and condition: the mean of what they rated there
+    assert len([one for one in data.ratings if one.item == "rating"]) == 4 * 2
+    found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"))
+    assert "rating" in {one.item.key for one in found.items}
+
+    with database.transaction() as s:
+        artefact = take_snapshot(s, files, study_id=study.id, whose="simulated")
+        snapshot = load_snapshot(s, files, artefact.id)
+    assert len(snapshot.ratings) == len(given)
+    assert Snapshot.from_bytes(snapshot.to_bytes()) == snapshot
+    assert artefact.simulated
+    preferences = [
+        one for own in preferences_of(JobContext(None, database, files, None, None), snapshot).values() for one in own
+    ]
+    lengths = [ORACLE_PREFERENCES["shortest"].value([one.chosen, one.rejected]) for one in preferences]
+    # rated beside what was seen so far, as people do, so not every pair is in order
+    assert np.mean([better > worse for better, worse in lengths]) > 0.75
+    assert accuracy(fit_linear(preferences), preferences) > 0.8
+
+
+def test_snapshots_of_choices_alone_keep_their_bytes(full_study, database, files):
+    walker = Walker(database, files, full_study)
+    walker.walk_to("train.interface_items")
+    with database.transaction() as s:
+        snapshot = load_snapshot(s, files, take_snapshot(s, files, session_id=walker.session.id).id)
+    assert "ratings" not in json.loads(snapshot.to_bytes())
