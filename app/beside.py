@@ -1,4 +1,4 @@
-"""Paths that lie on the floor beside what drives on a replay, for analysts. Drawing them is `scene_nodes.py`'s."""
+"""Paths that lie on the floor beside what moves on a replay, for analysts. Drawing them is `scene_nodes.py`'s."""
 
 from __future__ import annotations
 

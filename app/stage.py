@@ -24,7 +24,7 @@ from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
-GET_SET_S = 3.0  # ours: who walks beside a drive sees where they are before the robot moves
+GET_SET_S = 3.0  # ours: who walks beside a rollout sees where they are before the robot moves
 SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
 DRIVEN_PATH_M = 0.03  # ours: above the floor, over the paths that lie beside it
 HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
@@ -115,7 +115,7 @@ class Stage:
 
     def replay(
         self,
-        drives: Sequence[Trajectory],
+        rollouts: Sequence[Trajectory],
         *,
         names: Sequence[str],
         speed: float = 1.0,
@@ -128,21 +128,21 @@ class Stage:
         beside: further paths that lie on the floor.
         Raises ValueError when the scenes differ, there are more or fewer, or the speed is not positive.
         """
-        colours = (bodies.LEFT, bodies.RIGHT)[: len(drives)]
-        if not 1 <= len(drives) <= 2:
-            raise ValueError(f"replay field 'drives' has {len(drives)} of them: one or two can be shown")
-        if drives[0].scene != drives[-1].scene:
+        colours = (bodies.LEFT, bodies.RIGHT)[: len(rollouts)]
+        if not 1 <= len(rollouts) <= 2:
+            raise ValueError(f"replay field 'rollouts' has {len(rollouts)} of them: one or two can be shown")
+        if rollouts[0].scene != rollouts[-1].scene:
             raise ValueError(
-                f"replay field 'drives[1].scene' = {drives[1].scene.digest()[:8]}: two drives need one scene, "
-                f"the first has {drives[0].scene.digest()[:8]}"
+                f"replay field 'rollouts[1].scene' = {rollouts[1].scene.digest()[:8]}: two rollouts need one scene, "
+                f"the first has {rollouts[0].scene.digest()[:8]}"
             )
         if not speed > 0:
             raise ValueError(f"replay field 'speed' = {speed!r}: needs a number above 0, 1 is real time")
         with self._lock:
             if self._gone:
                 return
-            self._show(drives[0].scene, require_view(view), drives, colours)
-            for number, (trajectory, colour) in enumerate(zip(drives, colours, strict=True)):
+            self._show(rollouts[0].scene, require_view(view), rollouts, colours)
+            for number, (trajectory, colour) in enumerate(zip(rollouts, colours, strict=True)):
                 scene_nodes.add_paths(
                     self._client.scene, f"{self._root}/path{number}", [trajectory.poses], colour.top, DRIVEN_PATH_M
                 )
@@ -151,8 +151,8 @@ class Stage:
             self._run(
                 {
                     "type": "replay",
-                    "tracks": [_samples(trajectory) for trajectory in drives],
-                    "person": walk_track(drives[0].scene),
+                    "tracks": [_samples(trajectory) for trajectory in rollouts],
+                    "person": walk_track(rollouts[0].scene),
                     "speed": speed,
                     "loop": loop,
                     "legend": [

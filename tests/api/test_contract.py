@@ -44,7 +44,7 @@ def refused(answered):
         ("trials/block.01/interrupted", {"reason": "tired"}, "reason", "hidden"),
         ("drawing/path/stroke", {"request_id": ID, "points": [[0]], "speeds": [], "times_s": []}, "points.0", "2"),
         ("drawing/path/stroke", {"request_id": ID, "points": [[0, 1e999]], "speeds": [], "times_s": []}, "points", ""),
-        ("drawing/path/driven", {"walk": {"times_s": 1, "poses": []}}, "walk.times_s", "list"),
+        ("drawing/path/rollout-seen", {"walk": {"times_s": 1, "poses": []}}, "walk.times_s", "list"),
     ],
 )
 def test_what_no_page_sends_is_refused_with_field_value_and_what_would_work(client, token, path, body, field, told):

@@ -74,7 +74,7 @@ def test_intervals_have_a_row_each():
 def test_drives_stay_inside_the_picture_and_long_names_are_cut():
     query = load_queries("study_room/queries_200").queries[0]
     pair = [query.trajectory_a, query.trajectory_b]
-    svg = svg_figures.drives(query.scene, pair, names=["short", "a very long name of a policy " * 5], title="t")
+    svg = svg_figures.rollouts(query.scene, pair, names=["short", "a very long name of a policy " * 5], title="t")
     drawn = parsed(svg)
     width, height = float(drawn.get("width")), float(drawn.get("height"))
     paths = drawn.findall(f"{SVG}polyline")
@@ -92,5 +92,5 @@ def test_scene_without_a_room_is_drawn_around_its_drive():
     poses = np.array([[0, 0, 0], [1, 5, 0], [3, 0, 0]], np.float32)
     empty = np.zeros((2, 34), np.float32)
     drive = Trajectory(scene, Outcome.SUCCESS, poses, empty, empty[:, :2], empty[:, 0], empty, np.zeros(2, np.bool_))
-    drawn = parsed(svg_figures.drives(scene, [drive], names=["one"], title="t"))
+    drawn = parsed(svg_figures.rollouts(scene, [drive], names=["one"], title="t"))
     assert float(drawn.get("height")) > 300

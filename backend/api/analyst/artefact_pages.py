@@ -103,7 +103,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
             t("analyst.answer.drive_chosen" if found.choice == x.lower() else "analyst.answer.drive", name=x)
             for x in "AB"
         ]
-        drawn = svg_figures.drives(pair[0].scene, pair, names=names, title=t("analyst.answer.figure"))
+        drawn = svg_figures.rollouts(pair[0].scene, pair, names=names, title=t("analyst.answer.figure"))
         return lab_page(
             request,
             "analyst/answer.html",

@@ -105,7 +105,7 @@ def comparison(
     if shown:
         pair = [load_trajectory(files, one) for one in shown[scene]["trajectories"]]
         title = _t(request)("analyst.compare.plan", scene=str(shown[scene]["scene_seed"]))
-        plan = Markup(svg_figures.drives(pair[0].scene, pair, names=names, title=title))  # noqa: S704
+        plan = Markup(svg_figures.rollouts(pair[0].scene, pair, names=names, title=title))  # noqa: S704
         if stage:
             replay = services_of(request).replays.grant(Replay(tuple(pair), tuple(names)))
     return lab_page(
@@ -172,7 +172,7 @@ def difference_csv(artefact_id: str, measure: str, database: Db, files: Files) -
 def scene_svg(request: Request, artefact_id: str, scene: int, database: Db, files: Files) -> Response:
     pair, names, seed = _drives(artefact_id, scene, database, files)
     title = _t(request)("analyst.compare.plan", scene=str(seed))
-    return Response(svg_figures.drives(pair[0].scene, pair, names=names, title=title), media_type="image/svg+xml")
+    return Response(svg_figures.rollouts(pair[0].scene, pair, names=names, title=title), media_type="image/svg+xml")
 
 
 @router.get("/lab/compare/{artefact_id}/scene-{scene}.csv")

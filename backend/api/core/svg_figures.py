@@ -1,4 +1,4 @@
-"""Figures as SVG from plain numbers: curves, intervals, histograms of differences, drives seen from above.
+"""Figures as SVG from plain numbers: curves, intervals, histograms of differences, rollouts seen from above.
 
 Every figure carries its colours twice: as attributes (a file opened on white paper) and as classes that analyst.css
 colours by the page's scheme. Texts are given by the caller; nothing is read from the store here.
@@ -297,8 +297,8 @@ class _Plan:
         )
 
 
-def drives(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[str], title: str) -> str:
-    """One scene from above with up to two drives in it: what the 3D stage shows, for print and without WebGL."""
+def rollouts(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[str], title: str) -> str:
+    """One scene from above with up to two rollouts in it: what the 3D stage shows, for print and without WebGL."""
     plan = _Plan(scene, [t.poses for t in trajectories], legend_lines=len(trajectories), title=title)
     for k, (trajectory, name) in enumerate(zip(trajectories, names, strict=True)):
         end = plan.path(trajectory.poses, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
@@ -317,7 +317,7 @@ def paths(
 ) -> str:
     """Many paths in one scene from above, laid over each other. drawn: name of a group -> paths (n, 2 or more) in
     metres; groups are told apart by colour, in turn, and named below. learned, walked: groups that lie over them, the
-    robot's drives and the person's ways.
+    robot's rollouts and the person's ways.
     """
     groups = [(*one, *DRAWN[k % len(DRAWN)]) for k, one in enumerate(drawn.items())]
     groups += [(*one, *LEARNED) for one in (learned or {}).items()]

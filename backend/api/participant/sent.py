@@ -97,7 +97,7 @@ class WalkSent(Sent):
     poses: list[Pose] = Field(max_length=MOST_POSES)
 
 
-class Driven(Sent):
+class RolloutSeen(Sent):
     """The rollout of a drawn path was watched to its end."""
 
     playback_id: str | None = Field(None, max_length=64)

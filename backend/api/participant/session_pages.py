@@ -44,7 +44,7 @@ router = APIRouter(dependencies=[Depends(not_too_often)])
 
 @router.get("/p/{token}")
 def session_page(token: str, request: Request) -> Response:
-    """The whole page at the current step. A drive that an older page was playing is not seen any more."""
+    """The whole page at the current step. A trajectory that an older page was playing is not seen any more."""
     services = services_of(request)
     now = utc_now()
     with acting(services.database, token, request="page", now=now) as (s, session):

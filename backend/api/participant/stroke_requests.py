@@ -1,4 +1,4 @@
-"""The API of drawing: a stroke comes in, its drive is shown, seen, interrupted or taken back.
+"""The API of drawing: a stroke comes in, its rollout is shown, seen, interrupted or taken back.
 
 Keeping a path is the step's answer, `session_pages.py`'s. What a stroke may be is `study/session/strokes.py`'s,
 what the stage shows `drawing_sheet.py`'s.
@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import Services, services_of
 from backend.api.participant.replies import DrawingReply
-from backend.api.participant.sent import Driven, Interrupted, StrokeSent, WalkAgain
+from backend.api.participant.sent import Interrupted, RolloutSeen, StrokeSent, WalkAgain
 from backend.api.participant.session_view import looking, state_of
 from backend.store.models import Session, StrokeRow, utc_now
 from backend.study.drawing import paths, strokes, walks
@@ -57,32 +57,34 @@ def stroke(token: str, key: str, request: Request, body: StrokeSent) -> dict[str
     return _on_drawing(request, token, key, "stroke", act)
 
 
-@changing("/api/session/{token}/drawing/{key}/drive")
-def drive(token: str, key: str, request: Request) -> dict[str, Any]:
+@changing("/api/session/{token}/drawing/{key}/rollout")
+@changing("/api/session/{token}/drawing/{key}/drive", include_in_schema=False)  # of pages from before an update
+def roll_out(token: str, key: str, request: Request) -> dict[str, Any]:
     """Let the robot drive the path, again if it did before."""
     return _on_drawing(
         request,
         token,
         key,
-        "drive",
+        "rollout",
         lambda s, session: strokes.drive(s, session, _step(session, key), now=utc_now()),
     )
 
 
-@changing("/api/session/{token}/drawing/{key}/driven")
-def driven(token: str, key: str, request: Request, body: Driven) -> dict[str, Any]:
-    """The stage told the page that the drive has been watched to its end."""
+@changing("/api/session/{token}/drawing/{key}/rollout-seen")
+@changing("/api/session/{token}/drawing/{key}/driven", include_in_schema=False)  # of pages from before an update
+def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> dict[str, Any]:
+    """The stage told the page that the rollout has been watched to its end."""
     services, playback = services_of(request), body.playback_id
     walked = _walked(services, token, key, body.walk.model_dump()) if body.walk is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
         return strokes.driven(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
 
-    return _on_drawing(request, token, key, "driven", act)
+    return _on_drawing(request, token, key, "rollout_seen", act)
 
 
 def _walked(services: Services, token: str, key: str, given: object) -> Walked | None:
-    """What was walked beside the drive that is shown; made outside any transaction, as it computes."""
+    """What was walked beside the rollout that is shown; made outside any transaction, as it computes."""
     with looking(services, token) as (s, session):
         step = _step(session, key)
         stroke = paths.latest_stroke(s, session.id, key)
@@ -94,7 +96,7 @@ def _walked(services: Services, token: str, key: str, given: object) -> Walked |
 
 @changing("/api/session/{token}/drawing/{key}/walk")
 def walk(token: str, key: str, request: Request, body: WalkAgain) -> dict[str, Any]:
-    """Walk once more beside the drive of the path that is there."""
+    """Walk once more beside the rollout of the path that is there."""
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
         return strokes.walk_again(s, session, _step(session, key), request_id=body.request_id, now=utc_now())
@@ -104,7 +106,7 @@ def walk(token: str, key: str, request: Request, body: WalkAgain) -> dict[str, A
 
 @changing("/api/session/{token}/drawing/{key}/interrupted")
 def interrupted(token: str, key: str, request: Request, body: Interrupted) -> dict[str, Any]:
-    """The drive could not be watched to its end; the path stays, and can be driven again."""
+    """The rollout could not be watched to its end; the path stays, and can be driven again."""
 
     def act(s: DatabaseSession, session: Session) -> None:
         strokes.interrupted(s, session, _step(session, key), reason=body.reason)

@@ -1,4 +1,4 @@
-"""The API of a trial: start, a drive was seen or interrupted, watch again. Each change is committed, then played."""
+"""The API of a trial: start, a trajectory was seen or interrupted, again. Each change is committed, then played."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ changing = partial(router.post, response_model=SessionState, response_model_excl
 
 @changing("/api/session/{token}/trials/{key}/start")
 def start(token: str, key: str, request: Request, body: Start) -> dict[str, Any]:
-    """Play the first drive that was not seen yet."""
+    """Play the first trajectory that was not seen yet."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
         if not session.simulated and not services_of(request).presenter.connected(session.id):
@@ -44,7 +44,7 @@ def start(token: str, key: str, request: Request, body: Start) -> dict[str, Any]
 
 @changing("/api/session/{token}/trials/{key}/seen")
 def seen(token: str, key: str, request: Request, body: Seen) -> dict[str, Any]:
-    """The stage told the page that a drive has been watched to its end."""
+    """The stage told the page that a trajectory has been watched to its end."""
     return _on_trial(
         request,
         token,
@@ -55,13 +55,13 @@ def seen(token: str, key: str, request: Request, body: Seen) -> dict[str, Any]:
 
 @changing("/api/session/{token}/trials/{key}/again")
 def again(token: str, key: str, request: Request) -> dict[str, Any]:
-    """Play both drives once more, where the protocol allows it."""
+    """Play both trajectories once more, where the protocol allows it."""
     return _on_trial(request, token, "again", lambda s, session, now: machine.watch_again(s, session, key, now=now))
 
 
 @changing("/api/session/{token}/trials/{key}/interrupted")
 def interrupted(token: str, key: str, request: Request, body: Interrupted) -> dict[str, Any]:
-    """A drive could not be watched: hidden tab (that drive again), lost picture or connection (the trial again)."""
+    """A trajectory could not be watched: hidden tab (that one again), lost picture or connection (the trial again)."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> None:
         if machine.step_of(session).key == key:
@@ -98,12 +98,14 @@ def _on_trial(
 
 @router.get("/api/session/{token}/trial-data", response_model=TrialData)
 def trial_data(token: str, services: TheServices) -> dict[str, str]:
-    """The two drives of the current trial as NPZ in base64, for oracles; simulated sessions only."""
+    """The two trajectories of the current trial as NPZ in base64, for oracles; simulated sessions only."""
     with looking(services, token) as (s, session):
         if not session.simulated:
-            raise Refused(403, "simulated_only", "Only simulated sessions may read drives.", session_id=session.id)
+            raise Refused(
+                403, "simulated_only", "Only simulated sessions may read trajectories.", session_id=session.id
+            )
         trial = machine.trial_of(s, session)
         if trial is None:
             raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
-    drives = {"a": trial.trajectory_a, "b": trial.trajectory_b}
-    return {name: base64.b64encode(services.files.get(drive)).decode() for name, drive in drives.items()}
+    both = {"a": trial.trajectory_a, "b": trial.trajectory_b}
+    return {side: base64.b64encode(services.files.get(one)).decode() for side, one in both.items()}

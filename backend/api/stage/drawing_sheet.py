@@ -1,4 +1,4 @@
-"""What a stage shows at a drawing: the paper with what was kept there, or the drive of the path that was drawn.
+"""What a stage shows at a drawing: the paper with what was kept there, or the rollout of the path that was drawn.
 
 The routes that change a drawing live in `participant/stroke_requests.py`; `presenting.py` asks here when a stage
 has connected.
@@ -25,18 +25,18 @@ SPECK_M = 0.03  # kept paths are shown in steps of this; finer is not to be seen
 
 
 def play_stroke(database: Database, files: ArtefactStore, stage: Stage, session_id: str, shown: paths.Showing) -> None:
-    """Show a stroke's drive, unless the session went on meanwhile."""
+    """Show a stroke's rollout, unless the session went on meanwhile."""
     with database.session() as s:
         step = machine.step_of(s.get_one(Session, session_id))
         latest = paths.latest_stroke(s, session_id, step.key)
     if not isinstance(step, DemonstrationStep) or paths.showing(step, latest) != shown:
         return
-    # Driven in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
+    # Rolled out in the scene that was drawn in: the demonstration's own goal has moved to the path's end.
     scene = walks.scene_with(paths.scene_of(step), latest.walk if latest is not None else None)
-    drive = replace(load_trajectory(files, shown.trajectory), scene=scene)
+    rollout = replace(load_trajectory(files, shown.trajectory), scene=scene)
     drawn = Paper(step.key, drawn=latest.drawn, resting=True) if latest is not None else None
     stage.play(
-        drive, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
+        rollout, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
     )
 
 

@@ -88,7 +88,7 @@ class Presenter:
         self._tell(session_id, order)
 
     def play(self, session_id: str, playback: machine.Playback) -> None:
-        """Play a drive on the session's stage."""
+        """Play a trajectory on the session's stage."""
 
         def order(stage: Stage) -> None:
             with self._database.session() as s:
@@ -107,7 +107,7 @@ class Presenter:
         self._tell(session_id, order)
 
     def play_stroke(self, session_id: str, shown: paths.Showing) -> None:
-        """Play the drive of a drawn path on the session's stage."""
+        """Play the rollout of a drawn path on the session's stage."""
         self._tell(
             session_id, lambda stage: drawing_sheet.play_stroke(self._database, self._files, stage, session_id, shown)
         )

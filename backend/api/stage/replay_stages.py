@@ -1,4 +1,4 @@
-"""Stages for signed-in people (two drives side by side, a protocol's preview): who may open one, and what it shows.
+"""Stages for signed-in people (two rollouts side by side, a protocol's preview): who may open one, and what it shows.
 
 A grant lives in memory for an hour; the stage's own door (`stage_proxy.py`) and `presenting.py` ask here about keys
 that begin with `replay:`. Participants' stages have nothing to do with this.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PREFIX = "replay:"
 GRANT_LASTS_S = 3_600.0
-MOST_GRANTS = 200  # drives are kept in memory; the oldest grants go first
+MOST_GRANTS = 200  # rollouts are kept in memory; the oldest grants go first
 
 
 class Shown(Protocol):
@@ -30,14 +30,14 @@ class Shown(Protocol):
 
 @dataclass(frozen=True)
 class Replay:
-    """One drive, or two in one scene, with the names of their policies, and other paths beside them."""
+    """One rollout, or two in one scene, with the names of their policies, and other paths beside them."""
 
-    drives: tuple[Trajectory, ...]
+    rollouts: tuple[Trajectory, ...]
     names: tuple[str, ...]
     beside: tuple[Beside, ...] = ()
 
     def show(self, stage: Stage) -> None:
-        stage.replay(self.drives, names=self.names, beside=self.beside)
+        stage.replay(self.rollouts, names=self.names, beside=self.beside)
 
 
 class ReplayStages:

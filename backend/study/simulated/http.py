@@ -84,7 +84,7 @@ class HttpSessionClient:
         return self._post(f"{self._api}/drawing/{key}/stroke", {"request_id": uuid4().hex, **stroke})
 
     def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
-        return self._post(f"{self._api}/drawing/{key}/driven", {"playback_id": playback_id, "walk": dict(walk)})
+        return self._post(f"{self._api}/drawing/{key}/rollout-seen", {"playback_id": playback_id, "walk": dict(walk)})
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": dict(value)})

@@ -48,12 +48,6 @@ export interface DrawingState {
   attempts: number;
 }
 
-/** The rollout of a drawn path was watched to its end. */
-export interface Driven {
-  playback_id?: string | null;
-  walk?: WalkSent | null;
-}
-
 /** Something could not be watched to its end. */
 export interface Interrupted {
   reason: "hidden" | "webgl_lost" | "connection";
@@ -105,6 +99,12 @@ export interface ProblemTold {
 /** The body of every answer with a status of 400 or more. */
 export interface Refusal {
   error: Trouble;
+}
+
+/** The rollout of a drawn path was watched to its end. */
+export interface RolloutSeen {
+  playback_id?: string | null;
+  walk?: WalkSent | null;
 }
 
 /** A trajectory of a pair was watched to its end. */

@@ -175,7 +175,7 @@ export class Drawing extends StageBar {
 
   /** @param {StageMessage & Record<string, any>} message */
   async played({ playback_id: id, walk }) {
-    const taken = await this.reportPlayed(id, () => ({ path: "driven", body: walk ? { walk } : {} }));
+    const taken = await this.reportPlayed(id, () => ({ path: "rollout-seen", body: walk ? { walk } : {} }));
     // Nothing moves any more: a walk that was not taken (the robot brushed past, say) can be begun again.
     if (!taken && !this.over && this.state.playback_id === id) await this.interrupted("connection");
   }
@@ -205,7 +205,7 @@ export class Drawing extends StageBar {
     else if (button.dataset.look) this.look(button.dataset.look);
     else if ("redraw" in button.dataset) this.redraw();
     else if ("walkAgain" in button.dataset) this.walkAgain();
-    else if ("watch" in button.dataset) this.work(() => this.needs.post("drive", {}));
+    else if ("watch" in button.dataset) this.work(() => this.needs.post("rollout", {}));
     else if ("keep" in button.dataset) this.decide({ stroke: this.state.stroke });
     else if ("skip" in button.dataset) this.decide({ skipped: true });
   }
