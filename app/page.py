@@ -5,7 +5,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | type | more | meaning |
 |---|---|---|
 | `connected`, `connection-lost` | | the websocket is up, or gone and being retried |
-| `ready` | | the scene stands and has been drawn |
+| `ready` | `keys` | the scene stands and has been drawn; which keys the pen and the feet take |
 | `label` | `playback_id, label` | the label is shown |
 | `playing` | `playback_id` | the robot starts to move |
 | `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end; `walk`: what was walked beside |
@@ -16,7 +16,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `key` | `key` | a key pressed while the stage had the focus (A and B, say) |
 | `drawing` | `can_undo, length_m, speed, near, tight`, ... | how the stroke stands; several times a second |
 | `stroke` | `id, points, speeds, times_s, pointer, walk` | a drawn path, finished: metres, m/s, s; for which walk |
-| `state` | `connected, ready, webgl, playback_id` | the answer to the parent's `{type: "hello"}` |
+| `state` | `connected, ready, webgl, playback_id, keys` | the answer to the parent's `{type: "hello"}` |
 
 The parent may also send `{type: "draw", do, ...}`: words, undo, redo, clear, cut, finish, speed, problem, choose, key
 to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the camera.

@@ -7,19 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from app import furniture
+from app.orders import Drawn, PaperOrder, StrokeTrouble, Surroundings, Track
 from app.views import View
 from backend.simulation.scene import Scene
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup
 
 TIGHT_M = 0.08  # ours: nearer than this nobody can tell from the picture whether it still fits
 Points = Sequence[tuple[float, float]]
-Track = list[list[float]]
-"""Rows of [t s, x m, y m, yaw rad], yaw without jumps."""
 
 
 def walk_track(scene: Scene) -> Track | None:
@@ -32,7 +31,7 @@ def walk_track(scene: Scene) -> Track | None:
     return [[round(float(value), 4) for value in row] for row in rows]
 
 
-def surroundings(scene: Scene, person: str) -> dict[str, Any]:
+def surroundings(scene: Scene, person: str) -> Surroundings:
     """What stands around a robot or a walker, for the page. person: what the page's words call them."""
     pose = scene.person.pose
     return {
@@ -71,7 +70,7 @@ class Paper:
     chosen: int | None = None
     most_points: int = 4_000
 
-    def as_message(self, scene: Scene, view: View) -> dict[str, Any]:
+    def as_message(self, scene: Scene, view: View) -> PaperOrder:
         """Plain data for the page."""
         limits = get_setup(scene.setup).limits
         return {
@@ -81,10 +80,10 @@ class Paper:
             "goal": [scene.goal.x, scene.goal.y, scene.goal_radius],
             "speeds": [limits.v_min, limits.v_max],
             "kept": [[list(point) for point in path] for path in self.kept],
-            "drawn": dict(self.drawn) if self.drawn else None,
+            "drawn": cast("Drawn", dict(self.drawn)) if self.drawn else None,
             "resting": self.resting,
-            "problem": dict(self.problem) if self.problem else None,
-            "walks": [walk_track(walked) for walked in self.walks],
+            "problem": cast("StrokeTrouble", dict(self.problem)) if self.problem else None,
+            "walks": [track for walked in self.walks if (track := walk_track(walked)) is not None],
             "chosen": self.chosen,
             "most_points": self.most_points,
             "tight_m": TIGHT_M,

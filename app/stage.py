@@ -12,13 +12,13 @@ import json
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import viser
 
 from app import bodies, scene_nodes, viser_hooks
 from app.beside import Beside
+from app.orders import Order
 from app.paper import Paper, surroundings, walk_track
 from app.views import View, camera_for, frame_of, require_view
 from backend.simulation.scene import Scene
@@ -230,8 +230,8 @@ class Stage:
                     {
                         "type": "show",
                         "camera": camera.as_message(),
-                        "meshes": self._nodes.meshes,
-                        "robots": self._nodes.robots,
+                        "meshes": list(self._nodes.meshes),
+                        "robots": list(self._nodes.robots),
                         "person": self._nodes.person,
                         "stands": [scene.person.pose.x, scene.person.pose.y, scene.person.pose.yaw],
                         "start": [scene.start.x, scene.start.y, scene.start.yaw],
@@ -240,9 +240,9 @@ class Stage:
                 )
             self._showing = showing
 
-    def _run(self, command: dict[str, Any]) -> None:
+    def _run(self, order: Order) -> None:
         if not self._gone:
-            viser_hooks.run_javascript(self._client, f"window.desirePath.run({json.dumps(command)})")
+            viser_hooks.run_javascript(self._client, f"window.desirePath.run({json.dumps(order)})")
 
 
 def _samples(trajectory: Trajectory) -> list[list[float]]:

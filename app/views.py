@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 
 from app.bodies import PERSON_DISC_RADIUS_M, eye_height_m
+from app.orders import CameraOrder
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 
@@ -44,9 +45,15 @@ class Camera:
     fov_rad: float
     frame: tuple[float, float, float, float]
 
-    def as_message(self) -> dict[str, Any]:
+    def as_message(self) -> CameraOrder:
         """Plain data for the page."""
-        return asdict(self)
+        return {
+            "view": self.view,
+            "eye": list(self.eye),
+            "target": list(self.target),
+            "fov_rad": self.fov_rad,
+            "frame": list(self.frame),
+        }
 
 
 def require_view(view: str) -> View:

@@ -8,10 +8,10 @@
 (() => {
   "use strict";
   const { pageOrigin } = window.desirePathConfig;
-  /** @type {Record<string, unknown>} */
+  /** @type {DesirePath["bridge"]["state"]} */
   const state = { connected: false, ready: false, webgl: true, playback_id: null };
 
-  /** @param {string} type @param {Record<string, unknown>} [detail] */
+  /** @param {string} type @param {object} [detail] */
   function post(type, detail = {}) {
     if (window.parent !== window) {
       window.parent.postMessage({ source: "desirepath-stage", type, ...detail }, pageOrigin);

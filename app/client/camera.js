@@ -6,8 +6,7 @@
   const ASLANT_RAD = 1.0;
   const ASLANT_FOV_RAD = 0.6;
 
-  /** @typedef {{view: string, eye: number[], target: number[], fov_rad: number, frame: number[]}} Camera */
-  /** @type {Camera | null} */
+  /** @type {Orders["camera"] | null} */
   let camera = null;
   let free = false;
   /** The gaze follows the hand in both views from the eyes, not the robot: while somebody draws. */
@@ -73,7 +72,7 @@
   window.addEventListener("resize", () => requestAnimationFrame(apply));
 
   window.desirePath.camera = {
-    /** @param {Camera} next as app/views.py */
+    /** @param {Orders["camera"]} next */
     use(next) {
       free = gazing = walking = false;
       window.desirePath.viser.orbit(false);

@@ -3,14 +3,6 @@
 (() => {
   "use strict";
 
-  /**
-   * @typedef {{name: string, x: number, y: number, yaw: number, length: number, width: number}} Solid
-   * @typedef {{name: string, x: number, y: number, radius: number}} Round
-   * @typedef {{name: string, metres: number, at: number[]}} Near the nearest thing, how far the robot's edge is from it
-   *   (negative: inside), and the nearest point of it
-   * @typedef {{from: number, to: number, worst: number, near: Near}} Tight a stretch of a path, as indices
-   */
-
   /** @param {Solid} solid @param {number} x @param {number} y @returns {{metres: number, at: number[]}} */
   function toSolid(solid, x, y) {
     const [c, s] = [Math.cos(solid.yaw), Math.sin(solid.yaw)];
@@ -38,14 +30,14 @@
     toSolid,
 
     /**
-     * @param {{solids: Solid[], person: Round, robot_radius: number}} place
+     * @param {Surroundings} place
      * @param {(t: number) => number[]} [personAt] x, y of a person who walks, t seconds after the robot began
-     * @returns {(x: number, y: number, t: number) => Near} the nearest thing for a robot whose middle is there then
+     * @returns {Finds} the nearest thing for a robot whose middle is there then
      */
     of(place, personAt) {
       return (x, y, t) => {
         const [px, py] = personAt ? personAt(t) : [place.person.x, place.person.y];
-        /** @type {Near} */
+        /** @type {NearThing} */
         let nearest = { name: place.person.name, ...toRound({ ...place.person, x: px, y: py }, x, y) };
         for (const solid of place.solids) {
           const found = toSolid(solid, x, y);
@@ -55,9 +47,9 @@
       };
     },
 
-    /** The stretches of a path that are tighter than `least`. @param {Near[]} nears one per point @param {number} least metres @returns {Tight[]} */
+    /** The stretches of a path that are tighter than `least`. @param {NearThing[]} nears one per point @param {number} least metres @returns {TightStretch[]} */
     tight(nears, least) {
-      /** @type {Tight[]} */
+      /** @type {TightStretch[]} */
       const found = [];
       nears.forEach((near, i) => {
         if (near.metres >= least) return;

@@ -21,26 +21,7 @@
   const FARTHEST_M = 30; // a ray that hits the floor beyond is aimed at the horizon
   const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-  /**
-   * @typedef {object} Order what app/stage.py sends
-   * @property {string} id of this sheet of paper: comes back with the stroke
-   * @property {number[]} start x, y, yaw
-   * @property {number[]} goal x, y, radius
-   * @property {any[]} solids
-   * @property {any} person
-   * @property {number} robot_radius
-   * @property {number[]} speeds slowest, fastest
-   * @property {number[][][]} kept
-   * @property {{points: number[][], speeds: number[], times_s: number[]} | null} drawn a stroke that is there already
-   * @property {boolean} resting nothing can be drawn now
-   * @property {{code: string, at: number[] | null, thing: string | null} | null} problem with the stroke that is there
-   * @property {number[][][]} walks to choose from, rows of t, x, y, yaw; none where the person stands
-   * @property {number | null} chosen the one that the stroke is for
-   * @property {number} most_points that the server takes
-   * @property {number} tight_m room that is tight
-   */
-
-  /** @type {Order | null} */
+  /** @type {Orders["draw"] | null} */
   let order = null;
   let pointerId = -1;
   /** @type {Set<string>} */
@@ -50,8 +31,8 @@
   let speed = 0.2;
   /** @type {number[] | null} */
   let cursor = null;
-  /** @type {(x: number, y: number, t: number) => any} */
-  let nearest = () => null;
+  /** @type {Finds} */
+  let nearest = () => ({ name: "", metres: Infinity, at: [0, 0] });
   /** Which walk of the order's. @type {number | null} */
   let walk = null;
   /** What the server found. @type {{code: string, at: number[], text: string} | null} */
@@ -71,8 +52,9 @@
     const { points, nears, tight, length, seconds } = measure();
     const place = cursor ?? (points.length ? points[points.length - 1] : null);
     const near = place && (cursor ? nearAt(cursor) : nears[nears.length - 1]);
-    const worst = tight.reduce((/** @type {any} */ a, /** @type {any} */ b) => (!a || b.near.metres < a.near.metres ? b : a), null);
-    bridge.post("drawing", {
+    const worst = tight.reduce((/** @type {TightStretch | null} */ a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
+    /** @type {PenState} */
+    const stands = {
       drawing: sections.isOpen(),
       can_undo: sections.canUndo(),
       can_redo: sections.canRedo(),
@@ -88,7 +70,8 @@
       problem: problem !== null,
       walk,
       must_choose: mustChoose(),
-    });
+    };
+    bridge.post("drawing", stands);
   }
 
   /** Where somebody walks, it is chosen how before anything is drawn. */
@@ -97,7 +80,7 @@
   /** What is near to a place when the robot gets there straight from the end. @param {number[]} place */
   const nearAt = (place) => nearest(place[0], place[1], measure().seconds + apart(place, end()) / speed);
 
-  /** The person walks so; what was drawn stays and is measured anew. @param {Order} given @param {number | null} which */
+  /** The person walks so; what was drawn stays and is measured anew. @param {Orders["draw"]} given @param {number | null} which */
   function use(given, which) {
     walk = which;
     const track = which === null ? null : given.walks[which];
@@ -252,7 +235,7 @@
     }
     [px, py] = [event.clientX, event.clientY];
   });
-  for (const type of ["pointerup", "pointercancel"]) {
+  for (const type of /** @type {("pointerup" | "pointercancel")[]} */ (["pointerup", "pointercancel"])) {
     element.addEventListener(type, (/** @type {PointerEvent} */ event) => {
       if (event.pointerId !== pointerId) return;
       pointerId = -1;
@@ -264,7 +247,10 @@
   });
 
   window.desirePath.draw = {
-    /** A new sheet of paper. @param {Order} given */
+    /** What `key` takes. */
+    KEYS: [...Object.keys(ARROWS), "Enter", "Backspace", "+", "-"],
+
+    /** A new sheet of paper. @param {Orders["draw"]} given */
     begin(given) {
       const another = order === null;
       order = given;

@@ -1,6 +1,139 @@
-// For `tsc --checkJs`: the one object our scripts share, and viser's window into itself.
+// For `tsc --checkJs`: what our scripts share, each made by the file of its name, and viser's window into itself.
+type Orders = {
+  camera: import("../../frontend/static/js/contract.js").CameraOrder;
+  show: import("../../frontend/static/js/contract.js").ShowOrder;
+  draw: import("../../frontend/static/js/contract.js").PaperOrder;
+  play: import("../../frontend/static/js/contract.js").PlayOrder;
+  replay: import("../../frontend/static/js/contract.js").ReplayOrder;
+  any:
+    | import("../../frontend/static/js/contract.js").ShowOrder
+    | import("../../frontend/static/js/contract.js").DrawOrder
+    | import("../../frontend/static/js/contract.js").PlayOrder
+    | import("../../frontend/static/js/contract.js").ReplayOrder
+    | import("../../frontend/static/js/contract.js").PlainOrder;
+};
+type Solid = import("../../frontend/static/js/contract.js").Solid;
+type Round = import("../../frontend/static/js/contract.js").Round;
+type Surroundings = import("../../frontend/static/js/contract.js").Surroundings;
+type DrawnStroke = import("../../frontend/static/js/contract.js").Drawn;
+type PenState = import("../../frontend/static/js/contract.js").PenState;
+/** Rows of [t, x, y, yaw], s, m and radians. */
+type Track = number[][];
+/** The nearest thing, how far the robot's edge is from it (negative: inside), and the nearest point of it. */
+type NearThing = { name: string; metres: number; at: number[] };
+/** A stretch of a path that is tight, as indices; `worst` is the tightest point. */
+type TightStretch = { from: number; to: number; worst: number; near: NearThing };
+type Measured = {
+  points: number[][]; speeds: number[]; nears: NearThing[]; tight: TightStretch[]; length: number; seconds: number;
+};
+type Finds = (x: number, y: number, t: number) => NearThing;
+type Projector = (x: number, y: number, z?: number) => number[] | null;
+type KeyPressed = { key: string; shiftKey?: boolean; ctrlKey?: boolean; metaKey?: boolean; altKey?: boolean };
+
+interface DesirePath {
+  bridge: {
+    post(type: string, detail?: object): void;
+    state: { connected: boolean; ready: boolean; webgl: boolean; playback_id: string | null; keys?: StageKeys };
+  };
+  viser: {
+    isUp(): boolean;
+    hasMesh(name: string): boolean;
+    pose(name: string, x: number, y: number, yaw: number): void;
+    look(view: { eye: number[]; target: number[]; up: number[]; fovRad: number; near?: number }): void;
+    projector(): Projector;
+    floorAt(px: number, py: number): number[] | null;
+    orbit(free: boolean): void;
+    plainPicture(sharpness: number): void;
+    stopReconnecting(): void;
+  };
+  camera: {
+    use(next: Orders["camera"]): void;
+    recentre(): void;
+    watch(x: number, y: number): void;
+    mayTurn(): boolean;
+    gaze(at: number[] | null): void;
+    isLeft(x: number, y: number): boolean;
+    turn(left: number, up: number): void;
+    heading(): number;
+    walk(on: boolean): void;
+    stand(x: number, y: number): void;
+    hold(): void;
+    release(): void;
+  };
+  sheet: {
+    element: HTMLElement;
+    label(text: string): void;
+    legend(entries: { name: string; colour: number[] }[]): void;
+  };
+  player: {
+    along(track: Track, t: number): number[];
+    use(names: string[], who?: string, where?: number[]): void;
+    walkTo(walked: Track, t: number): void;
+    play(order: Orders["play"]): void;
+    rest(start: number[]): void;
+    replay(order: Orders["replay"]): void;
+    interrupt(reason: string): void;
+  };
+  clearance: {
+    toSolid(solid: Solid, x: number, y: number): { metres: number; at: number[] };
+    of(place: Surroundings, personAt?: (t: number) => number[]): Finds;
+    tight(nears: NearThing[], least: number): TightStretch[];
+  };
+  ink: {
+    say(key: string, values?: Record<string, unknown>): string;
+    number(value: number, digits: number): string;
+    use(given: Record<string, any>): void;
+    speeds(low: number, high: number): void;
+    speed(speed: number): void;
+    show(shown: boolean): void;
+    paint(picture: any): void;
+  };
+  sections: {
+    apart(a: number[], b: number[]): number;
+    end(): number[];
+    measure(): Measured;
+    any(): boolean;
+    isOpen(): boolean;
+    canUndo(): boolean;
+    canRedo(): boolean;
+    begin(from: number[], drawn: DrawnStroke | null, given: { most_points: number; tight_m: number }): void;
+    measureBy(finds: Finds): void;
+    put(): void;
+    add(point: number[], speed: number, time: number): void;
+    lift(): boolean;
+    drop(): void;
+    straightTo(to: number[], speed: number, time: number): boolean;
+    undo(): boolean;
+    redo(): boolean;
+    clear(): void;
+    cutBefore(at: number[]): void;
+    stroke(): DrawnStroke;
+  };
+  draw: {
+    KEYS: string[];
+    begin(given: Orders["draw"]): void;
+    rest(): void;
+    stop(): void;
+    told(message: any): void;
+    press(event: PointerEvent): boolean;
+    key(event: KeyPressed): boolean;
+  };
+  walk: {
+    KEYS: string[];
+    begin(given: Surroundings): void;
+    stop(): void;
+    advance(t: number, robotAt: (t: number) => number[]): { x: number; y: number; met: boolean };
+    recording(): { times_s: number[]; poses: number[][] };
+    key(event: KeyPressed, down: boolean): boolean;
+    release(): void;
+  };
+  run(order: Orders["any"]): void;
+}
+/** Keys that the pen and the feet take, for the page that may have the focus instead. */
+type StageKeys = { pen: string[]; feet: string[] };
+
 interface Window {
-  desirePath: any;
+  desirePath: DesirePath;
   desirePathConfig: { pageOrigin: string };
   __viserMutable: any;
 }

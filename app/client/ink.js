@@ -19,19 +19,18 @@
   const PAPER = "rgb(251 249 244)";
 
   /**
-   * @typedef {(x: number, y: number, z?: number) => number[] | null} Projector
    * @typedef {object} Picture what is to be seen
    * @property {number[][]} points of the stroke, metres
    * @property {number[]} speeds m/s, one per point
    * @property {boolean} faded the robot drives, the stroke steps back
-   * @property {any[]} tight stretches, as clearance.js finds them
+   * @property {TightStretch[]} tight stretches
    * @property {{at: number[], text: string} | null} problem what the server found
    * @property {number[]} begin where the next section begins
    * @property {boolean} onward it goes on from what is there
    * @property {boolean} waiting for the pen to be put down there
    * @property {number[]} goal x, y, radius
    * @property {number[][][]} kept paths of this situation
-   * @property {{at: number[], near: any, tight: boolean} | null} pen where it is now, and whether the room there is tight
+   * @property {{at: number[], near: NearThing, tight: boolean} | null} pen where it is now, and whether the room there is tight
    * @property {boolean} cursor the pen is moved by keys
    * @property {number[][] | null} walk of the person, rows of t, x, y, yaw
    */
@@ -304,7 +303,7 @@
       if (picture.faded) return;
       towards(project, picture.goal);
       if (!picture.pen || picture.waiting) ring(project, picture);
-      const worst = picture.tight.reduce((a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
+      const worst = picture.tight.reduce((/** @type {TightStretch | null} */ a, b) => (!a || b.near.metres < a.near.metres ? b : a), null);
       if (picture.problem) {
         const at = project(picture.problem.at[0], picture.problem.at[1]);
         if (at) {

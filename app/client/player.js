@@ -7,19 +7,6 @@
 (() => {
   "use strict";
   const { bridge } = window.desirePath;
-  /**
-   * @typedef {number[][]} Track rows of [t, x, y, yaw], yaw unwrapped
-   * @typedef {object} Play
-   * @property {string} playback_id
-   * @property {string} label
-   * @property {number} label_s
-   * @property {number} hold_s
-   * @property {Track[]} tracks
-   * @property {Track | null} person how they walk, null: they stand
-   * @property {any} walk what is around the participant who walks themselves, null: they do not
-   * @typedef {{tracks: Track[], person: Track | null, speed: number, loop: boolean}} Replay
-   */
-
   /** @type {string[]} */
   let robots = [];
   let person = "";
@@ -85,7 +72,7 @@
       window.desirePath.viser.pose(person, x, y, yaw);
     },
 
-    /** @param {Play} order */
+    /** @param {Orders["play"]} order */
     play(order) {
       this.interrupt("another-drive");
       const mine = ++turn;
@@ -157,7 +144,7 @@
       window.desirePath.camera.watch(x, y);
     },
 
-    /** @param {Replay} order */
+    /** @param {Orders["replay"]} order */
     replay({ tracks, person: walked, speed, loop }) {
       this.interrupt("another-drive");
       const mine = ++turn;

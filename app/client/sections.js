@@ -12,14 +12,6 @@
 
   /**
    * @typedef {{points: number[][], speeds: number[], times: number[]}} Section
-   * @typedef {{points: number[][], speeds: number[], times_s: number[]}} Drawn a whole stroke
-   * @typedef {object} Measured
-   * @property {number[][]} points
-   * @property {number[]} speeds
-   * @property {any[]} nears what is nearest to each point, as clearance.js finds it
-   * @property {any[]} tight stretches, as clearance.js finds them
-   * @property {number} length metres
-   * @property {number} seconds that the robot takes
    */
 
   /** @type {Section[]} */
@@ -38,8 +30,8 @@
   let began = null;
   /** The hand's seconds on the sheet already when it was laid out. */
   let before = 0;
-  /** @type {(x: number, y: number, t: number) => any} */
-  let nearest = () => null;
+  /** @type {Finds} */
+  let nearest = () => ({ name: "", metres: Infinity, at: [0, 0] });
   /** Everything below is computed anew only after a change. */
   let changed = true;
   /** @type {Measured} */
@@ -107,7 +99,7 @@
 
     /**
      * A sheet with nothing on it but what was drawn before.
-     * @param {number[]} from where the robot stands @param {Drawn | null} drawn
+     * @param {number[]} from where the robot stands @param {DrawnStroke | null} drawn
      * @param {{most_points: number, tight_m: number}} given the server's limits
      */
     begin(from, drawn, given) {
@@ -118,7 +110,7 @@
       before = drawn ? drawn.times_s[drawn.times_s.length - 1] : 0;
     },
 
-    /** What is there is measured anew. @param {(x: number, y: number, t: number) => any} finds what is nearest to a robot there then */
+    /** What is there is measured anew. @param {Finds} finds what is nearest to a robot there then */
     measureBy(finds) {
       nearest = finds;
       [whole.points, changed] = [[], true];
@@ -193,7 +185,7 @@
       become(kept.flatMap((section) => section.points).length < 2 ? [] : kept);
     },
 
-    /** All of it as one stroke. @returns {Drawn} */
+    /** All of it as one stroke. @returns {DrawnStroke} */
     stroke() {
       const round = (/** @type {number} */ value) => Math.round(value * 1e4) / 1e4;
       return {

@@ -2,13 +2,14 @@
 /** What the server may order (app/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, draw } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, draw, walk } = window.desirePath;
+  bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
   /** @type {(() => void)[]} */
   let afterReady = [];
 
-  /** @param {any} order */
+  /** @param {Orders["show"]} order */
   function show(order) {
     const mine = ++shown;
     afterReady = [];
@@ -19,19 +20,19 @@
     player.use(order.robots, order.person, [...order.stands]);
     const whenStanding = () => {
       if (mine !== shown) return;
-      if (!viser.isUp() || !order.meshes.every((/** @type {string} */ name) => viser.hasMesh(name))) {
+      if (!viser.isUp() || !order.meshes.every((name) => viser.hasMesh(name))) {
         requestAnimationFrame(whenStanding);
         return;
       }
       viser.plainPicture(order.sharpness);
       camera.use(order.camera);
-      for (const robot of order.robots) viser.pose(robot, ...order.start);
+      for (const robot of order.robots) viser.pose(robot, order.start[0], order.start[1], order.start[2]);
       // Two more frames, so that what is called ready has been drawn.
       requestAnimationFrame(() => requestAnimationFrame(() => {
         if (mine !== shown) return;
         document.documentElement.dataset.stage = "ready";
         bridge.state.ready = true;
-        bridge.post("ready");
+        bridge.post("ready", { keys: bridge.state.keys });
         for (const next of afterReady.splice(0)) next();
       }));
     };
@@ -44,7 +45,7 @@
     else afterReady.push(action);
   }
 
-  window.desirePath.run = (/** @type {any} */ order) => {
+  window.desirePath.run = (order) => {
     if (order.type === "show") show(order);
     else if (order.type === "play") {
       onceReady(() => {

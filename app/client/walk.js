@@ -19,11 +19,7 @@
     q: "turnLeft", ArrowLeft: "turnLeft", e: "turnRight", ArrowRight: "turnRight",
   };
 
-  /**
-   * @typedef {{solids: any[], person: {x: number, y: number, radius: number}, robot_radius: number}} Ground
-   */
-
-  /** @type {Ground | null} */
+  /** @type {Surroundings | null} */
   let ground = null;
   /** @type {Set<string>} */
   const held = new Set();
@@ -111,7 +107,10 @@
   }
 
   window.desirePath.walk = {
-    /** @param {Ground} given where the person stands, and what around them */
+    /** What `key` takes, letters in lower case. */
+    KEYS: Object.keys(KEYS),
+
+    /** @param {Surroundings} given where the person stands, and what around them */
     begin(given) {
       ground = given;
       [x, y] = [given.person.x, given.person.y];

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import dataclasses
+import logging
 import re
 import threading
 import time
@@ -21,6 +22,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from app import viser_hooks
 from app.page import stage_page
+from app.stage_server import StageServer
 from tests.app.stage_rig import CAMERA_REPORT, StageRig, listen_to_the_end, run_async
 
 CLIENT_SOURCE = Path(viser.__file__).parent / "client" / "src"
@@ -158,3 +160,11 @@ def test_what_any_thread_sends_arrives_in_order() -> None:
     serving.join(10)
     loop.close()
     assert arrived == sent
+
+
+def test_the_loopback_port_is_not_announced(caplog: pytest.LogCaptureFixture) -> None:
+    """`server listening on 127.0.0.1:36579` stood above the three addresses that people may open."""
+    caplog.set_level(logging.INFO)
+    server = StageServer(port=0, on_connect=lambda stage, key: None)
+    server.stop()
+    assert "listening" not in caplog.text

@@ -14,9 +14,11 @@ from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.openapi.utils import get_openapi
+from pydantic import TypeAdapter
 from pydantic.json_schema import models_json_schema
 from starlette.responses import JSONResponse, Response
 
+from app import orders
 from backend.api.core.auth import SignedIn
 from backend.api.core.contract import Refusal
 from backend.api.core.lab_frame import lab_page
@@ -125,11 +127,13 @@ def _literal(value: object) -> str:
 
 
 def types_now() -> str:
-    """The types of everything that pages and bots send and are told, as they should stand in `contract.d.ts`."""
+    """What pages and bots send and are told, and what the stage is ordered, as it should stand in `contract.d.ts`."""
     from backend.api.participant import replies, sent
 
-    models = [*_models(sent, "validation"), *_models(replies, "serialization"), (Refusal, "serialization")]
-    _, schema = models_json_schema(models, ref_template="{model}")  # type: ignore[arg-type]
+    sent_down = [(one, "validation") for one in orders.shapes()]
+    models = [*_models(sent, "validation"), *_models(replies, "serialization"), (Refusal, "serialization"), *sent_down]
+    named = [(one.__name__, mode, TypeAdapter(one)) for one, mode in models]
+    _, schema = TypeAdapter.json_schemas(named, ref_template="{model}")  # type: ignore[arg-type]
     return HEAD + "\n" + typescript(schema["$defs"])
 
 

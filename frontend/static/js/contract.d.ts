@@ -21,6 +21,35 @@ export interface Answered {
   duplicate: boolean;
 }
 
+/** How a scene is seen: frame (x_min, y_min, x_max, y_max) must be in sight from above. */
+export interface CameraOrder {
+  view: "top_down" | "first_person" | "immersive";
+  eye: number[];
+  target: number[];
+  fov_rad: number;
+  frame: number[];
+}
+
+/** Let a path be drawn. */
+export interface DrawOrder {
+  solids: Solid[];
+  person: Round;
+  robot_radius: number;
+  id: string;
+  start: number[];
+  goal: number[];
+  speeds: number[];
+  kept: number[][][];
+  drawn: Drawn | null;
+  resting: boolean;
+  problem: StrokeTrouble | null;
+  walks: number[][][];
+  chosen: number | null;
+  most_points: number;
+  tight_m: number;
+  type: "draw";
+}
+
 /** Where a drawing stands after a change of it. */
 export interface DrawingReply {
   state: "active" | "paused" | "completed" | "withdrawn" | "expired" | "screened_out";
@@ -46,6 +75,13 @@ export interface DrawingState {
   playback_id: string | null;
   may_skip: boolean;
   attempts: number;
+}
+
+/** A whole stroke: points [[x, y], ...], speeds m/s wanted there, times_s of the hand. */
+export interface Drawn {
+  points: number[][];
+  speeds: number[];
+  times_s: number[];
 }
 
 /** Something could not be watched to its end. */
@@ -79,9 +115,22 @@ export interface Joining {
   SESSION_ID?: string | null;
 }
 
+/** A name beside its colour, red, green and blue up to 255. */
+export interface LegendEntry {
+  name: string;
+  colour: number[];
+}
+
 /** The stream's event `moved`: look anew, or another window of this session is the one in use now. */
 export interface Moved {
   reason: "step" | "other_window";
+}
+
+/** The nearest thing, how far the robot's edge is from it (negative: inside), and whether that room is tight. */
+export interface Near {
+  name: string;
+  metres: number;
+  tight: boolean;
 }
 
 /** Something the page noticed. */
@@ -89,6 +138,62 @@ export interface Noticed {
   kind: "stage_ready" | "stage_slow" | "visibility" | "resized" | "script_error" | "connection" | "device" | "viewed";
   data?: { [key: string]: any };
   client_time?: string | null;
+}
+
+/** A sheet of paper to draw a path on; see `paper.Paper`. */
+export interface PaperOrder {
+  solids: Solid[];
+  person: Round;
+  robot_radius: number;
+  id: string;
+  start: number[];
+  goal: number[];
+  speeds: number[];
+  kept: number[][][];
+  drawn: Drawn | null;
+  resting: boolean;
+  problem: StrokeTrouble | null;
+  walks: number[][][];
+  chosen: number | null;
+  most_points: number;
+  tight_m: number;
+}
+
+/** The event `drawing`: how the stroke stands. near: to the pen; tight: the worst place of the stroke. */
+export interface PenState {
+  drawing: boolean;
+  can_undo: boolean;
+  can_redo: boolean;
+  can_finish: boolean;
+  at_goal: boolean;
+  length_m: number;
+  seconds: number;
+  speed: number;
+  speeds: number[];
+  near: Near | null;
+  tight: Near | null;
+  keys: boolean;
+  problem: boolean;
+  walk: number | null;
+  must_choose: boolean;
+}
+
+/** clear: an empty stage; replaced: another connection took this one's place. */
+export interface PlainOrder {
+  type: "clear" | "replaced";
+}
+
+/** Show the label, then the motion, then hold its end; `walk`: what is around a participant who walks themselves. */
+export interface PlayOrder {
+  type: "play";
+  playback_id: string;
+  label: string;
+  label_s: number;
+  hold_s: number;
+  tracks: number[][][];
+  person: number[][] | null;
+  walk: Surroundings | null;
+  paper: PaperOrder | null;
 }
 
 /** What a participant writes by `report a problem`. */
@@ -101,10 +206,28 @@ export interface Refusal {
   error: Trouble;
 }
 
+/** Rollouts side by side, for analysts. */
+export interface ReplayOrder {
+  type: "replay";
+  tracks: number[][][];
+  person: number[][] | null;
+  speed: number;
+  loop: boolean;
+  legend: LegendEntry[];
+}
+
 /** The rollout of a drawn path was watched to its end. */
 export interface RolloutSeen {
   playback_id?: string | null;
   walk?: WalkSent | null;
+}
+
+/** Somebody who stands on the floor. */
+export interface Round {
+  name: string;
+  x: number;
+  y: number;
+  radius: number;
 }
 
 /** A trajectory of a pair was watched to its end. */
@@ -120,6 +243,28 @@ export interface SessionState {
   language: string;
   /** where something is shown on the stage */
   stage_url?: string | null;
+}
+
+/** A scene has been built; say so once all of it can be seen. */
+export interface ShowOrder {
+  type: "show";
+  camera: CameraOrder;
+  meshes: string[];
+  robots: string[];
+  person: string;
+  stands: number[];
+  start: number[];
+  sharpness: number;
+}
+
+/** A box on the floor; `name`: what the page's words call it. */
+export interface Solid {
+  name: string;
+  x: number;
+  y: number;
+  yaw: number;
+  length: number;
+  width: number;
 }
 
 /** Play the first trajectory that was not seen yet. */
@@ -163,6 +308,20 @@ export interface StrokeSent {
   /** which of the walks that were offered */
   walk?: number | null;
   client_time?: string | null;
+}
+
+/** What is wrong with the stroke on the paper: `at`, and which thing is touched, where that says something. */
+export interface StrokeTrouble {
+  code: string;
+  at: number[] | null;
+  thing: string | null;
+}
+
+/** What stands around a robot or a walker. */
+export interface Surroundings {
+  solids: Solid[];
+  person: Round;
+  robot_radius: number;
 }
 
 /** Both trajectories of the current trial as NPZ in base64. */

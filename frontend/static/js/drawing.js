@@ -11,6 +11,7 @@ import { StageBar } from "./stage-bar.js";
 
 /** @typedef {import("./contract.js").DrawingState} DrawingState */
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
+/** @typedef {import("./contract.js").PenState} PenState */
 
 /**
  * @typedef {object} DrawingNeeds what a drawing gets from the page beside what every bar gets
@@ -20,8 +21,6 @@ import { StageBar } from "./stage-bar.js";
  */
 
 const ANNOUNCE_EVERY_MS = 1500;
-const PEN_KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Enter", "Backspace", "+", "-"];
-const FEET_KEYS = ["w", "a", "s", "d", "q", "e", "arrowleft", "arrowright", "arrowup", "arrowdown"];
 
 /** @extends {StageBar<DrawingState>} */
 export class Drawing extends StageBar {
@@ -36,8 +35,10 @@ export class Drawing extends StageBar {
     this.tell = tell;
     this.toStage = toStage;
     this.language = language;
-    /** How the pen stands. @type {any} */
+    /** How the pen stands. @type {Partial<PenState>} */
     this.pen = {};
+    /** Which keys the stage wants to hear of, as it says itself. @type {{pen: string[], feet: string[]}} */
+    this.keys = { pen: [], feet: [] };
     this.problem = "";
     this.bar = "#driving-progress";
     this.told = 0;
@@ -63,7 +64,8 @@ export class Drawing extends StageBar {
   /** @param {StageMessage & Record<string, any>} message */
   hear(message) {
     super.hear(message);
-    if (message.type === "drawing") this.penMoved(message);
+    if (message.keys) this.keys = message.keys;
+    if (message.type === "drawing") this.penMoved(/** @type {any} */ (message));
     else if (message.type === "stroke") this.send(message);
   }
 
@@ -74,7 +76,7 @@ export class Drawing extends StageBar {
 
   // ---- the pen -----------------------------------------------------------------------------------------------------
 
-  /** @param {any} pen how it stands */
+  /** @param {PenState} pen how it stands */
   penMoved(pen) {
     const sections = pen.can_undo !== this.pen.can_undo || pen.length_m !== this.pen.length_m;
     this.pen = pen;
@@ -106,7 +108,7 @@ export class Drawing extends StageBar {
     if (this.problem) text = this.problem;
     else if (this.pen.must_choose) text = this.own("choose_walk");
     else if (length) {
-      text = this.own("drawn", { metres: this.number(length, 1), seconds: Math.round(this.pen.seconds) });
+      text = this.own("drawn", { metres: this.number(length, 1), seconds: Math.round(this.pen.seconds ?? 0) });
       if (tight) text += ` · ${this.nearWords(tight)}`;
       else if (finish && !this.pen.at_goal) text = this.own("go_on");
     }
@@ -229,7 +231,7 @@ export class Drawing extends StageBar {
   /** A key for the feet, pressed or let go while the page had the focus. @param {KeyboardEvent} event @param {boolean} down @returns {boolean} */
   step(event, down) {
     if (!this.walking || event.ctrlKey || event.metaKey || event.altKey) return false;
-    if (!FEET_KEYS.includes(event.key.toLowerCase())) return false;
+    if (!this.keys.feet.includes(event.key.length === 1 ? event.key.toLowerCase() : event.key)) return false;
     this.tell({ do: "step", key: event.key, down });
     return true;
   }
@@ -242,7 +244,7 @@ export class Drawing extends StageBar {
     const { target } = event;
     if (target instanceof HTMLTextAreaElement || target instanceof HTMLInputElement) return;
     const undo = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
-    if (!undo && (event.ctrlKey || event.metaKey || event.altKey || !PEN_KEYS.includes(event.key))) return;
+    if (!undo && (event.ctrlKey || event.metaKey || event.altKey || !this.keys.pen.includes(event.key))) return;
     if (event.key === "Enter" && target instanceof HTMLButtonElement) return;
     event.preventDefault();
     if (undo) this.tell({ do: event.shiftKey ? "redo" : "undo" });

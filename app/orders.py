@@ -1,0 +1,180 @@
+"""What the stage's page is ordered to do, and what it tells of the pen: the shapes of the messages, no behaviour.
+
+Metres, seconds, radians, world frame. The page's own types are made from these (`contract.d.ts`), so that both sides
+are checked against one contract. The events that it posts to the window that holds it are listed in `page.py`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from typing_extensions import TypedDict  # Pydantic wants this one before Python 3.12
+
+ViewName = Literal["top_down", "first_person", "immersive"]
+
+Track = list[list[float]]
+"""Rows of [t s, x m, y m, yaw rad], yaw without jumps."""
+
+
+class CameraOrder(TypedDict):
+    """How a scene is seen: frame (x_min, y_min, x_max, y_max) must be in sight from above."""
+
+    view: ViewName
+    eye: list[float]
+    target: list[float]
+    fov_rad: float
+    frame: list[float]
+
+
+class ShowOrder(TypedDict):
+    """A scene has been built; say so once all of it can be seen."""
+
+    type: Literal["show"]
+    camera: CameraOrder
+    meshes: list[str]
+    robots: list[str]
+    person: str
+    stands: list[float]
+    start: list[float]
+    sharpness: float
+
+
+class Solid(TypedDict):
+    """A box on the floor; `name`: what the page's words call it."""
+
+    name: str
+    x: float
+    y: float
+    yaw: float
+    length: float
+    width: float
+
+
+class Round(TypedDict):
+    """Somebody who stands on the floor."""
+
+    name: str
+    x: float
+    y: float
+    radius: float
+
+
+class Surroundings(TypedDict):
+    """What stands around a robot or a walker."""
+
+    solids: list[Solid]
+    person: Round
+    robot_radius: float
+
+
+class Drawn(TypedDict):
+    """A whole stroke: points [[x, y], ...], speeds m/s wanted there, times_s of the hand."""
+
+    points: list[list[float]]
+    speeds: list[float]
+    times_s: list[float]
+
+
+class StrokeTrouble(TypedDict):
+    """What is wrong with the stroke on the paper: `at`, and which thing is touched, where that says something."""
+
+    code: str
+    at: list[float] | None
+    thing: str | None
+
+
+class PaperOrder(Surroundings):
+    """A sheet of paper to draw a path on; see `paper.Paper`."""
+
+    id: str
+    start: list[float]
+    goal: list[float]
+    speeds: list[float]
+    kept: list[list[list[float]]]
+    drawn: Drawn | None
+    resting: bool
+    problem: StrokeTrouble | None
+    walks: list[Track]
+    chosen: int | None
+    most_points: int
+    tight_m: float
+
+
+class DrawOrder(PaperOrder):
+    """Let a path be drawn."""
+
+    type: Literal["draw"]
+
+
+class PlayOrder(TypedDict):
+    """Show the label, then the motion, then hold its end; `walk`: what is around a participant who walks themselves."""
+
+    type: Literal["play"]
+    playback_id: str
+    label: str
+    label_s: float
+    hold_s: float
+    tracks: list[Track]
+    person: Track | None
+    walk: Surroundings | None
+    paper: PaperOrder | None
+
+
+class LegendEntry(TypedDict):
+    """A name beside its colour, red, green and blue up to 255."""
+
+    name: str
+    colour: list[int]
+
+
+class ReplayOrder(TypedDict):
+    """Rollouts side by side, for analysts."""
+
+    type: Literal["replay"]
+    tracks: list[Track]
+    person: Track | None
+    speed: float
+    loop: bool
+    legend: list[LegendEntry]
+
+
+class PlainOrder(TypedDict):
+    """clear: an empty stage; replaced: another connection took this one's place."""
+
+    type: Literal["clear", "replaced"]
+
+
+Order = ShowOrder | DrawOrder | PlayOrder | ReplayOrder | PlainOrder
+
+
+class Near(TypedDict):
+    """The nearest thing, how far the robot's edge is from it (negative: inside), and whether that room is tight."""
+
+    name: str
+    metres: float
+    tight: bool
+
+
+class PenState(TypedDict):
+    """The event `drawing`: how the stroke stands. near: to the pen; tight: the worst place of the stroke."""
+
+    drawing: bool
+    can_undo: bool
+    can_redo: bool
+    can_finish: bool
+    at_goal: bool
+    length_m: float
+    seconds: float
+    speed: float
+    speeds: list[float]
+    near: Near | None
+    tight: Near | None
+    keys: bool
+    problem: bool
+    walk: int | None
+    must_choose: bool
+
+
+def shapes() -> list[Any]:
+    """Everything here that the pages' types are made of."""
+    return [one for one in globals().values() if isinstance(one, type) and one.__module__ == __name__]
