@@ -209,8 +209,8 @@ def tests_for(mutant: Mutant, *, slow: bool) -> list[list[str]]:
         p.relative_to(ROOT).as_posix() for r in ("analysis", "report") for p in (ROOT / "tests" / r).glob("test_*.py")
     )
     rest = [one for one in every if one not in nearest and (slow or one not in SLOW)]
-    if room == "report":
-        rest = [one for one in rest if one.startswith("tests/report")]  # no test of analysis imports a report
+    if room == "report":  # no test of analysis imports a report
+        rest = sorted((one for one in rest if one.startswith("tests/report")), key=lambda one: "known" not in one)
     if name in ALONE:
         return [nearest]
     return [nearest, rest] if nearest else [rest]

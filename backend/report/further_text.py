@@ -129,9 +129,9 @@ def _models(found: Findings) -> Section:
             rows.append([one.about, name, f"{at:.2f} [{low:.2f}, {high:.2f}]", test, sd])
     sentence = (
         "Cumulative-link (ratings) and logistic (choices) models with an intercept of each person's own, by maximum "
-        "likelihood (adaptive quadrature, 15 nodes): odds ratios of a higher answer, or the median person's "
-        "chance, with Wald's 95 % intervals, and the likelihood-ratio test of all conditions. Beside the declared tests, uncorrected; "
-        "of few people these intervals are too narrow."
+        "likelihood (adaptive quadrature, 15 nodes): odds ratios of a higher answer, or the median person's chance, "
+        "with Wald's 95 % intervals, and the likelihood-ratio test of all conditions. Beside the declared tests, "
+        "uncorrected; of few people these intervals are too narrow."
     )
     heads = ["of", "effect", "odds ratio or chance, 95 %", "all conditions", "SD of people"]
     return Section(title, [sentence] if rows else [], [Table("Models.", heads, rows)] if rows else [])

@@ -56,6 +56,7 @@ def test_groups_that_are_all_alike_or_too_few() -> None:
     same = mann_whitney([4, 4], [4, 4], about="fun", names=("a", "b"))
     assert (same.p, same.effect, same.shift) == (1.0, 0.0, 0.0)
     assert kruskal_wallis([[4, 4], [4], [4]], about="fun").p == 1.0
+    assert mann_whitney([4] * 30, [4] * 30, about="fun", names=("a", "b")).p == 1.0
     assert math.isnan(mann_whitney([1.0], [2.0, 3.0], about="fun", names=("a", "b")).effect_low)
     apart = mann_whitney([5, 6, 7], [1, 2, 3], about="fun", names=("a", "b"))
     assert (apart.p, apart.least_p, apart.possible()) == (pytest.approx(0.1), pytest.approx(0.1), False)

@@ -16,7 +16,9 @@ from backend.explain.printed import Section
 from backend.report.analysis_plan import AnalysisPlan, Equivalence
 from backend.report.findings import Findings, analyse
 from backend.report.made_up_cohorts import Cohort, made_up_study
+from backend.report.planned_design import Assumed, PlannedDesign
 from backend.report.report_text import brief, every_test, facts, sections
+from backend.report.simulated_power import enough, power
 from backend.report.study_data import Choice, Guess, ItemText, Rating, StudyData
 from backend.report.study_report import answer_rows, findings_dict, scale_rows
 
@@ -169,7 +171,30 @@ def whole() -> str:
         *shown(sections(found, [], Path())),
     ]
     lines += ["# Two by two", *report(second, analyse(second, nothing, "all", AnalysisPlan(metrics=())))]
+    lines += ["# Power", *_planned()]
     return "\n".join(lines) + "\n"
+
+
+def _planned() -> Iterator[str]:
+    """Small power analyses with what is assumed where nothing is said."""
+    views = {"view": VIEWS}
+    for planned, assumed in (
+        (
+            PlannedDesign(VIEWS, ("ease", "fun"), ("usefulness",), 4, 2, within=views),
+            Assumed("immersive", "fun", "usefulness"),
+        ),
+        (
+            PlannedDesign(VIEWS, ("fun",), (), 1, 0, between=views),
+            Assumed("top_down", "fun", "", effect=1.5, drop_out=0.2),
+        ),
+    ):
+        yield str(assumed)
+        found = power(planned, assumed, (9, 18), cohorts=6)
+        for one in found:
+            yield from (
+                str({**row, "agreement_half_width": numbers(row["agreement_half_width"])}) for row in one.rows()
+            )
+        yield str(enough(found))
 
 
 def test_the_report_of_a_known_study_is_as_it_was_read() -> None:

@@ -157,6 +157,10 @@ def test_made_up_answers_do_not_depend_on_the_order_of_asking() -> None:
     [
         ("steady: 0.3", "steady = 0.3"),
         ("first_choice: {fun: {immersive: 1.2}}", "first_choice.fun"),
+        ("first_choice: {fun: {immersive: 0.0}}", "first_choice.fun"),
+        ("first_choice: {fun: {immersive: 0.5, top_down: 0.5}}", "first_choice.fun"),
+        ("drop_out: 1.5", "drop_out = 1.5"),
+        ("own_against_other: -0.1", "own_against_other = -0.1"),
         ("mood: good", "mapping with some of the keys ratings"),
         ("[1", "cannot be read"),
     ],
