@@ -63,7 +63,7 @@ def diff(
     as_json: JsonFlag = False,
 ) -> None:
     """Say what differs between two protocols and what that means for data that are there already."""
-    from backend.study.protocol.revising import differences
+    from backend.study.revising import differences
 
     changes = differences(frozen_protocol(before), frozen_protocol(after))
     if as_json:
@@ -91,7 +91,7 @@ def revise(
     from backend.store.audit import record
     from backend.store.models import Study
     from backend.study.protocol.freezing import freeze
-    from backend.study.protocol.revising import revise_study, versions_of
+    from backend.study.revising import revise_study, versions_of
 
     database, files = open_store()
     frozen = freeze(file, query_sets())

@@ -15,8 +15,8 @@ from backend.api.core.dependencies import Services
 from backend.api.participant.session_view import leads_to, next_kind
 from backend.settings import Settings
 from backend.store.models import Session
-from backend.study.plan.planning import example_queries, make_plan
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
+from backend.study.protocol.planning import example_queries, make_plan
 from backend.study.studies import create_study
 from tests.study import walking
 

@@ -10,7 +10,7 @@ from fastapi.testclient import TestClient
 from backend.api.core.dependencies import Services
 from backend.api.lab.preview import preview_steps
 from backend.store.models import Study
-from backend.study.protocol.revising import revise_study
+from backend.study.revising import revise_study
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import create_study
 from tests.api.lab_services import csrf

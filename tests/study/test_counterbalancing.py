@@ -16,8 +16,8 @@ from backend.store.models import Participant, Session, utc_now
 from backend.study.kinds import stored
 from backend.study.plan.assignment import assignment_table
 from backend.study.plan.counterbalancing import design_of, next_row, orders
-from backend.study.plan.planning import make_plan, session_seed
 from backend.study.protocol.freezing import ProtocolError, thaw
+from backend.study.protocol.planning import make_plan, session_seed
 from backend.study.session.joining import join_study
 from backend.study.studies import create_study
 from tests.study.small_protocol import BLOCK, CROSSED, VIEWS, small_protocol

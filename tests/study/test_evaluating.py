@@ -18,8 +18,8 @@ from backend.study.drawing import paths, strokes
 from backend.study.kinds import stored
 from backend.study.links import next_token
 from backend.study.plan.counterbalancing import design_of
-from backend.study.plan.planning import make_plan
 from backend.study.protocol.freezing import freeze_text
+from backend.study.protocol.planning import make_plan
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting

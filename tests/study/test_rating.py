@@ -20,7 +20,7 @@ from backend.report.tidy_tables import read_folder, read_study
 from backend.store.dataset.writing import export_study
 from backend.store.models import Response, Trial
 from backend.store.snapshots import Snapshot, load_snapshot, take_snapshot
-from backend.study.plan.planning import example_queries, make_plan
+from backend.study.protocol.planning import example_queries, make_plan
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.simulated.in_process import walk_in_process

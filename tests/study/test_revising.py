@@ -13,7 +13,7 @@ from backend.store.dataset.importing import import_dataset
 from backend.store.dataset.writing import export_study
 from backend.store.models import Session, Study
 from backend.study.protocol.freezing import freeze_text
-from backend.study.protocol.revising import differences, revise_study, versions_of
+from backend.study.revising import differences, revise_study, versions_of
 from backend.study.session.versions import newest_protocol, protocol_of
 from backend.study.studies import StudyError, create_study
 from tests.study.small_protocol import BLOCK, CROSSED, protocol_text, small_protocol

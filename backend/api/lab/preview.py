@@ -24,8 +24,8 @@ from backend.store.query_sets import query_sets_here
 from backend.study.grammar.words import LABEL_S
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Page
-from backend.study.plan.planning import Step, example_queries, make_plan
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
+from backend.study.protocol.planning import Step, example_queries, make_plan
 from backend.study.session.machine import StepView
 from backend.study.session.versions import newest_protocol
 

@@ -12,11 +12,14 @@ from sqlalchemy import select
 from backend.store.events import log_event
 from backend.store.models import Session
 from backend.study.grammar.parts import FileName
-from backend.study.kinds.base import Acting, Moment, Planning, Stage, Step
+from backend.study.kinds.base import Acting, Ending, Moment, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.links import next_token, token_hash
-from backend.study.session import states
-from backend.study.session.appointments import window_of
+
+
+def window_of(session: Session) -> dict[str, Any]:
+    """From when until when an appointment can be entered."""
+    return {"opens_at": session.opens_at, "expires_at": session.expires_at}
 
 
 class AppointmentStage(Stage):
@@ -72,7 +75,7 @@ class Appointment(TextPage[AppointmentStep]):
     def check_time(self, step: AppointmentStep, moment: Moment, value: Mapping[str, Any]) -> None:
         raise moment.refused("finished", "This session is finished.")
 
-    def arrive(self, step: AppointmentStep, acting: Acting) -> None:
+    def arrive(self, step: AppointmentStep, acting: Acting) -> Ending:
         """End this appointment and make the next one, in the same transaction."""
         session, now = acting.session, acting.now
         following = Session(
@@ -93,11 +96,11 @@ class Appointment(TextPage[AppointmentStep]):
             expires_at=now + timedelta(days=step.within_days),
         )
         acting.s.add(following)
-        states.end(acting, "end_appointment", appointment=session.appointment)
         acting.s.flush()
         begun = Acting(acting.s, following, acting.frozen, now, acting.files)
         log_event(acting.s, "step_entered", session_id=following.id, step=begun.step.key)
         begun.arrive()
+        return Ending("end_appointment", told={"appointment": session.appointment})
 
 
 KIND = Appointment()

@@ -7,7 +7,7 @@ nothing in the session machine, knows a kind by name. Kinds know no protocol as 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
@@ -282,11 +282,22 @@ class Acting(Moment):
 
     files: ArtefactStore
 
-    def arrive(self) -> None:
-        """What coming to the current step means."""
+    def arrive(self) -> Ending | None:
+        """What coming to the current step means, and whether that ends the session."""
         from backend.study.kinds import kind_of
 
-        kind_of(self.step).arrive(self.step, self)
+        return kind_of(self.step).arrive(self.step, self)
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How coming to a step ends the session, by an event of `session/states.py`'s table. completion_code: the
+    protocol's, `random` for one of the session's own; None: there is none. told: beside the event, for the log.
+    """
+
+    event: Literal["complete", "end_appointment"]
+    completion_code: str | None = None
+    told: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Simulated(Protocol):
@@ -379,8 +390,9 @@ class Kind(Generic[S]):
 
     # arriving, answering, leaving
 
-    def arrive(self, step: S, acting: Acting) -> None:
-        """What happens when the session comes to it."""
+    def arrive(self, step: S, acting: Acting) -> Ending | None:
+        """What happens when the session comes to it, and whether that ends it."""
+        return None
 
     def settle(self, step: S, acting: Acting) -> int | None:
         """Index of the step to go on with by itself; None: not yet, or never."""

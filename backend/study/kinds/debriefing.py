@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from backend.study.grammar.parts import Address, Code, FileName
-from backend.study.kinds.base import Acting, Moment, Page, Planning, Stage, Step
+from backend.study.kinds.base import Acting, Ending, Moment, Page, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
-from backend.study.session import states
 
 
 class DebriefingStage(Stage):
@@ -41,8 +40,8 @@ class Debriefing(TextPage[DebriefingStep]):
     def check_time(self, step: DebriefingStep, moment: Moment, value: Mapping[str, Any]) -> None:
         raise moment.refused("finished", "This session is finished.")
 
-    def arrive(self, step: DebriefingStep, acting: Acting) -> None:
-        states.end(acting, "complete", completion_code=acting.frozen.stage(DebriefingStage).completion_code)
+    def arrive(self, step: DebriefingStep, acting: Acting) -> Ending:
+        return Ending("complete", acting.frozen.stage(DebriefingStage).completion_code)
 
 
 def code_and_way_back(completion_code: str | None, url: str | None) -> dict[str, Any]:

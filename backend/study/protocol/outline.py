@@ -10,8 +10,8 @@ from backend.study.grammar.texts import local, variant
 from backend.study.kinds import Step
 from backend.study.kinds.base import PAGE_S, Pace
 from backend.study.plan.counterbalancing import design_of
-from backend.study.plan.planning import example_queries, make_plan
 from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.protocol.planning import example_queries, make_plan
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import StageEntry, stage_keys
 from backend.study.protocol.texts import filled

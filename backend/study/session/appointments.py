@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
-from typing import Any
 
 from backend.store.models import Session, utc_now
 from backend.study.kinds.base import Step
@@ -24,8 +23,3 @@ def end_of(plan: Sequence[Step], appointment: int | None) -> int:
 def is_open(session: Session, now: datetime | None = None) -> bool:
     """Whether the appointment has begun; bots need not wait."""
     return session.opens_at is None or session.simulated or (now or utc_now()) >= session.opens_at
-
-
-def window_of(session: Session) -> dict[str, Any]:
-    """From when until when the appointment can be entered."""
-    return {"opens_at": session.opens_at, "expires_at": session.expires_at}

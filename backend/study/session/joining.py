@@ -16,7 +16,7 @@ from backend.store.models import Participant, RecruitingId, Session, Study, new_
 from backend.study.kinds import stored
 from backend.study.links import CODE_LETTERS, token_hash
 from backend.study.plan.assignment import assign, people_taken
-from backend.study.plan.planning import PlanError, make_plan, session_seed
+from backend.study.protocol.planning import PlanError, make_plan, session_seed
 from backend.study.refusals import Refused
 from backend.study.session.devices import fitted
 from backend.study.session.versions import newest_protocol

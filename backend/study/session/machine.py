@@ -227,7 +227,9 @@ def _move(acting: Acting, to: int) -> None:
     begun = dict.fromkeys(step.then for step in left if step.then is not None)
     for what in begun:
         begin(what, acting)
-    acting.arrive()
+    ending = acting.arrive()
+    if ending is not None:
+        states.end(acting, ending.event, completion_code=ending.completion_code, **ending.told)
     _settle(acting)
 
 

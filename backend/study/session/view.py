@@ -19,6 +19,7 @@ from backend.store.sides import Side, shown_on
 from backend.study.grammar.words import LABEL_S, PLAYING
 from backend.study.kinds import KINDS, Step, kind_of, read_step
 from backend.study.kinds.base import Moment, Page
+from backend.study.kinds.appointment import window_of
 from backend.study.kinds.debriefing import code_and_way_back
 from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.protocol.freezing import FrozenProtocol
@@ -106,7 +107,7 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
         payload = ending_payload(protocol_of(s, session), session.language, session.completion_code)
         return StepView("screened_out", "screened_out", index, total, payload)
     if not appointments.is_open(session, now):
-        return StepView("too_soon", "too_soon", index, total, appointments.window_of(session))
+        return StepView("too_soon", "too_soon", index, total, window_of(session))
     moment = Moment(s, session, protocol_of(s, session), now or utc_now())
     step, kind = moment.step, kind_of(moment.step)
     page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to)
