@@ -13,7 +13,7 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from backend.jobs.alignment_algorithms import aligned
-from backend.jobs.answers import described, fit_of, keep_reward_model, preferences_of, snapshot_of
+from backend.jobs.answers import described, fit_of, keep_reward_model, prediction_of, preferences_of, snapshot_of
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_policy
 from backend.jobs.kinds import AlignParams
@@ -49,11 +49,14 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     setup = require_same(snapshot=snapshot.setup, asked_for=params.setup or snapshot.setup)
     base_artefact, base = load_policy(context, params.base or f"{setup}/base")
     require_same(base=base.setup, snapshot=setup)
-    preferences = [p for of_one in preferences_of(context, snapshot).values() for p in of_one]
+    of_participant = preferences_of(context, snapshot)
+    preferences = [p for of_one in of_participant.values() for p in of_one]
     model_name = params.model_name
     fit = fit_of(model_name, "sum", params.seed, params.symmetry)
     model = fit(preferences)
     fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **described(model)}
+    predicted = prediction_of(answers, of_participant, model_name, seed=params.seed, symmetry=params.symmetry).as_dict()
+    fitted["predicted"] = predicted
     if params.hold_out:
         held_out = predicted_in_new_scenes(preferences, fit, folds=max(2, params.hold_out), seed=params.seed)
         fitted["held_out"] = asdict(held_out)
@@ -74,7 +77,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
         params=params,
         config=made.config,
-        results={"gate": gate, **made.results},
+        results={"gate": gate, "predicted": predicted, **made.results},
         parents=[*parents, *made.parents],
         scenes={"gate": describe(Purpose.GATE, made.gate.scenes, params.seed), **made.scenes},
         departures=made.departures,
@@ -93,6 +96,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "reward_model": reward_model,
         "training_accuracy": fitted["training_accuracy"],
         "held_out": fitted.get("held_out"),
+        "predicted": predicted,
         "passed": made.may_be_shown,
         "gate": gate,
         **made.beside,

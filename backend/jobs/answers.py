@@ -5,6 +5,7 @@ How a reward model is fitted is `backend.learning.rewards`'; which job wants whi
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any
 
@@ -13,6 +14,7 @@ from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import Params
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.preferences import Preference
+from backend.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from backend.learning.rewards.interface_study import InterfaceConfig, fit_interface
 from backend.learning.rewards.linear import LinearConfig, fit_linear
 from backend.learning.rewards.mlp import MlpConfig, fit_mlp
@@ -58,11 +60,18 @@ def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pr
     return found
 
 
-def fit_of(model: str, reduction: Reduction, seed: int, symmetry: str = "none") -> Fit:
-    """How a reward model of that name (`kinds.ModelName`) is fitted."""
+def fit_of(
+    model: str,
+    reduction: Reduction,
+    seed: int,
+    symmetry: str = "none",
+    *,
+    particles: int = PosteriorConfig.particles,
+) -> Fit:
+    """How a reward model of that name (`kinds.ModelName`) is fitted. particles: of a posterior."""
     mirrored = symmetry == "left_right"
     if model == "weights":
-        config = PosteriorConfig(left_right_symmetry=mirrored)
+        config = PosteriorConfig(left_right_symmetry=mirrored, particles=particles)
         return lambda preferences: fit_weights(preferences, config)
     if model == "auto":
         return lambda preferences: choose_reward_model(preferences, seed=seed, left_right_symmetry=mirrored).model
@@ -71,6 +80,40 @@ def fit_of(model: str, reduction: Reduction, seed: int, symmetry: str = "none") 
     if model == "interface":
         return lambda preferences: fit_interface(preferences, InterfaceConfig(seed=seed))
     return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
+
+
+QUICK_PARTICLES = 4_000  # of the posteriors that only predict held-out answers: a participant may be waiting
+FOLDS = 5
+SLOW_FOLDS = 3  # of networks, which take longer to fit
+
+
+def prediction_of(
+    answers: tuple[Artefact, Snapshot],
+    of_participant: Mapping[str, Sequence[Preference]],
+    model: str,
+    *,
+    reduction: Reduction = "sum",
+    seed: int,
+    symmetry: str = "none",
+) -> Prediction:
+    """How well models of that name predict these answers where they did not see them, against chance and majority.
+
+    Pairs that ratings imply share trajectories: predictions of them are not independent, and a little too good.
+    """
+    fit = fit_of(model, reduction, seed, symmetry, particles=QUICK_PARTICLES)
+    training = answers[1].training_answers()  # none where trajectories were only rated
+    return predictions(
+        [preference for of_one in of_participant.values() for preference in of_one],
+        fit,
+        majority=majority_share(
+            [one.choice for one in training], [one.chosen for one in training], [one.rejected for one in training]
+        )
+        if training
+        else CHANCE,
+        people=len(of_participant),
+        folds=FOLDS if model in ("weights", "linear") else SLOW_FOLDS,
+        seed=seed,
+    )
 
 
 def described(model: RewardModel) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from backend.jobs.answers import described, fit_of, keep_reward_model, preferences_of, snapshot_of
+from backend.jobs.answers import described, fit_of, keep_reward_model, prediction_of, preferences_of, snapshot_of
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import RewardModelParams
 from backend.learning.errors import TooFewAnswers
@@ -31,6 +31,9 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
         "training_accuracy": accuracy(model, everything),
         "answers": len(everything),
         "held_out": held_out,
+        "predicted": prediction_of(
+            answers, of_participant, params.model, reduction=params.reduction, seed=params.seed
+        ).as_dict(),
         **described(model),
     }
     kept = keep_reward_model(

@@ -95,6 +95,8 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     params = InstantParams(snapshot=snapshot_of(services, answers=15), gate_scenes=50, comparisons=2, hold_out=2)
     result = align(begin(services, "align", params.model_dump()), params)
     assert result["passed"]
+    assert result["predicted"]["verdict"] in ("better", "no_better_than_chance", "no_better_than_majority")
+    assert result["predicted"]["low"] < result["predicted"]["accuracy"] <= result["predicted"]["high"]
     assert len(result["comparisons"]) == 2
     assert (result["held_out"]["answers"], result["held_out"]["folds"]) == (15, 2)
     with database.session() as s:
@@ -104,6 +106,8 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
         reward_model = s.get_one(Artefact, result["reward_model"])
     assert max(told.values()) == 1
     assert reward_model.card["config"]["model"] == "weights"
+    assert reward_model.card["results"]["predicted"] == result["predicted"]
+    assert tree.artefact.card["results"]["predicted"] == result["predicted"]
     made = Policy.from_bytes(files.get(result["policy"]))
     weights = np.array([told.get(name, 0) for name in NAMES], dtype=np.float32)
     expected = load_conditioned("study_room/conditioned").at(weights)
@@ -170,7 +174,7 @@ def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_eras
 ):
     """The erasure comes when the policy is stored already and its rollouts for the comparison are not."""
     settings, database, files = services
-    study = add_answered_study(database, files, answers=9 if erased == "gone" else 8)
+    study = add_answered_study(database, files, answers=7 if erased == "gone" else 6)
     with database.transaction() as s:
         snapshot = take_snapshot(s, files, study_id=study, whose="simulated").id
     params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2)

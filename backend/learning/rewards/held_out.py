@@ -7,8 +7,9 @@ several of which are about the same scene, whole scenes are (`predicted_in_new_s
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,3 +115,67 @@ def held_out_odds(preferences: Sequence[Preference], fit: Fit, fold_of: NDArray[
             if of == fold:
                 odds[k] = model.log_odds(preference.chosen, preference.rejected)
     return odds
+
+
+CHANCE = 0.5  # of two trajectories
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a model's predictions of answers that it did not see are worth, beside what needs no model.
+
+    majority: how often answering as most did would have been right (`majority_share`). low, high: 95 % interval of the
+    accuracy. verdict: `better`; `no_better_than_chance`, where chance lies within the interval or above it;
+    `no_better_than_majority`; `too_few_answers`, where nothing can be held out (then there is no accuracy).
+    """
+
+    n: int
+    method: str
+    majority: float
+    accuracy: float | None = None
+    low: float | None = None
+    high: float | None = None
+    chance: float = CHANCE
+
+    @property
+    def verdict(self) -> str:
+        if self.accuracy is None or self.low is None:
+            return "too_few_answers"
+        if self.low <= self.chance:
+            return "no_better_than_chance"
+        return "better" if self.accuracy > self.majority else "no_better_than_majority"
+
+    def as_dict(self) -> dict[str, float | int | str | None]:
+        return {**asdict(self), "verdict": self.verdict}
+
+
+def majority_share(sides: Sequence[str], chosen: Sequence[str], rejected: Sequence[str]) -> float:
+    """How often answering as most did is right: always the side that was chosen more often, or, where most answers are
+    about a pair that others answered, too, what most of these chose (a tie is right half of the time). sides, chosen,
+    rejected: of each answer. The better of the two."""
+    n = len(sides)
+    if n == 0:
+        raise LearningError("answers: none given to take a majority of")
+    by_side = max(sides.count(side) for side in set(sides)) / n
+    votes = Counter(zip(chosen, rejected, strict=True))
+    right, judged = 0.0, 0
+    for pair in zip(chosen, rejected, strict=True):
+        same, other = votes[pair] - 1, votes[pair[::-1]]
+        if same + other:
+            judged += 1
+            right += 1.0 if same > other else 0.5 if same == other else 0.0
+    return max(by_side, right / judged) if judged > n / 2 else by_side
+
+
+def predictions(
+    preferences: Sequence[Preference], fit: Fit, *, majority: float, people: int, folds: int, seed: int
+) -> Prediction:
+    """Of one person's answers some are held out, of several people's whole scenes, whoever answered about them."""
+    try:
+        if people > 1:
+            new = predicted_in_new_scenes(preferences, fit, folds=folds, seed=seed)
+            return Prediction(new.answers, f"{folds}_folds_of_scenes", majority, new.accuracy, new.low, new.high)
+        held = held_out_accuracy(preferences, fit, folds=folds, seed=seed)
+        return Prediction(held.n, held.method, majority, held.accuracy, held.low, held.high)
+    except TooFewAnswers:
+        return Prediction(len(preferences), "none", majority)
