@@ -1,4 +1,4 @@
-"""What a report's folder holds: a page, every test, scores, answers, findings, figures; no file of what is not there."""
+"""What a report's folder holds: a page, every test, scores, answers, findings, figures; no file of what is missing."""
 
 from __future__ import annotations
 

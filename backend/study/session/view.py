@@ -18,8 +18,8 @@ from backend.store.models import Response, Session, TrajectoryRow, Trial, utc_no
 from backend.store.sides import Side, shown_on
 from backend.study.grammar.words import LABEL_S, PLAYING
 from backend.study.kinds import KINDS, Step, kind_of, read_step
-from backend.study.kinds.base import Moment, Page
 from backend.study.kinds.appointment import window_of
+from backend.study.kinds.base import Moment, Page
 from backend.study.kinds.debriefing import code_and_way_back
 from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.protocol.freezing import FrozenProtocol
