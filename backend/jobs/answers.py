@@ -46,7 +46,7 @@ def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pr
         return loaded[trajectory_id]
 
     def preference(answer: Answer) -> Preference:
-        return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source)
+        return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source, answer.participant)
 
     found: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
@@ -55,7 +55,9 @@ def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pr
     for one, other in combinations(snapshot.ratings, 2):
         if one.participant == other.participant and one.rating != other.rating:
             better, worse = (one, other) if one.rating > other.rating else (other, one)
-            pair = Preference(trajectory(better.trajectory), trajectory(worse.trajectory), better.source)
+            pair = Preference(
+                trajectory(better.trajectory), trajectory(worse.trajectory), better.source, one.participant
+            )
             found.setdefault(one.participant, []).append(pair)
     return found
 

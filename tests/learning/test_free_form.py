@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,5 +95,14 @@ def test_answers_about_one_scene_are_held_out_together() -> None:
     assert not set.intersection(*seen)
     assert found.accuracy > 0.8
     assert found.log_likelihood > math.log(0.5)
+    # Of three people who gave the answers the interval is over the three, not over sixty: it cannot be as narrow.
+    of_three = predicted_in_new_scenes(
+        [replace(one, person=f"P-{k % 3}") for k, one in enumerate(everybody)], fit, folds=4
+    )
+    assert of_three.accuracy == found.accuracy
+    assert 0 <= of_three.low < of_three.accuracy <= of_three.high <= 1
+    assert of_three.high - of_three.low > found.high - found.low
+    one_alone = predicted_in_new_scenes([replace(one, person="P-1") for one in everybody], fit, folds=4)
+    assert (one_alone.low, one_alone.high) == (found.low, found.high)
     with pytest.raises(TooFewAnswers, match="20 scenes"):
         predicted_in_new_scenes(everybody, fit, folds=21)

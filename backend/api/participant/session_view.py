@@ -71,7 +71,7 @@ def looking(services: Services, token: str) -> Iterator[tuple[DatabaseSession, S
     try:
         with services.database.session() as s:
             session = find_session(s, token, now=utc_now(), lock=False)
-            due = _may_settle(s, session)
+            due = session.state == "expired" or _may_settle(s, session)
             if not due:
                 yield s, session
         if due:

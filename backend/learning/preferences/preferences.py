@@ -17,11 +17,13 @@ from backend.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Preference:
-    """chosen > rejected, both trajectories of one query; source: `participant`, `oracle:<name>`, ..."""
+    """chosen > rejected, both trajectories of one query; source: `participant`, `oracle:<name>`, ...; person: whose
+    answer it is, where that is known, since answers of one person depend on each other."""
 
     chosen: Trajectory
     rejected: Trajectory
     source: str = "participant"
+    person: str | None = None
 
     @classmethod
     def of(cls, query: Query, choice: int, *, source: str = "participant") -> Preference:

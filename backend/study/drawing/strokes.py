@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore, save_trajectory
 from backend.store.events import log_event
 from backend.store.models import Session, StrokeRow, TrajectoryRow
+from backend.study.clock import elapsed_s
 from backend.study.drawing import walks
 from backend.study.drawing.paths import is_walked, latest_stroke, met, playback_id, scene_of
 from backend.study.drawing.walks import Walked
@@ -189,8 +190,8 @@ def driven(
             raise _refused(session, "not_walked", told, walked_s=round(walked.duration_s, 2))
         needed = min(needed, walked.duration_s)
     if not session.simulated:
-        elapsed = (now - stroke.shown_since).total_seconds()
-        if elapsed < needed - TOLERANCE_S:
+        elapsed = elapsed_s(stroke.shown_since, now)
+        if elapsed is not None and elapsed < needed - TOLERANCE_S:
             told = f"The drive takes {needed:.1f} s and began {elapsed:.1f} s ago."
             raise _refused(session, "too_early", told, elapsed_s=round(elapsed, 2), needed_s=round(needed, 2))
     if walked is not None and is_walked(step, stroke):

@@ -20,7 +20,9 @@ from backend.study.session import states
 def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = True) -> Session:
     """The session of a link. Raises Refused: 404 `unknown` for a forged or erased one, 410 `expired`.
 
-    The transaction remembers the link (`s.info["token"]`), from which the next appointment's is made.
+    One that expired while the server's clock was set forward goes on again; where nothing is locked, that is left to
+    the next request that may write. The transaction remembers the link (`s.info["token"]`), from which the next
+    appointment's is made.
     """
     s.info["token"] = as_issued(token)
     session = s.scalars(
@@ -33,7 +35,7 @@ def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = 
     ).first()
     if session is None:
         raise Refused(404, "unknown", "This link does not lead to a session.", link=token_hash(token))
-    if session.state == "expired" or (session.state in ("active", "paused") and now > session.expires_at):
+    if session.state in ("active", "paused", "expired") and now > session.expires_at:
         raise Refused(
             410,
             "expired",
@@ -42,6 +44,10 @@ def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = 
             study_id=session.study_id,
             link=session.token_hash,
         )
+    if session.state == "expired" and lock:
+        # Its time is not over: the server's clock had been set forward when somebody looked.
+        states.change(session, "reopen", "clock")
+        log_event(s, "session_reopened", session_id=session.id)
     return session
 
 

@@ -19,6 +19,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Response, Session, Trial
 from backend.store.sides import Side
+from backend.study.clock import elapsed_s
 from backend.study.grammar.words import TOLERANCE_S
 from backend.study.kinds import Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
@@ -114,7 +115,7 @@ def submit(
     kind = kind_of(step)
     trial = trial_of(s, session) if kind.shows == "trajectories" else None
     if trial is not None:
-        decision_s: float | None = _decision_s(session, trial, value, now)
+        decision_s = _decision_s(session, trial, value, now)
     else:
         decision_s = None
         _check_can_be_answered(acting, step, value)
@@ -169,14 +170,17 @@ def _checked(acting: Acting, step: Step, value: Any) -> dict[str, Any]:
         raise
 
 
-def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: datetime) -> float:
-    """Seconds since the choice was possible. Raises Refused where it is not yet, or not any more."""
+def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: datetime) -> float | None:
+    """Seconds since the choice was possible, None where the server's clock was set back. Raises Refused where it is not
+    possible yet, or not any more."""
     rules = viewing_of(session)
     if trial.phase != "choosing" and not (rules.early_choice and trial.phase == "playing_b"):
         told = "Please watch both drives first."
         raise refused(session, 409, "too_early", told, trial, phase=trial.phase, step=trial.step_key)
     assert trial.phase_since is not None  # noqa: S101  set with every phase
-    elapsed = (now - trial.phase_since).total_seconds()
+    elapsed = elapsed_s(trial.phase_since, now)
+    if elapsed is None:
+        return None
     if rules.choice_limit_s is not None and not session.simulated:
         over = elapsed > rules.choice_limit_s + TOLERANCE_S
         if over and not timed_out(value):
@@ -195,8 +199,8 @@ def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any])
         return
     before = select(Response.created_at).where(Response.session_id == session.id)
     since = s.scalars(before.order_by(Response.created_at.desc()).limit(1)).first() or session.created_at
-    elapsed = (acting.now - since).total_seconds()
-    if elapsed < least - TOLERANCE_S:
+    elapsed = elapsed_s(since, acting.now)
+    if elapsed is not None and elapsed < least - TOLERANCE_S:
         told = f"This takes {least} s and began {elapsed:.0f} s ago."
         raise refused(session, 409, "too_early", told, elapsed_s=round(elapsed, 2), needed_s=least)
 

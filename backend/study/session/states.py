@@ -47,6 +47,7 @@ SESSION = (
     Change("expired", "withdraw", "withdrawn", "participant"),
     Change("active", "expire", "expired", "clock"),
     Change("paused", "expire", "expired", "clock"),
+    Change("expired", "reopen", "active", "clock"),  # it had been set forward, and is right again
 )
 """A session's states. Erasure takes the row away, an import brings it in as it was; neither changes a state."""
 
@@ -67,7 +68,8 @@ TRIAL = (
 
 STATES = tuple(dict.fromkeys(state for one in SESSION for state in (one.before, one.after)))
 PHASES = tuple(dict.fromkeys(phase for one in TRIAL for phase in (one.before, one.after)))
-FINAL = tuple(state for state in STATES if not any(one.before == state and one.event != "withdraw" for one in SESSION))
+_STILL_POSSIBLE = ("withdraw", "reopen")
+FINAL = tuple(s for s in STATES if not any(one.before == s and one.event not in _STILL_POSSIBLE for one in SESSION))
 """A session in one of these goes on no more."""
 
 

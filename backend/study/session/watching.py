@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
 from backend.store.sides import Side
+from backend.study.clock import elapsed_s
 from backend.study.drawing import strokes
 from backend.study.grammar.words import PLAYING, TOLERANCE_S
 from backend.study.kinds import kind_of
@@ -92,9 +93,9 @@ def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Sid
     if session.simulated:
         return
     assert trial.phase_since is not None  # noqa: S101  set with every phase
-    elapsed = (now - trial.phase_since).total_seconds()
+    elapsed = elapsed_s(trial.phase_since, now)
     needed = label_s(trial) + duration_s(s, trial, side)
-    if elapsed < needed - TOLERANCE_S:
+    if elapsed is not None and elapsed < needed - TOLERANCE_S:
         raise refused(
             session,
             409,

@@ -5,29 +5,32 @@ A sentence that explains a difference is only written where the numbers carry it
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from backend.analysis.t_tests import TTest
-from backend.analysis.tested import told_p
 from backend.experiments.reproduction.enquery import thesis
-from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, SOURCES, TEST_SETS
+from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, TEST_SETS
 from backend.experiments.reproduction.enquery.plan import EnqueryPlan, query_seed
 from backend.experiments.reproduction.enquery.results import (
     FIRST,
     RAW,
-    CurvePoint,
     EnqueryResults,
-    TableRow,
     nearest_cell,
+)
+from backend.experiments.reproduction.enquery.tables import (
+    accuracy_table,
+    alignment_table,
+    difference_table,
+    named,
+    share,
+    t_test_table,
 )
 from backend.experiments.reproduction.running import TEMPLATES
 from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
-from backend.explain.printed import Section, Shown, Table, page, shown_picture
+from backend.explain.printed import Section, Shown, page, shown_picture
 from backend.learning.cards import DEPARTURES
 
 LOW_QUERIES = 15
@@ -51,12 +54,12 @@ def brief(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     """The result in a few sentences."""
     told = []
     for recipe, rows in results.tables.items():
-        first = _named(rows, FIRST)
+        first = named(rows, FIRST)
         told.append(
             f"{FIRST} by {RECIPES[recipe]}: minimum human distance {_m(first.min_human_distance_m)}, "
-            f"{_share(first.share_of_the_way)} of the way from RAW ({_m(_named(rows, RAW).min_human_distance_m)}) to "
-            f"the ceiling ({_m(results.ceiling_m)}), success {_share(first.success_rate)}. The thesis: "
-            f"{_m(first.published.min_human_distance_m)}, success {_share(first.published.success_rate)}."
+            f"{share(first.share_of_the_way)} of the way from RAW ({_m(named(rows, RAW).min_human_distance_m)}) to "
+            f"the ceiling ({_m(results.ceiling_m)}), success {share(first.success_rate)}. The thesis: "
+            f"{_m(first.published.min_human_distance_m)}, success {share(first.published.success_rate)}."
         )
     told.append(_accuracy_sentence(results))
     told.append(_sweep_sentence(plan, results))
@@ -76,7 +79,7 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
         Section(
             "Accuracy of the reward models",
             [_accuracy_sentence(results), _crossing_sentence(results)],
-            tables=[_accuracy_table(results, test_set) for test_set in TEST_SETS],
+            tables=[accuracy_table(results, test_set) for test_set in TEST_SETS],
             pictures=shown("accuracy"),
         ),
         Section(
@@ -87,7 +90,7 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
                 "base policy, but for the conditioned one, which is shipped. The share of the way is that from RAW to "
                 "the ceiling of these scenes, the mean of min(start to person, goal to person).",
             ],
-            tables=[_alignment_table(recipe, rows) for recipe, rows in tables.items()],
+            tables=[alignment_table(recipe, rows) for recipe, rows in tables.items()],
             pictures=shown("distances"),
         ),
         Section(
@@ -98,7 +101,7 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
                 "value. Beside it the same test with every trajectory as a unit: those of one policy are not "
                 "independent, so its p is too small; the thesis does not say which was used.",
             ],
-            tables=[_test_table(recipe, rows) for recipe, rows in tables.items()],
+            tables=[t_test_table(recipe, rows) for recipe, rows in tables.items()],
             points=[
                 row.per_alignment_test.sentence(f"By {RECIPES[recipe]}, {FIRST}", row.name, "m")
                 for recipe, rows in tables.items()
@@ -108,7 +111,7 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
         ),
         Section(
             "Where our numbers differ from the thesis",
-            tables=[_difference_table(recipe, rows) for recipe, rows in tables.items()],
+            tables=[difference_table(recipe, rows) for recipe, rows in tables.items()],
             points=explanations(plan, results),
         ),
         Section("Raw and aligned trajectories", pictures=shown("aligned")),
@@ -119,14 +122,14 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
 def explanations(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     """What accounts for the differences, as far as our own numbers show it."""
     told = []
-    raw = _named(results.tables["thesis"], RAW)
+    raw = named(results.tables["thesis"], RAW)
     above = [name for name, row in thesis.TABLE_6_2.items() if row.min_human_distance_m > results.ceiling_m]
     first = thesis.TABLE_6_2[FIRST].min_human_distance_m
     if above:
         told.append(
             f"The scenes. No policy can keep more than {_m(results.ceiling_m)} on average in ours, less than the "
             f"published {', '.join(above)}; {_m(first)} or more is possible in "
-            f"{_share(results.reachable_share[FIRST])} of them. Scenes or the measure must have been different there, "
+            f"{share(results.reachable_share[FIRST])} of them. Scenes or the measure must have been different there, "
             "so metres cannot be compared, only shares of the way."
         )
     gap = raw.min_human_distance_m - raw.published.min_human_distance_m
@@ -134,13 +137,13 @@ def explanations(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
         f"The starting point. Our RAW keeps {_m(raw.min_human_distance_m)}, {_m(abs(gap))} "
         f"{'more' if gap > 0 else 'less'} than the published RAW, before anything was learned from answers."
     )
-    gains = {recipe: _named(rows, FIRST).share_of_the_way for recipe, rows in results.tables.items()}
+    gains = {recipe: named(rows, FIRST).share_of_the_way for recipe, rows in results.tables.items()}
     ours = max((recipe for recipe in gains if recipe != "thesis"), key=lambda recipe: gains[recipe])
     if gains[ours] > gains["thesis"]:
         told.append(
             "The recipe. From the same answers, in the same scenes, the thesis's recipe (lambda 0.06, neural reward "
-            f"model, relabelled buffer alone) goes {_share(gains['thesis'])} of the way, {RECIPES[ours]} "
-            f"{_share(gains[ours])}: the answers hold more than the published recipe takes from them."
+            f"model, relabelled buffer alone) goes {share(gains['thesis'])} of the way, {RECIPES[ours]} "
+            f"{share(gains[ours])}: the answers hold more than the published recipe takes from them."
         )
     at = {
         (p.model, p.source): p.accuracy
@@ -149,9 +152,9 @@ def explanations(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     }
     better = [model for model in MODELS if ("mlp", "EnQ") in at and at[model, "EnQ"] > at["mlp", "EnQ"]]
     if better:
-        others = ", ".join(f"the model {MODELS[model]!r} {_share(at[model, 'EnQ'])}" for model in better)
+        others = ", ".join(f"the model {MODELS[model]!r} {share(at[model, 'EnQ'])}" for model in better)
         told.append(
-            f"The reward model. With {LOW_QUERIES} answers the neural model predicts {_share(at['mlp', 'EnQ'])} of the "
+            f"The reward model. With {LOW_QUERIES} answers the neural model predicts {share(at['mlp', 'EnQ'])} of the "
             f"ensemble test pairs, {others}."
         )
     told.append(_diversity_explanation(results))
@@ -251,14 +254,14 @@ def _sweep_sentence(plan: EnqueryPlan, results: EnqueryResults) -> str:
     falls = ""
     if above and below:
         falls = (
-            f" After {last:,} steps the mean success is {_share(sum(below) / len(below))} for kappa up to "
-            f"{thesis.KAPPA_WHERE_SUCCESS_FALLS} and {_share(sum(above) / len(above))} above, where the thesis saw it "
+            f" After {last:,} steps the mean success is {share(sum(below) / len(below))} for kappa up to "
+            f"{thesis.KAPPA_WHERE_SUCCESS_FALLS} and {share(sum(above) / len(above))} above, where the thesis saw it "
             "fall rapidly."
         )
     return (
-        f"At kappa = {cell.kappa:g} and {cell.steps:,} steps members succeed in {_share(cell.success_rate)} (worst "
-        f"{_share(cell.worst_member)}) at an action diversity of {cell.diversity:.2f}; the thesis reports "
-        f"{_share(thesis.ENSEMBLE_SUCCESS)} and {thesis.ENSEMBLE_DIVERSITY} for kappa = {thesis.KAPPA} and "
+        f"At kappa = {cell.kappa:g} and {cell.steps:,} steps members succeed in {share(cell.success_rate)} (worst "
+        f"{share(cell.worst_member)}) at an action diversity of {cell.diversity:.2f}; the thesis reports "
+        f"{share(thesis.ENSEMBLE_SUCCESS)} and {thesis.ENSEMBLE_DIVERSITY} for kappa = {thesis.KAPPA} and "
         f"{thesis.ENSEMBLE_STEPS:,} steps.{control}{falls}"
     )
 
@@ -268,10 +271,10 @@ def _accuracy_sentence(results: EnqueryResults) -> str:
     count = min({p.answers for p in at}, key=lambda answers: abs(answers - LOW_QUERIES))
     told = {p.source: p for p in at if p.answers == count}
     return (
-        f"With {count} answers the neural reward model predicts {_share(told['EnQ'].accuracy)} of the ensemble test "
-        f"pairs when it learned from ensemble pairs ({_share(told['EnQ'].low)} to {_share(told['EnQ'].high)}), "
-        f"{_share(told['BL'].accuracy)} when it learned from segments ({_share(told['BL'].low)} to "
-        f"{_share(told['BL'].high)})."
+        f"With {count} answers the neural reward model predicts {share(told['EnQ'].accuracy)} of the ensemble test "
+        f"pairs when it learned from ensemble pairs ({share(told['EnQ'].low)} to {share(told['EnQ'].high)}), "
+        f"{share(told['BL'].accuracy)} when it learned from segments ({share(told['BL'].low)} to "
+        f"{share(told['BL'].high)})."
     )
 
 
@@ -286,134 +289,8 @@ def _crossing_sentence(results: EnqueryResults) -> str:
     )
 
 
-def _accuracy_table(results: EnqueryResults, test_set: str) -> Table:
-    points = {(p.model, p.source, p.answers): p for p in results.curves if p.test_set == test_set}
-    counts = sorted({answers for _, _, answers in points})
-    columns = [(model, source) for model in MODELS for source in SOURCES]
-    heads = ["answers", *(f"{source}, {MODELS[model]}" for model, source in columns)]
-    rows = [
-        [str(count), *(_with_interval(points.get((model, source, count))) for model, source in columns)]
-        for count in counts
-    ]
-    caption = f"Share of {test_set} predicted, with half the width of the 95 % interval, in percent."
-    return Table(caption, heads, rows)
-
-
-def _with_interval(point: CurvePoint | None) -> str:
-    if point is None:
-        return "–"
-    if math.isnan(point.low):
-        return f"{100 * point.accuracy:.0f}"
-    return f"{100 * point.accuracy:.0f} ± {50 * (point.high - point.low):.0f}"
-
-
-def _alignment_table(recipe: str, rows: Sequence[TableRow]) -> Table:
-    heads = [
-        "",
-        "min human distance (m)",
-        "SD of alignments",
-        "share of the way",
-        "gain where both succeed (m)",
-        "success",
-        "collision",
-        "timeout",
-        "time (s)",
-        "path (m)",
-        "self-intersections",
-        "gate passed",
-    ]
-    note = ""
-    if rows[0].took_over is not None:
-        took = ", ".join(f"{row.name} {row.took_over} of {row.alignments}" for row in rows if row.name != RAW)
-        note = (
-            f" Where the refinement was no improvement on other scenes the conditioned one is shown; it was in {took}."
-        )
-    body = [
-        [
-            row.name,
-            f"{row.min_human_distance_m:.2f}",
-            "–" if math.isnan(row.deviation_m) else f"{row.deviation_m:.2f}",
-            "–" if row.name == RAW else _share(row.share_of_the_way),
-            "–" if row.name == RAW or math.isnan(row.paired_gain_m) else f"{row.paired_gain_m:+.2f}",
-            _percent(row.success_rate),
-            _percent(row.collision_rate),
-            _percent(row.timeout_rate),
-            f"{row.time_s:.1f}",
-            f"{row.path_length_m:.1f}",
-            f"{row.self_intersections:.2f}",
-            "–" if row.gates_passed is None else f"{row.gates_passed} of {row.alignments}",
-        ]
-        for row in rows
-    ]
-    return Table(f"By {RECIPES[recipe]}.{note}", heads, body)
-
-
-def _test_table(recipe: str, rows: Sequence[TableRow]) -> Table:
-    def words(test: TTest | None) -> list[str]:
-        if test is None:
-            return ["–"] * 5
-        return [
-            f"{test.difference:+.2f}",
-            f"{test.statistic:.2f} ({test.df:g})",
-            told_p(test.p),
-            f"{told_p(test.p_corrected)} {test.stars}",
-            f"{test.effect_size:.2f}",
-        ]
-
-    heads = [
-        "against",
-        *("difference (m)", "t (df)", "p", "p, Holm", "d"),
-        "trajectories as units: t (df)",
-        "p, Holm",
-        "thesis",
-    ]
-    body = [
-        [
-            row.name,
-            *words(row.per_alignment_test),
-            words(row.per_episode_test)[1],
-            words(row.per_episode_test)[3],
-            row.published.stars,
-        ]
-        for row in rows
-        if row.name != FIRST
-    ]
-    return Table(f"{FIRST} against the other rows, by {RECIPES[recipe]}.", heads, body)
-
-
-def _difference_table(recipe: str, rows: Sequence[TableRow]) -> Table:
-    heads = ["", "ours (m)", "thesis (m)", "difference (m)", "ours / RAW", "thesis / RAW", "success, ours", "thesis"]
-    raw = _named(rows, RAW)
-    body = [
-        [
-            row.name,
-            f"{row.min_human_distance_m:.2f}",
-            f"{row.published.min_human_distance_m:.1f}",
-            f"{row.min_human_distance_m - row.published.min_human_distance_m:+.2f}",
-            f"{row.min_human_distance_m / raw.min_human_distance_m:.2f}",
-            f"{row.published.min_human_distance_m / raw.published.min_human_distance_m:.2f}",
-            _percent(row.success_rate),
-            _percent(row.published.success_rate),
-        ]
-        for row in rows
-    ]
-    return Table(f"By {RECIPES[recipe]}, beside {thesis.TABLE_6_2_SOURCE}.", heads, body)
-
-
-def _named(rows: Sequence[TableRow], name: str) -> TableRow:
-    return next(row for row in rows if row.name == name)
-
-
 def _m(value: float) -> str:
     return f"{value:.2f} m"
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.0f} %"
-
-
-def _percent(value: float) -> str:
-    return f"{100 * value:.1f} %"
 
 
 def _duration(seconds: float) -> str:
