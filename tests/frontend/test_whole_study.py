@@ -48,8 +48,7 @@ class Studies:
         text = (PROTOCOLS / "interface_study.yaml").read_text()
         small = (
             ("study_room/queries_500", str(self._queries)),
-            ("[top_down, first_person, immersive]", "[top_down, immersive]"),
-            ("        - queries: {count: 1, role: learning}    # for practice: stored, marked, never analysed\n", ""),
+            ("        - queries: {count: 1, role: practice}    # for practice: stored, marked, never analysed\n", ""),
             ("count: 25, probes: {repeat: 5}", "count: 1"),
         )
         for old, new in (*small, *changes):

@@ -81,7 +81,7 @@ if (shown || !onStage) {
       refresh: async () => {},
       announce,
       cover: data.stage_token ? cover : () => {},
-      reloadStage: () => stage.reload(),
+      reloadStage: () => stage.reload(), greetStage: () => stage.greet(),
       moveOut: () => location.assign(data.next),
       notice: () => {}, // a preview leaves no trace in the log
     },

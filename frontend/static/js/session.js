@@ -147,7 +147,7 @@ async function mount() {
       answer: (value) => answer(key, value),
       keep: (values) => keep.draft(key, values),
       kept: keep.drafted(key),
-      page: { refresh, announce, cover, reloadStage: () => stage.reload(), moveOut, notice },
+      page: { refresh, announce, cover, reloadStage: () => stage.reload(), greetStage: () => stage.greet(), moveOut, notice },
       poster: (room) => (path, body) => send(`${api}/${room}/${encodeURIComponent(key)}/${path}`, body),
       tell: (order) => stage.draw(order),
       toStage: () => stage.focus(),

@@ -20,6 +20,7 @@ import { Refused, pause } from "./send.js";
  * @property {(text: string) => void} announce to screen readers
  * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
  * @property {() => void} reloadStage
+ * @property {() => void} greetStage asks the stage how it is; it answers with `state`
  * @property {ReturnType<typeof import("./notice.js").noticer>} notice to the server's log
  * @property {() => void} moveOut another window has taken over
  */
@@ -28,8 +29,9 @@ import { Refused, pause } from "./send.js";
 const EARLY_WAIT_MS = 400;
 const EARLY_TRIES = 25;
 
-/** So long a ready stage may take to begin with what the server plays; then the order was lost on its way. */
+/** A ready stage that has not begun with what the server plays is asked so often, so far apart; then the order is lost. */
 const LOST_AFTER_MS = 15000;
+const LOST_AFTER_ASKING = 2;
 
 /** Why the stage stopped a drive, in the words of the server. @type {Record<string, Cut>} */
 const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
@@ -59,6 +61,9 @@ export class StageBar {
     this.alarm = undefined;
     /** What the alarm is set for. @type {string | null} */
     this.awaited = null;
+    /** What the stage was asked about. @type {string | null} */
+    this.asking = null;
+    this.missed = 0;
     /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
     this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
@@ -101,11 +106,29 @@ export class StageBar {
     clearTimeout(this.alarm);
     this.awaited = awaited;
     if (!awaited) return;
+    this.missed = 0;
+    this.ringLater();
+  }
+
+  /** After a while the stage is asked what it plays; a slow one just answers late. */
+  ringLater() {
     this.alarm = setTimeout(() => {
-      if (this.over || this.begun === awaited || this.state.playback_id !== awaited) return;
+      this.asking = this.awaited;
+      this.needs.greetStage();
+    }, LOST_AFTER_MS);
+  }
+
+  /** The stage's answer, where it was asked. @param {StageMessage} message */
+  answered(message) {
+    const asked = this.asking;
+    this.asking = null;
+    if (!asked || asked !== this.awaited || this.begun === asked || this.over) return;
+    if (message.playback_id === asked) this.begun = asked;
+    else if ((this.missed += 1) < LOST_AFTER_ASKING) this.ringLater();
+    else {
       this.stageReady = false;
       this.interrupted("connection").then(() => this.needs.reloadStage());
-    }, LOST_AFTER_MS);
+    }
   }
 
   /** Whether a drive is shown now. */
@@ -134,6 +157,7 @@ export class StageBar {
     switch (message.type) {
       case "state":
         if (message.ready) this.setReady();
+        this.answered(message);
         break;
       case "ready":
         this.setReady();
