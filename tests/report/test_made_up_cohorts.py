@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from backend.analysis.repeated_measures import friedman
+from backend.experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
 from backend.experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
 from backend.experiments.cohorts.null_cohorts import null_cohorts
 from backend.experiments.cohorts.null_ratings import friedman_p, null_family
@@ -176,3 +177,16 @@ def test_a_cohort_file_of_before_is_read(tmp_path: Path) -> None:
     file = tmp_path / "cohort.yaml"
     file.write_text("tastes: {top_down: shortest}\n")
     assert read_cohort(file) == Cohort(preferences={"top_down": "shortest"})
+
+
+def test_every_design_s_tests_are_counted_over_cohorts() -> None:
+    """A small version of `benchmark design-cohorts`: nothing where nothing is, Friedman where something is."""
+    rows = {(row["design"], row["test"]): row for row in design_cohorts(6, (12,))}
+    assert {design for design, _ in rows} == set(DESIGNS)
+    assert sum(row["rate"] > 0.5 for row in rows.values()) == 0
+    assert ("2 x 2 within", "Wilcoxon signed-rank, view × speed") in rows
+    assert ("three conditions", "Chi-square of first choices") in rows
+    found = {(row["design"], row["test"]): row["rate"] for row in design_cohorts(6, (24,), effect=2.5)}
+    assert found["three conditions", "Friedman, rating of fun"] == 1.0
+    assert found["two groups", "Mann-Whitney, immersive against top down"] > 0.6
+    assert found["2 x 2 within", "Wilcoxon signed-rank, speed"] < 0.6
