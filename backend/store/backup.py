@@ -123,10 +123,10 @@ def _copy_database(file: Path, copy: Path) -> None:
 def _named_files(copy: Path) -> dict[str, bool]:
     """The files that rows of the copied database name -> whether an erasure may have removed the file itself."""
     with closing(sqlite3.connect(copy)) as connection:
-        drives = connection.execute("SELECT id FROM trajectory").fetchall()
+        trajectories = connection.execute("SELECT id FROM trajectory").fetchall()
         artefacts = connection.execute("SELECT id, quarantined_at IS NOT NULL FROM artefact").fetchall()
     return dict(
-        sorted({**{name: False for (name,) in drives}, **{name: bool(gone) for name, gone in artefacts}}.items())
+        sorted({**{name: False for (name,) in trajectories}, **{name: bool(gone) for name, gone in artefacts}}.items())
     )
 
 

@@ -1,6 +1,6 @@
 """Erases a participant: the one privileged path through what is otherwise immutable.
 
-What goes: their rows, the drives only they saw or caused, job payloads and logs, models made from their answers alone,
+What goes: their rows, the trajectories only they saw or caused, job payloads and logs, models made from their answers alone,
 and snapshot files that contain their answers. What stays: a tombstone without content, and pooled models, quarantined.
 Excluding (data kept, marked) and withdrawing (the participant's own act) are not here.
 """
@@ -145,10 +145,10 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     doomed.ids |= doomed.artefacts
     made = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
     doomed.jobs = {job_id for job_id in s.scalars(made) if job_id}
-    drives = select(Trial.trajectory_a, Trial.trajectory_b)
-    own = {t for row in s.execute(drives.where(Trial.session_id.in_(sessions))) for t in row}
+    shown = select(Trial.trajectory_a, Trial.trajectory_b)
+    own = {t for row in s.execute(shown.where(Trial.session_id.in_(sessions))) for t in row}
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
-    used = {t for row in s.execute(drives.where(Trial.session_id.not_in(sessions))) for t in row}
+    used = {t for row in s.execute(shown.where(Trial.session_id.not_in(sessions))) for t in row}
     driven: dict[bool, set[str]] = {True: set(), False: set()}
     strokes = select(StrokeRow.session_id, StrokeRow.walk, StrokeRow.trajectory, StrokeRow.demonstration)
     for session_id, walk, trajectory, demonstration in s.execute(strokes):
@@ -169,7 +169,7 @@ def _find(s: Session, participant: Participant) -> _Doomed:
         else:
             used |= set(HASHES.findall(json.dumps(payload)))
     for card in s.scalars(select(Artefact.card).where(Artefact.id.not_in(doomed.artefacts))):
-        used |= set(HASHES.findall(json.dumps(card)))  # query sets list their drives there
+        used |= set(HASHES.findall(json.dumps(card)))  # query sets list their trajectories there
     doomed.trajectories = set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.id.in_(own)))) - used
     return doomed
 
@@ -285,7 +285,7 @@ def _without(data: Any, names: set[str]) -> Any:
 
 
 def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
-    """Delete files without a row that a crash left behind: they may be drives or models of anybody."""
+    """Delete files without a row that a crash left behind: they may be trajectories or models of anybody."""
     known = set(s.scalars(select(TrajectoryRow.id))) | set(s.scalars(select(Artefact.id)))
     known |= {sha for sha in s.scalars(select(StrokeRow.demonstration)) if sha}
     now = time.time()

@@ -100,8 +100,8 @@ def save_query_set(
     if not query_set.queries:
         raise ArtefactError(f"query set {name!r} holds no queries; a study needs at least one")
     content = query_set.to_bytes() if content is None else content
-    drives = [t for query in query_set.queries for t in (query.trajectory_a, query.trajectory_b)]
-    rows = save_trajectories(s, files, drives)
+    trajectories = [t for query in query_set.queries for t in (query.trajectory_a, query.trajectory_b)]
+    rows = save_trajectories(s, files, trajectories)
     stored = [
         {
             "id": hashlib.sha256(f"{a.id}{b.id}".encode()).hexdigest(),  # Query.digest(), without compressing again
@@ -128,7 +128,7 @@ def save_query_set(
 
 
 def queries_of(s: Session, files: ArtefactStore, artefact_id: str) -> list[StoredQuery]:
-    """The queries of a stored set, in its order. Raises ArtefactError if it is none or a drive's file is gone."""
+    """The queries of a stored set, in its order. Raises ArtefactError if it is none or a trajectory's file is gone."""
     artefact = s.get(Artefact, artefact_id)
     if artefact is None or artefact.kind != "query_set":
         raise ArtefactError(f"{artefact_id!r} is not a query set in this store")
@@ -137,6 +137,6 @@ def queries_of(s: Session, files: ArtefactStore, artefact_id: str) -> list[Store
         for trajectory_id in (query.trajectory_a, query.trajectory_b):
             if not files.exists(trajectory_id):
                 raise ArtefactError(
-                    f"query set {artefact.name!r}: the file of drive {trajectory_id} is missing; restore a backup"
+                    f"query set {artefact.name!r}: the file of trajectory {trajectory_id} is missing; restore a backup"
                 )
     return queries

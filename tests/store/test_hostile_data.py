@@ -183,6 +183,9 @@ def rewritten(folder: Path, table: str, change: Callable[[dict[str, Any]], objec
         ("responses", lambda row: row.update(value="["), "responses.parquet: value = '[' is no JSON"),
         ("responses", lambda row: row.update(value=json.dumps(nested(100, "x"))), "responses.parquet: value: nests"),
         ("events", lambda row: row.update(data="[" * 100_000), "events.parquet: data"),
+        ("events", lambda row: row.update(data="[1]"), "events.parquet: data = '[1]': must be a JSON object"),
+        ("responses", lambda row: row.update(value=None), "responses.parquet: value is missing"),
+        ("planned_steps", lambda row: row.update(planned='{"key": 1}'), "has a plan that is none of ours"),
     ],
 )
 def test_ids_are_ours_and_json_is_shallow(

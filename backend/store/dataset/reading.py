@@ -210,6 +210,9 @@ def read_tables(folder: Path, tables: Iterable[Table]) -> dict[str, list[Row]]:
     put together from its steps. Raises DatasetError naming file and column."""
     found = {table.name: list(_rows(folder, table)) for table in tables}
     sessions = found.get(SESSIONS.name, [])
+    for row in found.get(RESPONSES.name, []):
+        if row["value"] is None:
+            raise DatasetError(f"{RESPONSES.name}.parquet: value is missing")
     if sessions and "plan" not in sessions[0]:
         plans: dict[str, list[Row]] = {row["session"]: [] for row in sessions}
         for step in _rows(folder, PLANNED_STEPS):
@@ -217,6 +220,9 @@ def read_tables(folder: Path, tables: Iterable[Table]) -> dict[str, list[Row]]:
                 plans[step["session"]].append(step)
         for row in sessions:
             row["plan"] = [one["planned"] for one in sorted(plans[row["session"]], key=lambda one: one["index"])]
+    for row in sessions:
+        if not isinstance(row["plan"], list) or not all(isinstance((one or {}).get("key"), str) for one in row["plan"]):
+            raise DatasetError(f"{SESSIONS.name}: session {row['session']} has a plan that is none of ours")
     return found
 
 
@@ -227,8 +233,10 @@ def _rows(folder: Path, table: Table) -> Iterator[Row]:
             given = row[column.name]
             if column.form is not None and given is not None and not column.form.fullmatch(given):
                 raise DatasetError(f"{name}: {column.name} = {given[:80]!r}: no {column.name} of ours is written so")
-            if column.json:
+            if column.json and given is not None:
                 _check_depth(given, f"{name}: {column.name}")
+                if not isinstance(given, dict):
+                    raise DatasetError(f"{name}: {column.name} = {str(given)[:80]!r}: must be a JSON object")
         if row.get("role") is not None:
             row["role"] = role_of(row["role"])
         yield row

@@ -21,7 +21,7 @@ from sqlalchemy.orm import Session
 from backend.store.artefacts import ArtefactStore
 from backend.store.dataset.columns import DEMONSTRATION_FOLDER
 from backend.store.demonstration_snapshots import StrokeError
-from backend.store.models import StrokeRow
+from backend.store.models import StrokeRow, TrajectoryRow
 
 Row = dict[str, Any]
 FIELDS = (
@@ -64,6 +64,9 @@ def write_demonstrations(files: ArtefactStore, strokes: Iterable[StrokeRow], out
 def add_strokes(s: Session, files: ArtefactStore, folder: Path, rows: Iterable[Row]) -> None:
     """Import rows of table `strokes` (JSON read) with their files. Raises StrokeError for a file of another name."""
     for row in rows:
+        beside = (row["walk"] or {}).get("beside")
+        if beside is not None and (not isinstance(beside, str) or s.get(TrajectoryRow, beside) is None):
+            raise StrokeError(f"strokes.parquet: walk: beside = {str(beside)[:80]!r} is not in the data set")
         if row["demonstration"] is not None:
             name = f"{DEMONSTRATION_FOLDER}/{row['demonstration']}.npz"
             try:

@@ -84,7 +84,7 @@ def export_study(
     pilots: with the pilot participants, marked; without them nothing tells of them. open_data: for publication, without
     whatever participants left who did not agree to that. Returns {"study": id, "files": [{"path", "rows" (None where a
     file has none), "sha256"}]}, paths relative. Raises LookupError for an unknown study, ExportError if the folder is
-    not empty, ArtefactError if a drive is gone.
+    not empty, ArtefactError if a trajectory is gone.
     """
     if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
         raise ExportError(f"out = {str(out_dir)!r}: is not an empty folder; choose another one")

@@ -111,7 +111,7 @@ class StrokeRow(Base):
 
     `drawn`: {"points": [[x, y]...] m, "speeds": [...] m/s, "times_s": [...]}, never updated. `state`: refused (by
     `problem`), drawn (can be driven), watched, kept or redone. `demonstration`: sha256 of its file in the
-    artefact store; where the participant walks beside the drive, there is one from their walk on.
+    artefact store; where the participant walks beside the robot, there is one from their walk on.
     `walk`: how the person walked while the robot drove (shapes: strokes.py), None: they stood. Never updated.
     """
 
