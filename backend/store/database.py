@@ -185,7 +185,7 @@ class Database:
         """A session that may write; commits when the block ends, rolls back on any exception.
 
         durable: a commit waits for the disk. False for what may be lost with the machine's power (never with a killed
-        process), like where in a trajectory somebody is: SQLite then writes the log without waiting, and the next durable
+        process), like where in a trial somebody is: SQLite then writes the log without waiting, and the next durable
         commit takes it to the disk in its order. On PostgreSQL `synchronous_commit` is off for the transaction.
         On SQLite writers take turns, and the write lock is taken at the first statement, so what was read in here is
         still true at the commit. On PostgreSQL lock what you are about to change (`with_for_update`) or compare and

@@ -1,8 +1,8 @@
 """Erases a participant: the one privileged path through what is otherwise immutable.
 
-What goes: their rows, the trajectories only they saw or caused, job payloads and logs, models made from their answers alone,
-and snapshot files that contain their answers. What stays: a tombstone without content, and pooled models, quarantined.
-Excluding (data kept, marked) and withdrawing (the participant's own act) are not here.
+What goes: their rows, the trajectories only they saw or caused, job payloads and logs, models made from their answers
+alone, and snapshot files that contain their answers. What stays: a tombstone without content, and pooled models,
+quarantined. Excluding (data kept, marked) and withdrawing (the participant's own act) are not here.
 """
 
 from __future__ import annotations
