@@ -106,3 +106,14 @@ def test_items_can_be_correlated() -> None:
 
     assert abs(correlation(0.0)) < 0.15
     assert correlation(0.7) == pytest.approx(0.68, abs=0.1)
+
+
+def test_of_two_factors_with_three_levels_each_pair_is_of_its_own_factor() -> None:
+    """Only the second factor has an effect, at one level; the first one's pairs must not be taken for it."""
+    factors = {"view": CONDITIONS, "speed": ("fast", "middle", "slow")}
+    cells = tuple(f"{view}-{speed}" for view in factors["view"] for speed in factors["speed"])
+    planned = PlannedDesign(cells, ("fun",), (), 1, 0, within=factors)
+    plan = AnalysisPlan(pairs="always")
+    (found,) = power(planned, Assumed("fast", "fun", "", effect=2.5), (20,), cohorts=3, plan=plan)
+    assert rates(found)["Wilcoxon, speed, against both others"] == 1.0
+    assert "Wilcoxon, view, against both others" not in rates(found)
