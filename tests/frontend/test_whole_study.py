@@ -230,7 +230,8 @@ def test_a_whole_study_by_keyboard_alone(studies: Studies, page: Page) -> None:
                 keys.press_main()
         expect(page.locator(f".step-body[data-key='{key}']")).to_have_count(0)
     block = ["instruction", "trial", "questionnaire"]
-    expected = ["information", "consent", "questionnaire", *block, "break", *block, "questionnaire", "debriefing"]
+    blocks = [*block, "break", *block, "break", *block]
+    expected = ["information", "consent", "questionnaire", *blocks, "questionnaire", "debriefing"]
     assert kinds == expected
     assert progress == sorted(progress)
     assert page.locator("#progress-text").text_content() == f"Step {len(kinds)} of {len(kinds)}"
