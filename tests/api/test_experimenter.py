@@ -393,6 +393,7 @@ def test_rankings_and_items_asked_in_several_conditions_count_and_lead_to_their_
         .read_text()
         .replace("count: 25, probes: {repeat: 5}", "count: 4, probes: {repeat: 2}")
     )
+    text = text.replace("  alpha: 0.05", "  alpha: 0.05\n  min_probes: 2")
     with lab_services.database.transaction() as s:
         study = create_study(s, lab_services.files, freeze_text(text), name="Three views", created_by=None)
     walk_in_process(lab_services.database, lab_services.files, study, 2)
@@ -412,6 +413,38 @@ def test_rankings_and_items_asked_in_several_conditions_count_and_lead_to_their_
     assert rows_shown(pages_read) == 2
     people = lab.get(f"/api/lab/studies/{study.id}/monitor").json()["people"]
     assert {p["answers"] for p in people} == {rows_shown(lab.get(f"{here}/answers?given=1&participant=S001").text)}
+
+
+def test_a_missing_text_is_added_where_it_is_missed_and_refused_edits_stay_in_the_form(lab, lab_services):
+    text = QUICK.read_text().replace("texts/instruction.md", "texts/my_instruction.md")
+    draft = draft_of(lab, source="paste", yaml=text)
+    assert "my_instruction.en.md" in lab.get(draft).text
+    token = {"csrf": csrf(lab), "yaml": text.replace("minutes: 12", "minutes: 13")}
+    wrong = lab.post(draft, data=token, files=[("texts", ("notes.txt", b"no", "text/plain"))])
+    assert wrong.status_code == 422
+    assert "minutes: 13" in wrong.text, "what was typed is still there"
+    added = [
+        ("texts", (f"my_instruction.{one}.md", b"# Mine\n\nWatch closely.", "text/markdown")) for one in ("en", "de")
+    ]
+    assert lab.post(draft, data=token, files=added).status_code == 303
+    page = lab.get(draft).text
+    assert "The protocol is valid" in page
+    assert "minutes: 13" in page
+    for told in ("Counterbalancing", "Analysis plan", "none declared"):
+        assert told in page
+
+
+def test_a_study_begins_with_a_pilot_phase_unless_that_is_unticked(lab, lab_services):
+    for pilot in (True, False):
+        draft = draft_of(lab, source="shipped:quick_preference_study")
+        assert 'name="pilot" value="1" checked' in lab.get(draft).text
+        ticked = {"pilot": "1"} if pilot else {}
+        opened = lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": f"Pilot {pilot}", **ticked})
+        with lab_services.database.session() as s:
+            study = s.scalars(select(Study).where(Study.name == f"Pilot {pilot}")).one()
+        assert study.pilot == pilot
+        words = "You become a pilot participant" if pilot else "exclude yourself afterwards"
+        assert words in lab.get(opened.headers["location"]).text
 
 
 # ---- people ----

@@ -110,3 +110,19 @@ def test_pages_are_accessible_and_fit(chromium, address, walked: Walked, scheme)
         assert not found, (path, [(one["id"], one["nodes"][0]["html"]) for one in found])
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), path
     page.context.close()
+
+
+def test_no_page_is_wider_than_a_phone(chromium, address, walked: Walked):
+    page = signed_in_page(chromium, address)
+    page.set_viewport_size({"width": 390, "height": 844})
+    here = f"{address}/lab/studies/{walked.id}"
+    for shown in (
+        f"{address}/lab/studies",
+        f"{address}/lab/new",
+        f"{address}/lab/settings",
+        f"{address}/lab/jobs/new/align",
+        *(f"{here}/{tab}" for tab in ("now", "people", "protocol", "recruit", "data", "report", "answers", "payments")),
+        f"{here}/people/{walked.finished}",
+    ):
+        page.goto(shown)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390, shown

@@ -123,6 +123,7 @@ def test_1_experimenter_opens_a_study(installation: Installation, open_page: Cal
     page.get_by_role("button", name="Check again").click()
     page.locator("input[name=name]").fill(STUDY)
     screenshots(page, "experimenter_check")
+    page.get_by_label("Start with a pilot phase").uncheck()
     page.get_by_role("button", name="Open the study").click()
     page.wait_for_url(re.compile(r"/lab/studies/[0-9a-f]{32}"))
     study = re.search(r"/lab/studies/([0-9a-f]{32})", page.url)

@@ -50,6 +50,14 @@ class Draft:
         """Replace the protocol. Raises DraftError if it is empty or too large."""
         self.file.write_text(_checked("protocol.yaml", yaml.replace("\r\n", "\n")), encoding="utf-8")
 
+    def add(self, texts: Mapping[str, bytes]) -> None:
+        """Add texts (`.md`) and questionnaires (`.yaml`), or replace those of the same name. Raises DraftError."""
+        if len(texts) > MOST_FILES:
+            raise DraftError("too_many_files", most=MOST_FILES)
+        decoded = {_file_name(name): _decoded(name, content) for name, content in texts.items()}
+        for name, text in decoded.items():
+            (self.folder / FOLDERS[Path(name).suffix] / name).write_text(text, encoding="utf-8")
+
     def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
         """The checked protocol. query_sets: what it may name by id. Raises ProtocolError with every problem."""
         return freeze_text(self.yaml, file=self.file.name, folder=self.folder, query_sets=query_sets)

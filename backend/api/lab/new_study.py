@@ -75,6 +75,12 @@ def make_draft(
     return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
 
 
+def keep_edits(draft: Draft, yaml: str, texts: list[UploadFile] | None) -> None:
+    """Raises DraftError before anything is kept that cannot be."""
+    draft.add({one.filename: read_upload(one) for one in texts or [] if one.filename})
+    draft.save(yaml)
+
+
 def read_upload(file: UploadFile) -> bytes:
     content = file.file.read(drafts.LARGEST_FILE + 1)
     if len(content) > drafts.LARGEST_FILE:
@@ -95,17 +101,30 @@ def check(request: Request, draft: TheDraft) -> Response:
 
 
 @router.post("/{draft_id}")
-def save(request: Request, draft: TheDraft, user: CheckedCsrf, yaml: Annotated[str, Form()] = "") -> Response:
-    """Keep the edited YAML and check it again."""
+def save(
+    request: Request,
+    draft: TheDraft,
+    user: CheckedCsrf,
+    yaml: Annotated[str, Form()] = "",
+    texts: Annotated[list[UploadFile] | None, File()] = None,
+) -> Response:
+    """Keep the edited YAML and what was uploaded with it, and check again. What cannot be kept stays in the form."""
     try:
-        draft.save(yaml)
+        keep_edits(draft, yaml, texts)
     except DraftError as problem:
-        return _check_page(request, draft, status=422, problem=problem)
+        return _check_page(request, draft, status=422, problem=problem, edited=yaml)
     return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
 
 
 def _check_page(
-    request: Request, draft: Draft, *, status: int = 200, problem: DraftError | None = None, name: str | None = None
+    request: Request,
+    draft: Draft,
+    *,
+    status: int = 200,
+    problem: DraftError | None = None,
+    name: str | None = None,
+    edited: str | None = None,
+    pilot: bool = True,
 ) -> Response:
     """The second and third step on one page: what is wrong, or what the study will be and the button that opens it."""
     frozen, problems = None, []
@@ -127,6 +146,8 @@ def _check_page(
         wrong_lines={one.line for one in problems if one.file == draft.file.name},
         problem=problem,
         veiled=None,
+        edited=edited,
+        pilot=pilot,
         name=name if name is not None else (frozen.title(lab_language(request)) if frozen else ""),
     )
 
@@ -139,8 +160,10 @@ def open_study(
     files: Files,
     user: CheckedCsrf,
     name: Annotated[str, Form()] = "",
+    pilot: Annotated[bool, Form()] = False,
 ) -> Response:
-    """Make the study: it keeps its own copy of the protocol, so later changes of files do not reach it."""
+    """Make the study: it keeps its own copy of the protocol, so later changes of files do not reach it. `pilot`: it
+    begins with a pilot phase."""
     name = " ".join(name.split())[:LONGEST_NAME]
     try:
         with database.session() as s:
@@ -148,13 +171,17 @@ def open_study(
         if not name:
             raise DraftError("no_name")
         with database.transaction() as s:
-            study_id = create_study(s, files, frozen, name=name, created_by=user.id).id
+            study = create_study(s, files, frozen, name=name, created_by=user.id)
+            study.pilot = pilot
+            study_id = study.id
     except StudyError as refused:
-        return _check_page(request, draft, status=422, problem=DraftError("study", problem=refused), name=name)
+        return _check_page(
+            request, draft, status=422, problem=DraftError("study", problem=refused), name=name, pilot=pilot
+        )
     except ProtocolError:
         return _check_page(request, draft, status=422)
     except DraftError as problem:
-        return _check_page(request, draft, status=422, problem=problem, name=name)
+        return _check_page(request, draft, status=422, problem=problem, name=name, pilot=pilot)
     draft.discard()
-    audit_details(request, study_id=study_id)
+    audit_details(request, study_id=study_id, pilot=pilot)
     return RedirectResponse(f"/lab/studies/{study_id}/recruit?done=study_created", status_code=303)

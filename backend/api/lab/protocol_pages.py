@@ -17,7 +17,7 @@ from backend.api.core.dependencies import Db, Files, TheServices
 from backend.api.core.roles import Right
 from backend.api.lab import drafts
 from backend.api.lab.drafts import Draft, DraftError
-from backend.api.lab.new_study import TheDraft, read_upload, uploaded_text
+from backend.api.lab.new_study import TheDraft, keep_edits, read_upload, uploaded_text
 from backend.api.lab.preview import first_steps
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.payment_codes import REMOVED, is_payment_code, yaml_without
@@ -129,18 +129,29 @@ def check_change(request: Request, study_id: str, draft: TheDraft, database: Db)
 
 @router.post("/lab/studies/{study_id}/revise/{draft_id}")
 def save_change(
-    request: Request, study_id: str, draft: TheDraft, database: Db, yaml: Annotated[str, Form()] = ""
+    request: Request,
+    study_id: str,
+    draft: TheDraft,
+    database: Db,
+    yaml: Annotated[str, Form()] = "",
+    texts: Annotated[list[UploadFile] | None, File()] = None,
 ) -> Response:
-    """Keep the edited YAML and check it again."""
+    """Keep the edited YAML and what was uploaded with it, and check again. What cannot be kept stays in the form."""
     try:
-        draft.save(yaml)
+        keep_edits(draft, yaml, texts)
     except DraftError as problem:
-        return _check_page(request, study_id, draft, database, problem=problem)
+        return _check_page(request, study_id, draft, database, problem=problem, edited=yaml)
     return RedirectResponse(f"/lab/studies/{study_id}/revise/{draft.id}", status_code=303)
 
 
 def _check_page(
-    request: Request, study_id: str, draft: Draft, database: Db, *, problem: DraftError | None = None
+    request: Request,
+    study_id: str,
+    draft: Draft,
+    database: Db,
+    *,
+    problem: DraftError | None = None,
+    edited: str | None = None,
 ) -> Response:
     """What is wrong; or what changes, what that means for the data, and the button that makes the version."""
     shown: dict[str, Any] = {"frozen": None, "problems": [], "changes": [], "refusal": None}
@@ -170,6 +181,7 @@ def _check_page(
             problem=problem,
             wrong_lines=lines,
             veiled=None,
+            edited=edited,
             **shown,
         )
 

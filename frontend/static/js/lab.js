@@ -18,6 +18,18 @@ export function localTimes(root) {
   }
 }
 
+/** A form with data-unsaved asks before the page is left with edits that were not sent. */
+function unsavedForms() {
+  for (const form of document.querySelectorAll("form[data-unsaved]")) {
+    let edited = false;
+    form.addEventListener("input", () => (edited = true));
+    form.addEventListener("submit", () => (edited = false));
+    window.addEventListener("beforeunload", (event) => {
+      if (edited) event.preventDefault();
+    });
+  }
+}
+
 /** Say below the page which time zone its times are in. */
 function timeZone() {
   for (const note of document.querySelectorAll("[data-time-zone]")) {
@@ -129,6 +141,7 @@ function waitingForms() {
 
 localTimes(document);
 timeZone();
+unsavedForms();
 copyButtons();
 dialogs();
 typedConfirmations();
