@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from importlib.metadata import version as version_of
+from typing import Annotated
+
 import typer
 
 from backend.commands import benchmark, data, jobs, plots, report, reproduce, science, serve, study, study_protocols
@@ -12,6 +15,23 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+
+def _told_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"desirepath {version_of('desirepath')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", help="Say which version this is.", callback=_told_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Human-in-the-loop platform for personalised robot navigation."""
+
+
 serve.register(app)
 data.register(app)
 science.register(app)

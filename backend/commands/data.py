@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -38,7 +38,15 @@ def export(
     written = export_study(database, files, study, out, pilots=pilots, open_data=open_data)
     with database.transaction() as s:
         record(s, "study_exported", by=COMMAND_LINE, study_id=study, pilots=pilots, open_data=open_data)
-    say(dict(written), as_json)
+    say(dict(written) if as_json else _summary(written["study"], written["files"], out), as_json)
+
+
+def _summary(study: str, files: list[dict[str, Any]], out: Path) -> dict[str, Any]:
+    """What a person wants to know of an export; every file with its hash is in `--json` and in the folder."""
+    tables = [
+        {"table": Path(one["path"]).stem, "rows": one["rows"]} for one in files if one["path"].endswith(".parquet")
+    ]
+    return {"study": study, "folder": str(out), "files": len(files), "tables": tables}
 
 
 @plain_errors

@@ -12,6 +12,9 @@ from backend.commands.science import parsed_settings, run_job
 from backend.commands.study import open_store
 from backend.store.models import Job
 
+JOB_KINDS = (  # as backend/jobs/kinds.py has them; not imported, so that --help is quick
+    *("align", "reward_model", "compare", "evaluate", "train_base", "ensemble", "queries", "train_demonstrations"),
+)
 commands = typer.Typer(help="Background jobs.", no_args_is_help=True)
 
 
@@ -29,7 +32,7 @@ def _row(job: Job) -> dict[str, Any]:
 @commands.command()
 @plain_errors
 def start(
-    kind: Annotated[str, typer.Argument(help="align, reward_model, compare, evaluate, train_base, ensemble, queries.")],
+    kind: Annotated[str, typer.Argument(help=f"One of {', '.join(JOB_KINDS)}.")],
     settings: Annotated[list[str] | None, typer.Option("--set", help="A parameter of the job, as name=value.")] = None,
     as_json: JsonFlag = False,
 ) -> None:

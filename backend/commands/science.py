@@ -272,7 +272,8 @@ def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) 
 def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[str, Any]]]]:
     """Runs jobs, one after another: yields a function from kind and parameters to the job's id and result, which raises
     RuntimeError if it does not succeed. Brings a worker along, one for all of them, if nobody else takes them up."""
-    from backend.jobs.kinds import get_kind
+    from backend.jobs.kept_artefacts import find_artefact
+    from backend.jobs.kinds import get_kind, named_artefacts
     from backend.store.outbox import enqueue_job
     from backend.store.shipped import register_shipped
 
@@ -284,6 +285,8 @@ def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[s
     def finished(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         parsed = get_kind(kind).parse(params)
         with database.transaction() as s:
+            for reference, wanted in named_artefacts(parsed):
+                find_artefact(s, reference, wanted)  # what is not there is said now, not by a job that fails
             job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by=COMMAND_LINE).id
         state, result, error = _wait(database, job, own_worker)
         if state != "succeeded":

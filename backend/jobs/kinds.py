@@ -347,6 +347,18 @@ KINDS = {
 }
 
 
+def named_artefacts(params: Params) -> list[tuple[str, str]]:
+    """(reference, kind of artefact) of every artefact that a job's parameters name."""
+    named = []
+    for name, field in type(params).model_fields.items():
+        extra = field.json_schema_extra
+        wanted = extra.get("artefact") if isinstance(extra, dict) else None
+        given = getattr(params, name)
+        if isinstance(wanted, str) and given:
+            named += [(str(one), wanted) for one in (given if isinstance(given, list | tuple) else [given])]
+    return named
+
+
 def get_kind(name: str) -> Kind:
     """The kind of that name. Raises JobParamsError listing the known ones."""
     try:

@@ -53,7 +53,7 @@ def test_experimenter_makes_a_study_corrects_a_mistake_and_gets_the_link(chromiu
     right = yaml.input_value()
     yaml.fill(right.replace("top_down", "from_above"))
     page.get_by_role("button", name="Save and check again").click()
-    expect(page.get_by_role("alert")).to_contain_text("1 thing must be put right")
+    expect(page.get_by_role("alert")).to_contain_text("Fix 1 error first")
     expect(page.locator(".problems")).to_contain_text("stages[4].block.view")
     yaml.fill(right)
     page.get_by_role("button", name="Save and check again").click()

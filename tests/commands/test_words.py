@@ -1,0 +1,55 @@
+"""What the command line says: its version, every kind of job, an export in a few lines, what is unknown at once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from backend.cli import app
+from backend.commands.jobs import JOB_KINDS
+from backend.jobs.kinds import KINDS
+from backend.settings import get_settings
+
+RUN = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def own_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.setenv("DESIREPATH_DATA", str(tmp_path / "data"))
+    get_settings.cache_clear()
+    yield
+    get_settings.cache_clear()
+
+
+def test_the_version_is_said():
+    told = RUN.invoke(app, ["--version"])
+    assert told.exit_code == 0
+    assert re.fullmatch(r"desirepath \d+\.\d+.*\n", told.stdout)
+
+
+def test_every_kind_of_job_is_named():
+    assert set(JOB_KINDS) == set(KINDS)
+    told = RUN.invoke(app, ["jobs", "start", "--help"], env={"COLUMNS": "200"})
+    assert all(kind in told.stdout for kind in KINDS)
+
+
+def test_an_unknown_policy_is_refused_before_a_job_is_made():
+    told = RUN.invoke(app, ["jobs", "start", "evaluate", "--set", "policy=nonsense"])
+    assert told.exit_code == 1
+    assert "nonsense" in told.stderr
+    assert RUN.invoke(app, ["jobs", "list", "--json"]).stdout == '{"jobs": []}\n'
+
+
+def test_an_export_is_told_in_a_few_lines(tmp_path: Path):
+    protocol = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
+    made = RUN.invoke(app, ["study", "create", str(protocol), "--json"])
+    study = re.search(r'"study": "([0-9a-f]+)"', made.stdout)[1]
+    told = RUN.invoke(app, ["export", study, "--out", str(tmp_path / "out")])
+    assert told.exit_code == 0, told.stderr
+    assert "participants" in told.stdout
+    assert not re.search(r"[0-9a-f]{64}", told.stdout), "hashes are in the folder, not on the screen"
+    assert len(told.stdout.splitlines()) < 40
