@@ -278,8 +278,9 @@ def _answers(s: DatabaseSession, tree: Lineage) -> list[tuple[str, int]]:
 
 
 def _held_out(artefact: Artefact) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = artefact.card.get("results", {}).get("held_out", [])
-    return rows
+    """One row per participant; an alignment's card holds one for all of them."""
+    rows: list[dict[str, Any]] | dict[str, Any] = artefact.card.get("results", {}).get("held_out") or []
+    return [{"participant": "–", **rows}] if isinstance(rows, dict) else rows
 
 
 def _held_out_figure(request: Request, artefact: Artefact) -> Markup | None:

@@ -31,7 +31,7 @@ from backend.jobs.kept_artefacts import command_of, find_artefact
 from backend.jobs.kinds import KINDS, JobParamsError, Kind, Params, get_kind
 from backend.jobs.process import FINAL_STATES, read_log
 from backend.store.artefacts import ArtefactError
-from backend.store.models import Artefact, Job, JobMetric, Study, utc_now
+from backend.store.models import Artefact, Job, JobMetric, Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job, enqueue_job
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
@@ -48,6 +48,30 @@ class JobLine:
     job: Job
     study: Study | None
     seconds: float | None
+    participant: str | None = None
+
+    @property
+    def recipe(self) -> str | None:
+        """Of an alignment: which algorithm."""
+        given = self.job.params.get("recipe")
+        return str(given) if given else None
+
+    @property
+    def headline(self) -> tuple[str, float] | None:
+        """The number that a reader looks for first: (what, share)."""
+        result: Mapping[str, Any] = self.job.result or {}
+        held = result.get("held_out")
+        if isinstance(held, Mapping) and "accuracy" in held:
+            return "held_out", held["accuracy"]
+        for what, value in (
+            ("gate", (result.get("gate") or {}).get("success_rate")),
+            ("success", (result.get("measured") or {}).get("success_rate")),
+            ("success", result.get("success_rate")),
+            ("training", result.get("training_accuracy")),
+        ):
+            if isinstance(value, int | float):
+                return what, float(value)
+        return None
 
     @property
     def unfinished(self) -> bool:
@@ -66,14 +90,33 @@ class Param:
 
 
 @router.get("/lab/jobs")
-def jobs(request: Request, database: Db, state: str = "", kind: str = "", study: str = "", page: int = 1) -> Response:
-    where = {name: value for name, value in (("state", state), ("kind", kind), ("study", study)) if value}
+def jobs(
+    request: Request,
+    database: Db,
+    state: str = "",
+    kind: str = "",
+    study: str = "",
+    participant: str = "",
+    sort: str = "",
+    page: int = 1,
+) -> Response:
+    """`participant`: a code; `sort`: kind, state or created, with `-` the other way round; else newest first."""
+    given = {"state": state, "kind": kind, "study": study, "participant": participant.strip(), "sort": sort}
+    where = {name: value for name, value in given.items() if value}
     chosen = select(Job)
+    columns = {"state": Job.state, "kind": Job.kind, "study": Job.study_id}
     for name, value in where.items():
-        column = {"state": Job.state, "kind": Job.kind, "study": Job.study_id}[name]
-        chosen = chosen.where(column == value)
+        if name in columns:
+            chosen = chosen.where(columns[name] == value)
+    if "participant" in where:
+        whose = select(Session.id).join(Participant).where(Participant.code == where["participant"])
+        chosen = chosen.where(Job.session_id.in_(whose))
+    by = {"kind": Job.kind, "state": Job.state, "created": Job.created_at}.get(sort.removeprefix("-"))
+    order = (
+        [Job.created_at.desc()] if by is None else [by.desc() if sort.startswith("-") else by, Job.created_at.desc()]
+    )
     with database.session() as s:
-        listed = found_page(s, chosen.order_by(Job.created_at.desc()), page, ROWS_PER_PAGE)
+        listed = found_page(s, chosen.order_by(*order), page, ROWS_PER_PAGE)
         lines = [_line(s, job) for (job,) in listed.rows]
         used_kinds = sorted(s.scalars(select(Job.kind).distinct()))
     template = "analyst/jobs_part.html" if request.headers.get("X-Fragment") else "analyst/jobs.html"
@@ -252,7 +295,9 @@ def _job(s: DatabaseSession, job_id: str) -> Job:
 def _line(s: DatabaseSession, job: Job) -> JobLine:
     end: datetime | None = job.finished_at or (utc_now() if job.state in ("running", "cancelling") else None)
     seconds = (end - job.started_at).total_seconds() if job.started_at and end else None
-    return JobLine(job, s.get(Study, job.study_id) if job.study_id else None, seconds)
+    of_session = select(Participant.code).join(Session).where(Session.id == job.session_id)
+    code = s.scalars(of_session).first() if job.session_id else None
+    return JobLine(job, s.get(Study, job.study_id) if job.study_id else None, seconds, code)
 
 
 def _form(

@@ -1,0 +1,33 @@
+"""The list of jobs says whose, what and how good."""
+
+from __future__ import annotations
+
+import re
+
+from sqlalchemy import select
+
+from backend.store.models import Job, Session, utc_now
+
+
+def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_services, walked):
+    with lab_services.database.transaction() as s:
+        session = s.scalars(select(Session).where(Session.state == "completed")).first()
+        for number, recipe in enumerate(("instant", "thesis")):
+            s.add(
+                Job(
+                    kind="align", state="succeeded", params={"recipe": recipe}, study_id=walked.id,
+                    session_id=session.id if number == 0 else None, started_at=utc_now(), finished_at=utc_now(),
+                    result={"gate": {"success_rate": 0.93 + number / 100}},
+                )
+            )  # fmt: skip
+    page = lab.get("/lab/jobs").text
+    assert "instant</span>" in page
+    assert "thesis</span>" in page
+    assert re.search(r"93\s?%", page)
+    assert "success at the gate" in page
+    mine = lab.get(f"/lab/jobs?participant={walked.finished}&kind=align").text
+    assert f"/people/{walked.finished}" in mine
+    assert "thesis</span>" not in mine
+    assert "No job matches" in lab.get("/lab/jobs?participant=nobody").text
+    states = re.findall(r'class="tag[^"]*">(succeeded|queued|failed|cancelled)', lab.get("/lab/jobs?sort=-state").text)
+    assert states == sorted(states, reverse=True)
