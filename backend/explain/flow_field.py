@@ -1,7 +1,7 @@
 """The flow field of a policy in one scene (spec 06, thesis 6.4.6): where it would head, and drive, from everywhere.
 
 Here live the grid, the settled headings, the roll-outs from every cell and the difference of two fields, as numbers.
-Pictures of them are drawn in `drawing.py`. A policy is anything that acts on observations.
+Pictures of them are drawn in `scene_plots.py`. A policy is anything that acts on observations.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A flow field as files: the figure as PNG and SVG, its numbers as CSV, and what they amount to.
 
 Made alike for the command line and the analysts' pages. The numbers come from `flow_field.py`, the pictures from
-`drawing.py`.
+`scene_plots.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The texts in the figures of `drawing.py`, in English; whoever draws for other people gives others."""
+"""The texts in the figures of `scene_plots.py`, in English; whoever draws for other people gives others."""
 
 from __future__ import annotations
 

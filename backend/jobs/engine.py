@@ -1,4 +1,4 @@
-"""The durable queue behind jobs, and the only place that knows DBOS. What a job does lives in `kinds.py`.
+"""The durable queue behind jobs, and the only place that knows DBOS. What a job does lives in `runners.py`.
 
 One workflow per job, its id the job's id, so that nothing starts twice or never. A worker that is killed leaves its
 workflow pending; the next one under the same executor id takes up the interrupted step and none before it.

@@ -1,6 +1,6 @@
 """The background worker: hands rows of the job table to the engine, and looks after jobs whose worker is gone.
 
-What one job does lives in `kinds.py`, how its process is watched in `process.py`.
+What one job does lives in `runners.py`, how its process is watched in `process.py`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """People made up with stated effects: what they rate, rank and how steadily they choose. Simulated, and marked as such.
 
-The same made-up people walk through the state machine (`study/in_process.py`, `study/bots.py`) and, by themselves,
-make whole data sets here, so that what a report must find is known. Their answers depend only on seed, number and what
-is asked, not on the order of asking.
+The same made-up people walk through the state machine (`study/simulated/in_process.py`,
+`study/simulated/participant.py`) and, by themselves, make whole data sets here, so that what a report must find is
+known. Their answers depend only on seed, number and what is asked, not on the order of asking.
 """
 
 from __future__ import annotations

@@ -37,9 +37,9 @@ MODELS = {
 
 @dataclass(frozen=True)
 class PolicyRow:
-    """One policy. measured: of an evaluate job (`learning.evaluate.describe_table`). model, answers, accuracy, held_out
-    (`learning.holding_out.Predicted` as a dict): of the reward model that it was aligned with; None for the base
-    policy."""
+    """One policy. measured: of an evaluate job (`learning.policies.evaluate.describe_table`). model, answers,
+    accuracy, held_out (`learning.rewards.held_out.Predicted` as a dict): of the reward model that it was aligned with;
+    None for the base policy."""
 
     name: str
     policy: str

@@ -1,6 +1,6 @@
 """Makes the policies that come with the product known to the database, with their cards and lineage.
 
-Finding and checking the shipped files lives in `learning/shipped.py`.
+Finding and checking the shipped files lives in `learning/policies/shipped.py`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.store.models import Event, Participant, RecruitingId, Session, Study
-from backend.study.protocol.freezing import freeze_text
+from backend.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
 from backend.study.studies import create_study
 from tests.api.participant_services import logged, to_first_trial
 
@@ -96,3 +96,24 @@ def test_opening_the_recruiting_link_again_in_the_same_browser_goes_on(client, s
         s.scalars(select(Study).where(Study.recruiting_token == link)).one().state = "closed"
     assert client.get(f"/join/{link}").headers["location"] == own, "closed is for those who have not begun"
     assert elsewhere.get(f"/join/{link}").status_code == 403
+
+
+def test_the_first_words_are_the_protocols(client, services, tmp_path):
+    """Whoever is to draw, or to rate, does not read that they will say which drives they prefer."""
+    told = {}
+    for name in ("quick_preference_study", "quick_demonstration_study"):
+        with services.database.transaction() as s:
+            study = create_study(s, services.files, freeze(PROTOCOLS / f"{name}.yaml"), name=name, created_by=None)
+            link = study.recruiting_token
+        told[name] = client.get(f"/join/{link}").text
+    assert "say which ones you prefer" in told["quick_preference_study"]
+    assert "draw on the floor of a room" in told["quick_demonstration_study"]
+    assert "prefer" not in told["quick_demonstration_study"]
+    own = (PROTOCOLS / "quick_preference_study.yaml").read_text()
+    own = own.replace(
+        "languages: [en, de]", "languages: [en, de]\nwelcome: {en: Help a robot learn., de: Bringen Sie es ihm bei.}"
+    )
+    with services.database.transaction() as s:
+        study = create_study(s, services.files, freeze_text(own), name="own", created_by=None)
+        link = study.recruiting_token
+    assert "Help a robot learn." in client.get(f"/join/{link}?lang=en").text

@@ -156,7 +156,9 @@ def example_application() -> FastAPI:
     def join(request: Request, language: str = "en") -> Response:
         context = {"languages": ["en", "de"], "recruiting": {"PROLIFIC_PID": "p1"}, "action": "/join"}
         context["device"] = GATE | {name: float(rate) for name, rate in request.query_params.items() if name in GATE}
-        return page(request, "participant/join.html", language, study_title=TITLE, join_url="/join", **context)
+        return page(
+            request, "participant/join.html", language, study_title=TITLE, join_url="/join", asked=["block"], **context
+        )
 
     @application.get("/device")
     def device(request: Request, language: str = "en") -> Response:

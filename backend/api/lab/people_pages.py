@@ -1,4 +1,4 @@
-"""One participant's page and what may be done there: notes, exclusion, erasure. The list is `experimenter.py`'s."""
+"""One participant's page and what may be done there: notes, exclusion, erasure. The list is `study_pages.py`'s."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Going on in a browser that a session has not been in: its device is looked at first, as at joining.
 
-What a device must have is `study/devices.py`'s; the first check, before anything is stored, is the welcome page's
-(`recruiting.py`).
+What a device must have is `study/session/devices.py`'s; the first check, before anything is stored, is the welcome
+page's (`recruiting.py`).
 """
 
 from __future__ import annotations

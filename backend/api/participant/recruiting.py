@@ -24,8 +24,10 @@ from backend.api.participant.replies import Joined
 from backend.api.participant.requests import too_many
 from backend.api.participant.sent import Joining
 from backend.store.models import Participant, RecruitingId, Session, Study, utc_now
+from backend.study.grammar.texts import local
 from backend.study.links import as_issued, token_hash
 from backend.study.protocol.schema import DeviceGate
+from backend.study.protocol.stages import STAGES
 from backend.study.refusals import Refused
 from backend.study.session.joining import check_open, join_study
 from backend.study.session.versions import newest_protocol
@@ -73,6 +75,8 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         "participant/join.html",
         language=language,
         study_title=frozen.title(language),
+        welcome=local(frozen.protocol.welcome, language) if frozen.protocol.welcome else None,
+        asked=[kind for kind in dict.fromkeys(one.kind for one in frozen.protocol.stages) if STAGES[kind].teaches],
         languages=languages,
         recruiting={name: request.query_params[name] for name in PLATFORM_FIELDS if request.query_params.get(name)},
         contact=frozen.protocol.contact or contact(request),

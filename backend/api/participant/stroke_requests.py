@@ -1,6 +1,6 @@
 """The API of drawing: a stroke comes in, its rollout is shown, seen, interrupted or taken back.
 
-Keeping a path is the step's answer, `session_pages.py`'s. What a stroke may be is `study/session/strokes.py`'s,
+Keeping a path is the step's answer, `session_pages.py`'s. What a stroke may be is `study/drawing/strokes.py`'s,
 what the stage shows `drawing_sheet.py`'s.
 """
 

@@ -1,6 +1,6 @@
 """How far 15 answers of each oracle move the instant policy, over query seeds and pre-trainings: one table.
 
-One alignment at a time, with its clock, is measured in `benchmark_align.py`; what an oracle is lives in `oracles.py`.
+One alignment at a time, with its clock, is measured in `alignment.py`; what an oracle is lives in `oracles.py`.
 Everything here is simulated and says so.
 """
 
@@ -87,9 +87,9 @@ def benchmark_preferences(
     "setup", "config", "scenes", "base", "neutral" (per pre-training), "rows", "summary"}. A row holds the oracle, what
     the policy was conditioned on, `dominant_found` (its foremost objective has the largest weight; null outside the
     vocabulary), rates, and for each objective that the oracle has weights for `moved`: share of the way, gains against
-    base and neutral with intervals (`Movement.moved`). `preferred`: share of the scenes in which both arrive where the
-    oracle itself would rather have the conditioned policy's rollout than the base policy's, a tie half, with its Wilson
-    interval (rounded down to whole scenes). Raises LearningError for unknown oracles or no query seeds.
+    base and neutral with intervals (`Steerability.moved`). `preferred`: share of the scenes in which both arrive where
+    the oracle itself would rather have the conditioned policy's rollout than the base policy's, a tie half, with its
+    Wilson interval (rounded down to whole scenes). Raises LearningError for unknown oracles or no query seeds.
     """
     config = config or PreferencesConfig()
     unknown = [name for name in config.oracles if name not in ORACLE_PREFERENCES]

@@ -1,7 +1,7 @@
 """How often ten Friedman tests find something where nothing differs, from more cohorts than the whole analysis bears.
 
 Only ratings, made and tested all at once; people are those of `made_up_cohorts.py`. Everything else that null cohorts
-are asked is `simulated_power.py`'s, which goes through the real analysis.
+are asked is `null_cohorts.py`'s, which goes through the real analysis.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Finding shipped artefacts by name (`study_room/base`, `open_field/ensemble/0`, `study_room/queries_200`) or path.
 
-Making them lives in `ship.py`, what their cards say in `artefacts.py`.
+Making them lives in `experiments/ship.py`, what their cards say in `cards.py`.
 """
 
 from __future__ import annotations

@@ -360,7 +360,7 @@ def train_conditioned(
     """Train from the base policy, then keep the checkpoint (averaged weights) that scores best on the selection scenes.
 
     The score rewards movement in the wanted directions and punishes failures and self-intersections
-    (`Movement.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
+    (`Steerability.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
     """
     training = ConditionedTraining(base, config)
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)

@@ -308,7 +308,7 @@ def _items_without_free_text(s: Session, study: Study) -> set[str]:
     typed: set[str] = set()
     versions = s.scalars(select(ProtocolVersion.files).where(ProtocolVersion.study_id == study.id))
     for name, content in (file for files in (study.files, *versions) for file in files.items()):
-        if name.startswith("scales/"):  # a validated scale's items, see study/reading.py
+        if name.startswith("scales/"):  # a validated scale's items, see study/protocol/reading.py
             chosen |= {item["key"] for item in frozen_items(content)}
         elif name.startswith("questionnaires/"):
             for item in (item for block in yaml.safe_load(content)["blocks"] for item in block.get("items", [])):

@@ -13,7 +13,7 @@ from backend.store.models.base import Base, new_id, utc_now
 
 class User(Base):
     """Somebody who signs in. Participants never do. `role`: owner, experimenter, analyst or viewer; what each may do
-    stands in `api/roles.py`."""
+    stands in `api/core/roles.py`."""
 
     __tablename__ = "user"
     id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)

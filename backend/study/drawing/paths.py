@@ -1,6 +1,6 @@
 """What was drawn at a step of kind `demonstration`, as it is read: the newest stroke, what was kept, what is shown now.
 
-Nothing changes here; how a stroke comes in and what becomes of it is `drawing.py`'s.
+Nothing changes here; how a stroke comes in and what becomes of it is `strokes.py`'s.
 """
 
 from __future__ import annotations

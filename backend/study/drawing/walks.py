@@ -1,7 +1,7 @@
 """How the person walks while the robot drives a drawn path: chosen before it, or walked by the participant beside it.
 
 What comes from a page is read here and made into a demonstration, outside any transaction; which stroke it belongs to,
-and what becomes of that, is `drawing.py`'s. The smooth walk itself is `backend.simulation.walks`'s.
+and what becomes of that, is `strokes.py`'s. The smooth walk itself is `backend.simulation.walks`'s.
 """
 
 from __future__ import annotations

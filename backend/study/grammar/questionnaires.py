@@ -78,8 +78,8 @@ class Item(Part):
 class ItemBlock(Part):
     """Items that share a screen, or a validated scale by its name: then its items, verbatim, are what is asked.
 
-    Whoever gives the items themselves beside `scale` must give them word by word (`protocol.py` compares hashes).
-    when: the screen is shown only where it fits; every item of it then carries the condition, before its own.
+    Whoever gives the items themselves beside `scale` must give them word by word (`protocol/reading.py` compares
+    hashes). when: the screen is shown only where it fits; every item of it then carries the condition, before its own.
     """
 
     when: ItemWhen | None = None

@@ -1,6 +1,6 @@
 """Skip logic on answers: what `when` may say, whether an answer fits, which items of a questionnaire are asked.
 
-Whose answers these are is `routing.py`'s; the page decides the same way while it is filled in (`questions.js`).
+Whose answers these are is `kinds/base.py`'s; the page decides the same way while it is filled in (`questions.js`).
 """
 
 from __future__ import annotations

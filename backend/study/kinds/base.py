@@ -155,8 +155,9 @@ class Step(BaseModel):
     """Base of a step in a participant's plan. key: unique in the plan; stage: the stage's; block: the condition's name.
 
     `when`: not everybody meets it. `then`: what its answer begins. `rates`: its answer's field that is a number and
-    rates what its trial shows; data sets, reports and reward models find ratings by it. Plans are stored as JSON
-    with what was set alone; what older plans say that nobody reads any more is passed over.
+    rates what its trial shows; data sets and reports find ratings by it, reward models those of trials of kind
+    `rating`. Plans are stored as JSON with what was set alone; what older plans say that nobody reads any more is
+    passed over.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)

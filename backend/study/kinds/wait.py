@@ -44,7 +44,7 @@ class TrainStage(Stage):
     on: Literal["own_answers"] = "own_answers"
     recipe: Annotated[Literal["instant", "fine_tuning", "thesis"], BeforeValidator(_recipe_in_new_words)] = "instant"
     meanwhile: Meanwhile | None = Field(None, alias="while")
-    give_up_after_s: int = Field(120, ge=1, le=1800)  # DESIGN.md, sketch of a protocol
+    give_up_after_s: int = Field(120, ge=1, le=1800)  # ours
 
     def plan(self, at: Planning) -> list[Step]:
         steps: list[Step] = []

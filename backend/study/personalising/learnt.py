@@ -1,6 +1,6 @@
 """What a session's answers have taught so far, answer by answer, and how the robot would drive by it now.
 
-For experimenters who watch. What a participant is shown is made by jobs and `personalisation.py`.
+For experimenters who watch. What a participant is shown is made by jobs and `training.py`.
 """
 
 from __future__ import annotations

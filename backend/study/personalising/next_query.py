@@ -1,6 +1,7 @@
 """Which query a trial asks about: the planned one, or the one that teaches most after the answers so far.
 
-What answers say is `learning.posterior`'s, what teaches most `learning.choosing`'s; here both meet the stored rows.
+What answers say is `learning.preferences.posterior`'s, what teaches most `learning.queries.choosing`'s; here both meet
+the stored rows.
 """
 
 from __future__ import annotations

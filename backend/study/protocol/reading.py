@@ -91,6 +91,8 @@ class Reader:
         if len(set(named)) != len(named):
             problems.append(self.source.problem(("languages",), "names a language twice"))
         problems += self.localized(self.protocol.title, ("title",), self.source)
+        if self.protocol.welcome:
+            problems += self.localized(self.protocol.welcome, ("welcome",), self.source)
         if self.protocol.payment:
             problems += self.localized(self.protocol.payment, ("payment",), self.source)
         for index, entry in enumerate(self.protocol.stages):

@@ -70,6 +70,7 @@ class Protocol(Part):
     version: int = Field(ge=1)
     title: Localized
     languages: list[Language] = Field(min_length=1)
+    welcome: Localized | None = Field(None, description="first sentence of the page people join on; default by stages")
     minutes: int = Field(15, ge=1, le=240, description="how long a session takes, as participants are told")
     participants: int | None = Field(None, ge=1, description="how many people are taken in; default as many as come")
     link_valid_days: int = Field(14, ge=1, le=365, description="how long a session can be continued")

@@ -1,4 +1,4 @@
-"""The protocol a session runs on, read. Which row holds it is `rows.py`'s, new versions `protocol/revising.py`'s."""
+"""The protocol a session runs on, read. Which row holds it is `study/rows.py`'s, new versions `study/revising.py`'s."""
 
 from __future__ import annotations
 
