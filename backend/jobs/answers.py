@@ -6,7 +6,6 @@ How a reward model is fitted is `backend.learning.rewards`'; which job wants whi
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
 from typing import Any
 
 from backend.jobs.context import JobContext
@@ -25,7 +24,7 @@ from backend.learning.rewards.storage import reward_model_to_bytes
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Artefact
-from backend.store.snapshots import Answer, Snapshot, load_snapshot
+from backend.store.snapshots import Answer, Snapshot, implied_choices, load_snapshot
 
 
 def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot]:
@@ -51,14 +50,11 @@ def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pr
     found: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
         found.setdefault(answer.participant, []).append(preference(answer))
-    # Whoever rated two trajectories differently prefers one of them: ratings teach as the choices they imply.
-    for one, other in combinations(snapshot.ratings, 2):
-        if one.participant == other.participant and one.rating != other.rating:
-            better, worse = (one, other) if one.rating > other.rating else (other, one)
-            pair = Preference(
-                trajectory(better.trajectory), trajectory(worse.trajectory), better.source, one.participant
-            )
-            found.setdefault(one.participant, []).append(pair)
+    for better, worse in implied_choices(snapshot.ratings):
+        pair = Preference(
+            trajectory(better.trajectory), trajectory(worse.trajectory), better.source, better.participant
+        )
+        found.setdefault(better.participant, []).append(pair)
     return found
 
 

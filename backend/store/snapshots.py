@@ -7,8 +7,10 @@ learned from them lives in `learning`.
 from __future__ import annotations
 
 import json
+import random
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from typing import Any, Literal, cast, get_args
 
 from sqlalchemy import Select, select
@@ -41,6 +43,7 @@ WHOSE_WORDS = {
 }
 # keys of a snapshot's bytes, so they keep their names; `learning` are practice trials
 LEFT_OUT = ("pilot", "learning", "excluded", "withdrawn", "no_consent", "no_choice", "people", "simulated")
+MOST_IMPLIED = 100  # choices that one person's ratings under one condition imply; ours
 LONGEST_NAME = 160  # of an artefact
 
 
@@ -96,9 +99,29 @@ class RatedTrajectory:
     trial: str
     participant: str
     view: str
+    block: str | None
     trajectory: str
     rating: float
     source: str
+
+
+def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTrajectory, RatedTrajectory]]:
+    """(better, worse) of what one person rated differently under one condition: the choices that ratings imply.
+
+    At most `MOST_IMPLIED` per person and condition, drawn with a fixed seed: pairs grow with the square of the ratings.
+    """
+    alike: dict[tuple[str, str, str | None], list[RatedTrajectory]] = {}
+    for one in ratings:
+        alike.setdefault((one.participant, one.view, one.block), []).append(one)
+    found = []
+    for rated in alike.values():
+        pairs = [
+            (one, other) if one.rating > other.rating else (other, one)
+            for one, other in combinations(rated, 2)
+            if one.rating != other.rating and one.trajectory != other.trajectory
+        ]
+        found += pairs if len(pairs) <= MOST_IMPLIED else random.Random(0).sample(pairs, MOST_IMPLIED)
+    return found
 
 
 @dataclass(frozen=True)
@@ -264,7 +287,7 @@ def _freeze(
         setups[f"answer {response.id}"] = setup
         source = "simulated" if participant.simulated else "human"
         if trial.kind == "rating":
-            about = (response.id, trial.id, participant.code, trial.view, trial.trajectory_a)
+            about = (response.id, trial.id, participant.code, trial.view, trial.block, trial.trajectory_a)
             ratings.append(RatedTrajectory(*about, rating=response.value["rating"], source=source))
             continue
         answers.append(
@@ -282,8 +305,9 @@ def _freeze(
             )
         )
     usable = [answer for answer in answers if not answer.probe]
-    if len(usable) + len(ratings) < MIN_ANSWERS:
-        raise TooFewAnswers(whose, len(usable) + len(ratings), left_out, len(answers) - len(usable))
+    says = len(usable) + len(implied_choices(ratings))
+    if says < MIN_ANSWERS:
+        raise TooFewAnswers(whose, says, left_out, len(answers) - len(usable))
     snapshot = Snapshot(
         setup=require_same(**setups),
         study=study.id,

@@ -19,7 +19,16 @@ from backend.report.findings import analyse
 from backend.report.tidy_tables import read_folder, read_study
 from backend.store.dataset.writing import export_study
 from backend.store.models import Response, Trial
-from backend.store.snapshots import Snapshot, load_snapshot, take_snapshot
+from backend.store.snapshots import (
+    MOST_IMPLIED,
+    RatedTrajectory,
+    Snapshot,
+    TooFewAnswers,
+    implied_choices,
+    load_snapshot,
+    take_snapshot,
+)
+from backend.study.grammar.source import ProtocolError
 from backend.study.protocol.planning import example_queries, make_plan
 from backend.study.refusals import Refused
 from backend.study.session import machine
@@ -114,3 +123,34 @@ def test_snapshots_of_choices_alone_keep_their_bytes(full_study, database, files
     with database.transaction() as s:
         snapshot = load_snapshot(s, files, take_snapshot(s, files, session_id=walker.session.id).id)
     assert "ratings" not in json.loads(snapshot.to_bytes())
+
+
+def rated(person: str, trajectory: str, rating: float, view: str = "top_down") -> RatedTrajectory:
+    return RatedTrajectory("r", "t", person, view, None, trajectory, rating, "human")
+
+
+def test_ratings_imply_choices_of_one_person_under_one_condition_only():
+    mine, other = rated("P-1", "a", 4), rated("P-1", "b", 2)
+    beside = [rated("P-2", "c", 1), rated("P-1", "a", 1, "first_person"), rated("P-1", "d", 4)]
+    found = implied_choices([mine, other, *beside])
+    assert {(better.trajectory, worse.trajectory) for better, worse in found} == {("a", "b"), ("d", "b")}
+    assert implied_choices([rated("P-1", "a", 4), rated("P-1", "a", 2)]) == []  # the same one twice
+    many = [rated("P-1", f"{k}", k) for k in range(60)]
+    assert len(implied_choices(many)) == MOST_IMPLIED
+    assert implied_choices(many) == implied_choices(many)
+
+
+def test_whoever_rates_all_alike_teaches_nothing_and_is_told_so_at_once(walk, files):
+    walker = walk(RATING)
+    for _ in range(4):
+        watched(walker)
+        walker.submit(walker.view.key, {"rating": 4})
+    with walker.database.transaction() as s, pytest.raises(TooFewAnswers):
+        take_snapshot(s, files, session_id=walker.session.id)
+
+
+def test_a_robot_can_learn_from_ratings_alone_in_the_same_appointment(tmp_path, twenty_queries):
+    train, meet = {"train": {"give_up_after_s": 60}}, {"comparison": {"scenes": 1}}
+    assert small_protocol(tmp_path, [RATING, train, meet], query_set=str(twenty_queries)).training
+    with pytest.raises(ProtocolError, match="stands before any block or rating"):
+        small_protocol(tmp_path, [train, RATING, meet], query_set=str(twenty_queries))

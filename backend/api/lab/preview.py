@@ -177,12 +177,17 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
         back=back,
         here=request.url.path.rsplit("/", 1)[0],
         lab=services_of(request).texts.get(lab_language(request)),
-        stage_token=services_of(request).replays.grant(QueryPreview(*query, view=step.view or "top_down"))
-        if query
-        else None,
-        drives=[round(one.duration_s, 1) for one in query] if query else [0.0, 0.0] if kind_of(step).previewed else [],
+        stage_token=_granted(request, query, step) if query else None,
+        drives=_durations(step, query),
         csrf=request.state.sign_in.csrf,
     )
+
+
+def _durations(step: Step, query: tuple[Trajectory, Trajectory] | None) -> list[float]:
+    """Of what the step shows of the example query, seconds; zeros where there is none, nothing on a page."""
+    kind = kind_of(step)
+    known = [round(one.duration_s, 1) for one in query] if query else [0.0, 0.0]
+    return known[: kind.trajectories] if kind.previewed else []
 
 
 def _granted(request: Request, query: tuple[Trajectory, Trajectory], step: Step) -> str:

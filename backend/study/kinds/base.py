@@ -70,8 +70,8 @@ class Stage(Part):
 
     asks: ClassVar[bool] = False
     """Asks something of the participant, so it stands after the consent."""
-    teaches: ClassVar[bool] = False
-    """Is what a study is made for: a protocol needs one such stage at least."""
+    teaches: ClassVar[Literal["align", "demonstrations"] | None] = None
+    """Which job learns from what is answered there; a protocol needs one such stage at least."""
     once: ClassVar[bool] = False
     """Stands at most once in a protocol."""
     for_everybody: ClassVar[bool] = False

@@ -27,7 +27,7 @@ class DemonstrationsStage(Stage):
     """
 
     asks = True
-    teaches = True
+    teaches = "demonstrations"
     sets_view = True
 
     environment: Literal["corridor", "room"]

@@ -35,7 +35,7 @@ class RatingStage(Crossed, Stage):
     """
 
     asks = True
-    teaches = True
+    teaches = "align"
     sets_view = True
 
     count: int = Field(ge=1, le=100)

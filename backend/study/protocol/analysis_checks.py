@@ -51,7 +51,9 @@ def _conditions(protocol: Protocol) -> set[str]:
     for entry in protocol.stages:
         stage = entry.stage
         if isinstance(stage, Ordered):
-            names |= {one.name or entry.kind for group in range(len(stage.groups)) for one in stage.conditions(group)}
+            alone = entry.kind if isinstance(stage, BlockStage) else ""  # ratings alone are compared with nothing
+            names |= {one.name or alone for group in range(len(stage.groups)) for one in stage.conditions(group)}
+    names.discard("")
     blocks = len(protocol.stages_of(BlockStage))
     return names if len(names) > 1 or blocks > 1 else set()
 

@@ -48,7 +48,7 @@ class BlockStage(Crossed, Stage):
     """
 
     asks: ClassVar[bool] = True
-    teaches: ClassVar[bool] = True
+    teaches = "align"
     sets_view: ClassVar[bool] = True
 
     same_queries: bool = True

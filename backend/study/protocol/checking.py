@@ -69,13 +69,15 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield at(first("evaluation"), "needs a page before it, so that the new appointment begins with words")
     learning = protocol.stage_of(TrainStage)
     if learning is not None:
-        taught_by = "block" if learning.job == "align" else "demonstrations"
-        if first("train") < first(taught_by):
-            told = f"stands before any {taught_by}; there is nothing to learn from yet for job {learning.job}"
+        taught_by = [kind for kind, stage in STAGES.items() if stage.teaches == learning.job]
+        if first("train") < min(map(first, taught_by)):
+            told = (
+                f"stands before any {' or '.join(taught_by)}; there is nothing to learn from yet for job {learning.job}"
+            )
             yield at(first("train"), told)
         own = kinds[: first("train")].count("appointment")
         for index, kind in enumerate(kinds):
-            if kind in (taught_by, "comparison") and kinds[:index].count("appointment") != own:
+            if kind in (*taught_by, "comparison") and kinds[:index].count("appointment") != own:
                 yield at(index, "stands in another appointment than train, which learns from and shows its own only")
         compared = protocol.stage_of(ComparisonStage)
         other = "base" if learning.job == "align" else "dwa"

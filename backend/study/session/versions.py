@@ -10,8 +10,12 @@ from backend.study.rows import newest_number, protocol_row, row_of
 
 
 def protocol_of(s: DatabaseSession, session: Session) -> FrozenProtocol:
-    """The protocol that a session runs on; it never changes under way."""
-    return thaw(row_of(s, session))
+    """The protocol that a session runs on; it never changes under way. Looked up once in a transaction."""
+    known: dict[tuple[str, int], FrozenProtocol] = s.info.setdefault("protocols", {})
+    key = (session.study_id, session.protocol_number)
+    if key not in known:
+        known[key] = thaw(row_of(s, session))
+    return known[key]
 
 
 def newest_protocol(s: DatabaseSession, study: Study) -> tuple[int, FrozenProtocol]:

@@ -100,15 +100,15 @@ def playing(trial: Trial | None) -> Playback | None:
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
     """Where the session stands, with the texts of its language. Changes nothing. now: tells whether it is too soon."""
-    index, total = _progress(s, session)
+    moment = Moment(s, session, protocol_of(s, session), now or utc_now())
+    index, total = _progress(moment)
     if session.state in ("paused", "withdrawn", "expired"):
         return StepView(session.state, session.state, index, total)
     if session.state == "screened_out":
-        payload = ending_payload(protocol_of(s, session), session.language, session.completion_code)
+        payload = ending_payload(moment.frozen, session.language, session.completion_code)
         return StepView("screened_out", "screened_out", index, total, payload)
     if not appointments.is_open(session, now):
         return StepView("too_soon", "too_soon", index, total, window_of(session))
-    moment = Moment(s, session, protocol_of(s, session), now or utc_now())
     step, kind = moment.step, kind_of(moment.step)
     page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to)
     payload = kind.payload(step, page) | kind.payload_now(step, moment)
@@ -126,10 +126,10 @@ def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str |
     return Page(frozen, language).titled(ending.text) | code_and_way_back(completion_code, ending.return_url)
 
 
-def _progress(s: DatabaseSession, session: Session) -> tuple[int, int]:
+def _progress(moment: Moment) -> tuple[int, int]:
     """How many steps of this appointment lie behind, and how many there will be as far as the answers tell."""
-    answered = s.scalar(select(func.count(Response.id)).where(Response.session_id == session.id)) or 0
-    moment = Moment(s, session, protocol_of(s, session), utc_now())
+    session = moment.session
+    answered = moment.s.scalar(select(func.count(Response.id)).where(Response.session_id == session.id)) or 0
     end = appointments.end_of(moment.plan, session.appointment)
     left = [step for step in moment.plan[session.position + 1 : end] if moment.may_come(step)]
     uncounted = session.state == "active" and kind_of(moment.step).goes_on

@@ -136,7 +136,7 @@ class SimulatedParticipant:
         self._style, self._number = character.style, number
         self._participant = client.join(character.told(number))
         self._responses = self._comparisons = 0
-        self._valued: list[float] = []
+        self._valued: dict[str, list[float]] = {}
 
     def walk(self) -> Walk:
         """From the first page to the last."""
@@ -186,10 +186,10 @@ class SimulatedParticipant:
         name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
         if name not in ORACLE_PREFERENCES:
             return float(self.random.random())
-        value = float(ORACLE_PREFERENCES[name].value([trajectory])[0])
-        below = sum(one < value for one in self._valued) + 0.5 * sum(one == value for one in self._valued)
-        self._valued.append(value)
-        return (below + 0.5) / len(self._valued)
+        value, before = float(ORACLE_PREFERENCES[name].value([trajectory])[0]), self._valued.setdefault(name, [])
+        below = sum(one < value for one in before) + 0.5 * sum(one == value for one in before)
+        before.append(value)
+        return (below + 0.5) / len(before)
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """A path in its style, drawn again where it touches something, then kept.

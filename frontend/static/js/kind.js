@@ -4,6 +4,8 @@
  * finds it by the kind's name; no list of kinds stands anywhere. Shapes and the finding; what a kind does is its own.
  */
 
+import { fetchText } from "./send.js";
+
 /** @typedef {import("./stage-bar.js").StageNeeds} StageNeeds */
 
 /**
@@ -42,9 +44,24 @@
  * @property {(page: KindPage) => Mounted | void} mount
  */
 
-/** @param {string} kind @returns {Promise<KindModule>} */
-export function kindModule(kind) {
-  return import(`./kinds/${kind}.js`);
+/** How often a script that came as text but not as a module is asked for before the page is loaded anew. */
+const TRIES = 3;
+
+/**
+ * The module of a kind; lost connections are waited out, as with everything that is asked of the server.
+ * @param {string} kind @returns {Promise<KindModule>}
+ */
+export async function kindModule(kind) {
+  for (let tries = 0; tries < TRIES; tries += 1) {
+    try {
+      // a browser remembers that an import failed, so every further try has an address of its own
+      return await import(`./kinds/${kind}.js${tries ? `?again=${tries}` : ""}`);
+    } catch {
+      await fetchText(`/static/js/kinds/${kind}.js`);
+    }
+  }
+  location.reload();
+  return new Promise(() => {});
 }
 
 /** A page with a form: what `questions.js` readies. @param {KindPage} page */

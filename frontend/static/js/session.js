@@ -105,14 +105,15 @@ async function arrive() {
   const body = /** @type {HTMLElement | null} */ (step.querySelector(".step-body"));
   // The fragment may be newer than the state that made us fetch it.
   if (current.step && body?.dataset.key && body.dataset.key !== current.step.key) current = await ask(api);
-  await mount();
+  if (mine !== arrival || elsewhere) return;
+  await mount(mine);
   if (mine !== arrival || elsewhere) return;
   scrollTo(0, 0);
   if (!trial) /** @type {HTMLElement | null} */ (step.querySelector("h1"))?.focus({ preventScroll: true });
 }
 
-/** Brings the step in `#step` to life; what its kind does is `kinds/KIND.js`'s. */
-async function mount() {
+/** Brings the step in `#step` to life; what its kind does is `kinds/KIND.js`'s. mine: the arrival that it belongs to. */
+async function mount(mine = arrival) {
   announce(""); // what was said about the step before is no news about this one
   trial?.leave();
   trial = null;
@@ -133,7 +134,6 @@ async function mount() {
   const link = /** @type {HTMLElement | null} */ (step.querySelector("[data-own-link]"));
   if (link) link.textContent = `${location.origin}${link.dataset.ownLink || `/p/${data.token}`}`;
 
-  const mine = arrival;
   const module = current.step && !NO_STEP.includes(kind) ? await kindModule(kind) : null;
   if (mine !== arrival || elsewhere) return;
   if (module && current.step) {
