@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -219,11 +218,15 @@ class Moment:
     frozen: FrozenProtocol
     now: datetime
 
-    @cached_property
+    @property
     def plan(self) -> list[Step]:
+        """The participant's plan; it never changes, so it is read once in a transaction."""
         from backend.study.kinds import read_plan  # the kinds are found after this file is read
 
-        return read_plan(self.session.plan)
+        known: dict[str, list[Step]] = self.s.info.setdefault("plans", {})
+        if self.session.id not in known:
+            known[self.session.id] = read_plan(self.session.plan)
+        return known[self.session.id]
 
     @property
     def step(self) -> Step:
@@ -264,6 +267,9 @@ class Moment:
 
     def query_shown(self, step_key: str) -> str | None:
         """The query of a step's trial, None where there is no trial or it is of none."""
+        known: dict[tuple[str, str], Trial] = self.s.info.get("trials", {})  # of `session/view.py`
+        if (self.session.id, step_key) in known:
+            return known[self.session.id, step_key].query_id
         found = select(Trial.query_id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
         return self.s.scalars(found).first()
 
