@@ -174,7 +174,7 @@ def generate(
     more: SetFlag = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Make queries from an ensemble's drives."""
+    """Make queries from an ensemble's trajectories."""
     members = [f"{setup}/ensemble/{k}" for k in range(4)]
     run_job("queries", {"members": members, "count": count, "seed": seed, **parsed_settings(more)}, out, as_json)
 

@@ -90,7 +90,7 @@ def _keep(database: Database, job_id: str, result: dict[str, object]) -> None:
 
 
 def _load() -> None:
-    """Import torch and numba and compile a drive, which takes seconds. What fails here fails again in the job, which
+    """Import torch and numba and compile a rollout, which takes seconds. What fails here fails again in the job, which
     writes it down."""
     with contextlib.suppress(Exception):
         import backend.jobs.runners  # noqa: F401

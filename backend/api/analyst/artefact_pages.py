@@ -88,7 +88,7 @@ def snapshot(request: Request, artefact_id: str, database: Db, files: Files) -> 
 
 @router.get("/lab/snapshots/{artefact_id}/answers/{response_id}")
 def answer(request: Request, artefact_id: str, response_id: str, database: Db, files: Files) -> Response:
-    """One answer of a snapshot: the two drives and which was chosen."""
+    """One answer of a snapshot: the two trajectories and which was chosen."""
     with database.session() as s:
         artefact = _artefact(s, artefact_id, "snapshot")
         if artefact.quarantined_at:

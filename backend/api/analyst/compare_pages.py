@@ -90,7 +90,7 @@ def comparison(
     scene: int = 0,
     stage: bool = False,
 ) -> Response:
-    """The table, the histogram of one measure, and the drives of both policies in one scene."""
+    """The table, the histogram of one measure, and the trajectories of both policies in one scene."""
     with database.session() as s:
         artefact, content = _comparison(s, files, artefact_id)
         job = s.get(Job, artefact.job_id) if artefact.job_id else None
@@ -177,7 +177,7 @@ def scene_svg(request: Request, artefact_id: str, scene: int, database: Db, file
 
 @router.get("/lab/compare/{artefact_id}/scene-{scene}.csv")
 def scene_csv(artefact_id: str, scene: int, database: Db, files: Files) -> Response:
-    """Both drives' poses: time (s), x, y (m), heading (rad)."""
+    """Both trajectories' poses: time (s), x, y (m), heading (rad)."""
     pair, _, _ = _drives(artefact_id, scene, database, files)
     rows = [
         [letter, f"{time:.1f}", *(f"{value:.4f}" for value in pose)]

@@ -67,7 +67,8 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Place:
-    """One situation: its paths, by whom, and the drives of what was learned, by the demonstration they start from."""
+    """One situation: its paths, by whom, and the trajectories of what was learned, by the demonstration they start
+    from."""
 
     environment: str
     pair: int

@@ -1,4 +1,5 @@
-"""What the page of a study's drawn paths shows: kept paths with their quality, learned controllers with their drives.
+"""What the page of a study's drawn paths shows: kept paths with their quality, learned controllers with their
+trajectories.
 
 People and simulated participants are never mixed. Renders and changes nothing; routes live in `demonstration_pages.py`.
 """
@@ -56,12 +57,12 @@ class Controller:
 
     @property
     def judged(self) -> Mapping[str, float | None]:
-        """Its drives from the demonstrated starts against the demonstrations; nothing before it has succeeded."""
+        """Its trajectories from the demonstrated starts against the demonstrations; nothing before it has succeeded."""
         judged: Mapping[str, float | None] = (self.job.result or {}).get("judged", {})
         return judged
 
     def drives(self, files: ArtefactStore) -> dict[int, dict[str, Trajectory]]:
-        """Its drives: number of the situation -> demonstration (sha256) from whose start it drives -> drive."""
+        """Its trajectories: number of the situation -> demonstration (sha256) from whose start it drives -> drive."""
         found: dict[int, dict[str, Trajectory]] = {}
         for one in (self.job.result or {}).get("rollouts", []):
             found.setdefault(one["pair"], {})[one["demonstration"]] = load_trajectory(files, one["trajectory"])

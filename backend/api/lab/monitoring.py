@@ -22,7 +22,7 @@ from backend.store.models import Event, Response, Session, Trial
 from backend.store.sides import is_side, shown_on
 from backend.store.who_counts import is_practice
 
-TOO_FAST_S = 0.5  # a choice between two seen drives in less was hardly a choice
+TOO_FAST_S = 0.5  # a choice between two seen trajectories in less was hardly a choice
 FAST_SHARE = 0.5  # of the choices so fast ...
 FAST_FROM = 5  # ... among so many
 ONE_SIDED_FROM = 8  # preferences; eight times the same letter by chance: 1 in 128
@@ -33,7 +33,7 @@ CIRCULAR_SHARE = CHANCE_CIRCULAR  # ... and as large a share of all as by three 
 MANY_RESTARTS = 3  # trajectories that were interrupted and started over
 LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
 FOCUS_REASONS = ("hidden",)
-STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's drive, the drive of a drawn path
+STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's trajectory, the trajectory of a drawn path
 
 ANSWER_SIGNS = ("too_fast", "one_sided", "failed_checks", "inconsistent")
 """Flags with answers behind them; those behind the others are events."""
@@ -81,7 +81,7 @@ class _Given:
 
     @property
     def rejected(self) -> str:
-        """The drive of the two that a choice did not name."""
+        """The trajectory of the two that a choice did not name."""
         (other,) = self.drives - {self.chosen}
         return other
 
@@ -182,7 +182,7 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
 
 
 def _lost_focus(s: DatabaseSession, study_id: str) -> Counter[str]:
-    """participant id -> how often a drive stopped because the window was not in front."""
+    """participant id -> how often a trajectory stopped because the window was not in front."""
     asked = (
         select(Session.participant_id, func.count())
         .select_from(Event)

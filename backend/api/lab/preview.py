@@ -1,4 +1,5 @@
-"""Looking at a protocol as a participant will: real pages, real drives, nothing stored. For drafts and for studies."""
+"""Looking at a protocol as a participant will: real pages, real trajectories, nothing stored. For drafts and for
+studies."""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["p
 
 @dataclass(frozen=True)
 class QueryPreview:
-    """A query on a stage: still at first, then whichever drive is asked for."""
+    """A query on a stage: still at first, then whichever trajectory is asked for."""
 
     a: Trajectory
     b: Trajectory

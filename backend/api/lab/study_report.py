@@ -137,7 +137,7 @@ def _share_of_people(hits: int, n: int) -> Share:
 
 
 def _over_people(compared: Sequence[Answer]) -> Share:
-    """People who chose their own robot's drive in more than half of their comparisons."""
+    """People who chose their own robot's trajectory in more than half of their comparisons."""
     per_person: dict[str, list[bool]] = defaultdict(list)
     for answer in compared:
         per_person[answer.code].append(bool(answer.own_chosen))

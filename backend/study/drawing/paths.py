@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Showing:
-    """A drive that has to be shown now. walking: the participant walks beside it."""
+    """A trajectory that has to be shown now. walking: the participant walks beside it."""
 
     trajectory: str
     view: View
@@ -57,17 +57,17 @@ def kept_strokes(s: DatabaseSession, session_id: str, step: DemonstrationStep) -
 
 
 def playback_id(stroke: StrokeRow) -> str:
-    """Names one showing of a stroke's drive; another one whenever it begins again."""
+    """Names one showing of a stroke's trajectory; another one whenever it begins again."""
     return hashlib.sha256(f"{stroke.id}:{stroke.shown_since}".encode()).hexdigest()[:24]
 
 
 def is_walked(step: DemonstrationStep, stroke: StrokeRow) -> bool:
-    """Whether the participant still has to walk beside the stroke's drive."""
+    """Whether the participant still has to walk beside the stroke's trajectory."""
     return step.person == "walks" and stroke.walk is None
 
 
 def met(stroke: StrokeRow | None) -> bool:
-    """Whether the robot met the participant who walked beside the stroke's drive."""
+    """Whether the robot met the participant who walked beside the stroke's trajectory."""
     return stroke is not None and stroke.state == "refused" and (stroke.walk or {}).get("source") == "walked"
 
 

@@ -1,9 +1,9 @@
 """Drawing: what becomes of the paths that a participant draws at a step of kind `demonstration`.
 
 Every stroke is stored, whatever comes of it. One that can be driven is driven on the stage, watched by the server's
-clock, and then kept (the step's answer) or drawn again. How a stroke becomes a drive is `backend.demonstrations`'s;
-how the person walks meanwhile `walks.py`'s; how all that is read again `paths.py`'s; which step comes next is
-`machine.py`'s, which calls `keep` when the answer is stored.
+clock, and then kept (the step's answer) or drawn again. How a stroke becomes a trajectory is
+`backend.demonstrations`'s; how the person walks meanwhile `walks.py`'s; how all that is read again `paths.py`'s; which
+step comes next is `machine.py`'s, which calls `keep` when the answer is stored.
 """
 
 from __future__ import annotations
@@ -169,9 +169,10 @@ def driven(
     *,
     now: datetime,
 ) -> StrokeRow:
-    """The drive was watched to its end, by the server's clock too; simulated sessions need not watch.
+    """The trajectory was watched to its end, by the server's clock too; simulated sessions need not watch.
 
-    walked: what the participant walked beside it, where they do; a drive that met them is refused, and its walk kept.
+    walked: what the participant walked beside it, where they do; a trajectory that met them is refused, and its walk
+    kept.
     """
     stroke = latest_stroke(s, session.id, step.key)
     if stroke is not None and met(stroke):
@@ -204,7 +205,7 @@ def driven(
 
 
 def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke: StrokeRow, walked: Walked) -> None:
-    """The walk stays with its stroke; what both make together takes the place of the drive alone."""
+    """The walk stays with its stroke; what both make together takes the place of the trajectory alone."""
     stroke.walk, stroke.problem = walked.stored, walked.problem
     made = walked.demonstration
     if made is None:
@@ -237,7 +238,7 @@ def walk_again(
 
 
 def interrupted(s: DatabaseSession, session: Session, step: DemonstrationStep, *, reason: str) -> bool:
-    """A drive was not seen to its end (reload, hidden tab, lost picture): it can be begun again, nothing is lost.
+    """A trajectory was not seen to its end (reload, hidden tab, lost picture): it can be begun again, nothing is lost.
 
     Returns whether anything was being driven.
     """

@@ -31,7 +31,7 @@ BEGINS_WITHIN_S = 0.2
 
 @dataclass(frozen=True)
 class Walked:
-    """A walk beside a drive as it came, and what can be made of both: a demonstration or the problem with it.
+    """A walk beside a trajectory as it came, and what can be made of both: a demonstration or the problem with it.
 
     duration_s: of the recording.
     """
@@ -95,7 +95,7 @@ def walked_beside(
 ) -> Walked:
     """A recorded walk with the path it was walked beside: what they make together; touches no table (about 0.1 s).
 
-    given: {"times_s": [...], "poses": [[x, y, yaw], ...]} from the page. beside: the drive that was shown. Raises
+    given: {"times_s": [...], "poses": [[x, y, yaw], ...]} from the page. beside: the trajectory that was shown. Raises
     Refused for what nobody can have walked there.
     """
     from backend.demonstrations.demonstration import demonstration_from  # numba comes with it

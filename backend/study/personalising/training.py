@@ -173,7 +173,8 @@ def ready_job(s: DatabaseSession, session: Session) -> Job | None:
 
 
 def _verdict(job: Job, *, rated: bool = False) -> str | None:
-    """What became of one alignment, None while it goes on. rated: its drives are rated one by one, arrived or not."""
+    """What became of one alignment, None while it goes on. rated: its trajectories are rated one by one, arrived or
+    not."""
     if job.state == "succeeded":
         result = job.result or {}
         if not result.get("passed"):
@@ -196,7 +197,7 @@ def outcome_of(moment: Moment) -> str | None:
     recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
 
     Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_consent, no_scenes (a policy that
-    passed the gate, but no scene in which both drives can be compared).
+    passed the gate, but no scene in which both trajectories can be compared).
     """
     s, session, training = moment.s, moment.session, moment.frozen.training
     if session.personalisation is not None or training is None:
