@@ -102,8 +102,12 @@ STEPS: dict[str, dict[str, Any]] = {
     "too_soon": _TIMES,
     "screened_out": {"title": None, "text": None, "completion_code": None, "return_url": None},
     "instruction": {"title": "How it works", "text": "Imagine that you are the person."},
-    "trial": {"role": "learning", "view": "top_down", "number": 1, "of": 15},
+    "trial": {"role": "practice", "view": "top_down", "number": 1, "of": 15},
     "comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 3},
+    "rating": {
+        **{"view": "top_down", "number": 1, "of": 4, "points": 7},
+        **{"question": "How did you like it?", "low": "not at all", "high": "very much"},
+    },
     "wait": {"learns_from": "paths"},
     "guess": {"learns_from": "answers"},
     "debriefing": {"title": "Thank you", "text": "That was the study.", "completion_code": "K7QM-2XFA"},
