@@ -9,7 +9,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
-from backend.api.participant.requests import DEVICE_FIELDS
+from backend.api.participant.sent import DEVICE_FIELDS
 from backend.store.models import Participant, Response, Session, Study
 from tests.api.lab_services import VALUES
 

@@ -326,10 +326,13 @@ def one_pair(folder: Path) -> str:
     shortest = min(shipped.queries, key=lambda q: q.trajectory_a.duration_s + q.trajectory_b.duration_s)
     QuerySet(shipped.setup, (shortest,), {}).save(folder / "one.npz")
     text = (PROTOCOLS / "interface_study.yaml").read_text()
+    declared = text[text.index("analysis:") : text.index("stages:")]  # of three views, which are not compared here
     for old, new in (
+        (declared, ""),
+        ("  - questionnaire: {use: interface_ranking}\n", ""),
         ("study_room/queries_500", str(folder / "one.npz")),
         ("each: [top_down, first_person, immersive]", "view: immersive"),
-        ("        - queries: {count: 1, role: learning}    # for practice: stored, marked, never analysed\n", ""),
+        ("        - queries: {count: 1, role: practice}    # for practice: stored, marked, never analysed\n", ""),
         ("count: 25, probes: {repeat: 5}", "count: 1"),
         ("{view}", "immersive"),
         ("scheme: all_orders", "scheme: random"),
