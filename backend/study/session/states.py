@@ -67,7 +67,6 @@ TRIAL = (
 """A trial's phases."""
 
 STATES = tuple(dict.fromkeys(state for one in SESSION for state in (one.before, one.after)))
-PHASES = tuple(dict.fromkeys(phase for one in TRIAL for phase in (one.before, one.after)))
 _STILL_POSSIBLE = ("withdraw", "reopen")
 FINAL = tuple(s for s in STATES if not any(one.before == s and one.event not in _STILL_POSSIBLE for one in SESSION))
 """A session in one of these goes on no more."""
