@@ -64,6 +64,7 @@ export class Drawing extends StageBar {
   /** @param {StageMessage & Record<string, any>} message */
   hear(message) {
     super.hear(message);
+    if (!this.stageReady) this.restShowing(true);
     if (message.keys) this.keys = message.keys;
     if (message.type === "drawing") this.penMoved(/** @type {any} */ (message));
     else if (message.type === "stroke") this.send(message);
@@ -197,6 +198,7 @@ export class Drawing extends StageBar {
     if (!button || this.busy) return;
     if (button.getAttribute("aria-disabled") === "true") {
       if (button.dataset.do === "finish") this.needs.announce(this.own("resting"));
+      else if (!this.stageReady) this.needs.announce(this.needs.say("preparing"));
       return;
     }
     const { do: what } = button.dataset;
@@ -260,6 +262,7 @@ export class Drawing extends StageBar {
     this.part(this.walking ? "walking" : phase);
     this.slider.disabled = phase !== "drawing";
     for (const name of ["undo", "redo", "clear"]) this.rest(name, true);
+    this.restShowing(!this.stageReady);
     if (phase === "drawing") this.showPen();
     if (!changed) return;
     clearInterval(this.clock);
@@ -279,6 +282,13 @@ export class Drawing extends StageBar {
   /** @param {string} name @param {boolean} resting */
   rest(name, resting) {
     this.root.querySelector(`[data-do="${name}"]`)?.setAttribute("aria-disabled", String(resting));
+  }
+
+  /** A rollout that is asked for before the stage stands would be interrupted by its arrival. @param {boolean} resting */
+  restShowing(resting) {
+    for (const button of this.root.querySelectorAll("[data-watch], [data-walk-again]")) {
+      button.setAttribute("aria-disabled", String(resting));
+    }
   }
 
   /** The robot has begun to move. */
