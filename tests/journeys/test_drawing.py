@@ -15,7 +15,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Frame, Page, expect
+from playwright.sync_api import Frame, Page, Route, expect
 
 from backend.simulation.demonstration_scenes import demonstration_scene
 from tests.journeys.conftest import Installation
@@ -85,9 +85,17 @@ def test_a_participant_draws_watches_and_keeps(
     drag(page, arc(-0.7 if scene.person.pose.y > 0 else 0.7))
     expect(page.locator("#driving-text")).to_be_visible(timeout=60_000)
     screenshots(page, "drawing_driving")
-    # A reload loses nothing: the path is there, and its drive can be watched.
-    page.reload()
-    page.get_by_role("button", name="Watch the drive").click(timeout=60_000)
+    # A reload loses nothing: the path is there, and its drive can be watched, once there is a stage to watch it on.
+    held: list[Route] = []
+    page.route("**/stage/**", lambda route: held.append(route))
+    with page.expect_request("**/stage/**"):
+        page.reload(wait_until="domcontentloaded")
+    watch = page.get_by_role("button", name="Watch the drive")
+    expect(watch).to_have_attribute("aria-disabled", "true")
+    for route in held:
+        route.continue_()
+    page.unroute("**/stage/**")
+    watch.click(timeout=60_000)
     expect(page.get_by_role("button", name="Keep this path")).to_be_visible(timeout=120_000)
     screenshots(page, "drawing_watched")
     page.get_by_role("button", name="Keep this path").click()
