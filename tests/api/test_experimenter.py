@@ -486,7 +486,7 @@ def test_an_answer_is_replayed_as_its_participant_saw_it(lab, lab_services, walk
     here = f"/lab/studies/{walked.id}"
     page = lab.get(f"{here}/people/{walked.finished}").text
     links = re.findall(rf'href="({here}/answers/[0-9a-f]+)"', page)
-    assert len(links) == 1 + 15 + 3, "practice, choices, comparisons"
+    assert len(links) == 1 + 15 + 3 + 1, "practice, choices, comparisons, the guess about the last of them"
     assert links[0] in lab.get(f"{here}/answers?participant={walked.finished}").text
     shown = lab.get(links[2]).text
     assert f"{walked.finished} chose " in shown

@@ -1,40 +1,49 @@
-"""Any answer about trajectories as its participant saw it: the same page, view, level of detail, both trajectories.
+"""Any answer about trajectories as its participant saw it: the same page, view, level of detail and shape of window,
+with the pair, the one that was rated or watched alone, or the drawn path and the rollout of it.
 
 Nothing is stored. The list of answers is `answer_rows.py`'s, the protocol's preview `preview.py`'s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, cast
 
 from fastapi import APIRouter, Depends, Request
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
+from app.paper import Paper
 from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, contact, page, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
-from backend.api.lab.preview import QueryPreview
+from backend.api.lab.preview import Played, QueryPreview
 from backend.api.lab.study_tabs import the_study
 from backend.api.participant.session_view import leads_to, next_kind
-from backend.store.artefacts import ArtefactError, load_trajectory
-from backend.store.models import Participant, Session, Trial
+from backend.api.stage.drawing_sheet import as_drawn
+from backend.store.artefacts import ArtefactError, ArtefactStore, load_trajectory
+from backend.store.models import Event, Participant, Session, StrokeRow, Trial
 from backend.store.models import Response as Answered
+from backend.study.drawing import paths, walks
 from backend.study.kinds import kind_of, read_plan
-from backend.study.kinds.base import Page
+from backend.study.kinds.base import Page, Step
+from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.session.machine import StepView
 from backend.study.session.versions import protocol_of
 
 if TYPE_CHECKING:
     from app.stage import Stage
+    from app.views import View
+    from backend.simulation.trajectory import Trajectory
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
 
 @dataclass(frozen=True)
 class SeenQuery(QueryPreview):
-    """A pair on a stage with as much detail as the participant's device was given."""
+    """A pair, or one trajectory alone, on a stage with as much detail as the participant's device was given."""
 
     light: bool = False
 
@@ -43,46 +52,75 @@ class SeenQuery(QueryPreview):
         super().show(stage)
 
 
+@dataclass(frozen=True)
+class SeenPath:
+    """A drawn path on its paper, and its rollout in the scene that was drawn in, watched in `rollout_view`."""
+
+    rollout: Trajectory
+    paper: Paper
+    view: View
+    rollout_view: View
+    light: bool
+
+    def show(self, stage: Stage) -> None:
+        stage.detail = "light" if self.light else "full"
+        stage.draw(self.rollout.scene, self.view, self.paper)
+
+    def play(self, stage: Stage, side: str) -> None:
+        stage.play(self.rollout, label="", view=self.rollout_view, playback_id=side, goal=True, paper=self.paper)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What an answer is about. step: whose page it is shown on; shown: on the stage; durations_s: of what plays there;
+    state: of the page where it is not a trial's; view, block: of the trial or drawing."""
+
+    step: Step
+    shown: Played
+    durations_s: list[float]
+    view: str
+    block: str | None = None
+    state: dict[str, Any] | None = None
+
+
 @router.get("/lab/studies/{study_id}/answers/{response_id}")
 def replay(request: Request, study_id: str, response_id: str, database: Db, files: Files) -> Response:
-    """The step of an answer with its two trajectories. 404 for answers that are about none."""
+    """The step of an answer with what was seen there. 404 for answers that are about no trajectory."""
     with database.session() as s:
         study = the_study(s, study_id)
         given = s.get(Answered, response_id)
-        trial = s.get(Trial, given.trial_id) if given is not None and given.trial_id else None
         session = s.get(Session, given.session_id) if given is not None else None
-        if given is None or trial is None or session is None or session.study_id != study.id:
+        if given is None or session is None or session.study_id != study.id:
             raise LabRefusal(404, "no_replay")
-        plan = read_plan(session.plan)
-        step = next((one for one in plan if one.key == given.step_key), None)
-        if step is None or not kind_of(step).previewed:
+        device = _device_at(s, session, given)
+        try:
+            seen = _seen(s, files, session, given, light=device.get("scene_detail") == "light")
+        except ArtefactError:
+            seen = None
+        if seen is None:
             raise LabRefusal(404, "no_replay")
         frozen = protocol_of(s, session)
+        plan = read_plan(session.plan)
         code = s.get_one(Participant, session.participant_id).code
-    try:
-        a, b = load_trajectory(files, trial.trajectory_a), load_trajectory(files, trial.trajectory_b)
-    except ArtefactError:
-        raise LabRefusal(404, "no_replay") from None
     texts = services_of(request).texts.get(lab_language(request))
-    shown = SeenQuery(a, b, view=trial.view, light=session.device.get("scene_detail") == "light")  # type: ignore[arg-type]
-    at = plan.index(step)
+    at = next(i for i, step in enumerate(plan) if step.key == seen.step.key)
     return page(
         request,
         "lab/preview.html",
         language=session.language,
         step=StepView(
-            kind=step.kind,
-            key=step.key,
+            kind=seen.step.kind,
+            key=seen.step.key,
             index=at,
             total=len(plan),
-            payload=kind_of(step).payload(step, Page(frozen, session.language)),
+            payload=kind_of(seen.step).payload(seen.step, Page(frozen, session.language)),
         ),
         next_kind=next_kind(plan, at),
         leads_to=leads_to(plan, at),
-        bar=_told(texts, code, given, trial, session),
-        stage_name=step.stage,
+        bar=_told(texts, code, given, seen, device),
+        stage_name=seen.step.stage,
         number=1,
-        steps=[step],
+        steps=[seen.step],
         languages=[session.language],
         study_title=frozen.title(session.language),
         code=code,
@@ -91,25 +129,88 @@ def replay(request: Request, study_id: str, response_id: str, database: Db, file
         back_text=texts("lab.replay.back", code=code),
         here="",
         lab=texts,
-        stage_token=services_of(request).replays.grant(shown),
-        drives=[round(one.duration_s, 1) for one in (a, b)],
+        stage_token=services_of(request).replays.grant(seen.shown),
+        drives=[round(seconds, 1) for seconds in seen.durations_s],
+        shown_state=seen.state,
+        shown_window=_window(device),
         csrf=request.state.sign_in.csrf,
     )
 
 
-def _told(t: Catalogue, code: str, given: Answered, trial: Trial, session: Session) -> str:
+def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Answered, *, light: bool) -> _Seen | None:
+    """None for an answer about no trajectory. Raises ArtefactError for one whose trajectories are gone."""
+    about = given.value.get("about") if given.kind == "guess" else given.step_key
+    step = next((one for one in read_plan(session.plan) if one.key == about), None)
+    if isinstance(step, DemonstrationStep):
+        return _seen_path(s, files, session, step, given, light)
+    trial = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == about)).first()
+    if step is None or trial is None:
+        return None
+    a, b = load_trajectory(files, trial.trajectory_a), load_trajectory(files, trial.trajectory_b)
+    alone = kind_of(step).trajectories == 1
+    shown = SeenQuery(a, b, view=cast("View", trial.view), alone=alone, light=light)
+    return _Seen(step, shown, [one.duration_s for one in ((a,) if alone else (a, b))], trial.view, trial.block)
+
+
+def _seen_path(
+    s: DatabaseSession,
+    files: ArtefactStore,
+    session: Session,
+    step: DemonstrationStep,
+    given: Answered,
+    light: bool,
+) -> _Seen | None:
+    stroke = s.get(StrokeRow, given.value.get("stroke") or "")
+    if stroke is None or stroke.session_id != session.id or stroke.trajectory is None:
+        return None  # a further path was not wanted
+    scene = walks.scene_with(paths.scene_of(step), stroke.walk)
+    rollout = replace(load_trajectory(files, stroke.trajectory), scene=scene)
+    afterwards: View = "top_down" if step.person == "walks" else step.view  # who walked then watches from outside
+    shown = SeenPath(rollout, as_drawn(s, session.id, step, stroke), step.view, afterwards, light)
+    state = {"phase": "watched", "stroke": stroke.id, "duration_s": rollout.duration_s, "walking": False, "met": False}
+    return _Seen(step, shown, [rollout.duration_s], step.view, state=state)
+
+
+def _device_at(s: DatabaseSession, session: Session, given: Answered) -> dict[str, Any]:
+    """The device that was answered on: a session may go on with another one, and the log has the one before."""
+    changes = select(Event.at, Event.data).where(Event.session_id == session.id, Event.kind == "device_checked")
+    for at, data in s.execute(changes.order_by(Event.at)):
+        if at > given.created_at:
+            return dict(data.get("before") or {})
+    return session.device
+
+
+def _window(device: dict[str, Any]) -> list[int] | None:
+    """Width and height of the participant's window in CSS pixels, where the page told them."""
+    size = [device.get(name) for name in ("width", "height")]
+    known = [round(one) for one in size if isinstance(one, int | float) and not isinstance(one, bool) and one > 0]
+    return known if len(known) == len(size) else None
+
+
+def _told(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str, Any]) -> str:
     """What was answered, when and on what device, in one line."""
-    choice = given.value.get("choice")
-    said = (
-        t("lab.replay.chose", code=code, choice=str(choice).upper()) if choice else t("lab.replay.no_choice", code=code)
-    )
+    value = given.value
+    choice = str(value.get("choice") or "").upper()
+    if given.kind == "guess":
+        right = t("lab.replay.right" if value.get("right") else "lab.replay.wrong")
+        said = t("lab.replay.guessed", code=code, choice=choice, right=right)
+    elif choice:
+        said = t("lab.replay.chose", code=code, choice=choice)
+    elif "stroke" in value:
+        said = t("lab.replay.drew", code=code)
+    elif seen.step.rates and seen.step.rates in value:
+        said = t("lab.replay.rated", code=code, rating=str(value[seen.step.rates]))
+    elif len(seen.durations_s) == 1:
+        said = t("lab.replay.watched", code=code, block=seen.block or "–")
+    else:
+        said = t("lab.replay.no_choice", code=code)
     told = [said]
     if given.decision_s is not None:
         told.append(t("lab.replay.decision", seconds=t.number(given.decision_s, 1)))
-    told.append(trial.view)
-    device: dict[str, Any] = session.device
-    if device.get("width") and device.get("height"):
-        told.append(t("lab.replay.window", width=str(device["width"]), height=str(device["height"])))
+    told.append(seen.view)
+    window = _window(device)
+    if window is not None:
+        told.append(t("lab.replay.window", width=str(window[0]), height=str(window[1])))
     if device.get("scene_detail") == "light":
         told.append(t("lab.replay.light"))
     return " · ".join(told)

@@ -71,6 +71,12 @@ class Answer:
         own = None if "other" in arms else arms.get("own")
         return None if own is None else self.response.value.get("choice") == own
 
+    @property
+    def replayed(self) -> bool:
+        """Whether it is about trajectories, so that it can be shown as its participant saw it (`answer_replay.py`)."""
+        value = self.response.value
+        return self.trial is not None or "stroke" in value or (self.response.kind == "guess" and "about" in value)
+
 
 @dataclass(frozen=True)
 class AnswerFilter:

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
@@ -22,6 +22,7 @@ from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
 from backend.store.payment_codes import REMOVED
 from backend.store.query_sets import query_sets_here
+from backend.store.sides import Side, is_side
 from backend.study.grammar.words import LABEL_S
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Page
@@ -39,27 +40,34 @@ EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's own and completion code
 router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
 
 
+@runtime_checkable
+class Played(Protocol):
+    """What a preview's stage shows, and plays when it is asked to."""
+
+    def show(self, stage: Stage) -> None: ...
+    def play(self, stage: Stage, side: Side) -> None: ...
+
+
 @dataclass(frozen=True)
 class QueryPreview:
-    """A query on a stage: still at first, then whichever trajectory is asked for."""
+    """A query on a stage: still at first, then the trajectory that is asked for. alone: only A, without a letter."""
 
     a: Trajectory
     b: Trajectory
     view: View
+    alone: bool = False
 
     def show(self, stage: Stage) -> None:
         stage.show(self.a.scene, self.view, trajectories=(self.a, self.b))
 
-    def play(self, stage: Stage, drive: str) -> None:
-        trajectory = self.a if drive == "a" else self.b
-        both = (self.a, self.b)
+    def play(self, stage: Stage, side: Side) -> None:
         stage.play(
-            trajectory,
-            label=drive.upper(),
-            label_s=LABEL_S,
+            self.a if side == "a" else self.b,
+            label="" if self.alone else side.upper(),
+            label_s=0.0 if self.alone else LABEL_S,
             view=self.view,
-            playback_id=drive,
-            trajectories=both,
+            playback_id=side,
+            trajectories=(self.a, self.b),
         )
 
 
@@ -130,15 +138,15 @@ def preview_study(request: Request, study_id: str, number: int, database: Db, la
         return _preview_page(request, newest, number, language, back=f"/lab/studies/{study.id}/protocol")
 
 
-@router.post("/preview-stage/{token}/{drive}", status_code=204)
-def play(services: TheServices, token: str, drive: str, user: CheckedCsrf) -> None:
-    """Play drive `a` or `b` on a preview's stage."""
+@router.post("/preview-stage/{token}/{side}", status_code=204)
+def play(services: TheServices, token: str, side: str, user: CheckedCsrf) -> None:
+    """Play trajectory `a` or `b` on a preview's stage."""
     found = services.replays.shown_by(token)
     key = services.replays.key_of(token)
     stage = services.presenter.server.stage(key) if services.presenter.server and key else None
-    if not isinstance(found, QueryPreview) or stage is None or drive not in ("a", "b"):
+    if not isinstance(found, Played) or stage is None or not is_side(side):
         raise LabRefusal(404, "no_preview")
-    found.play(stage, drive)
+    found.play(stage, side)
 
 
 def _preview_page(request: Request, frozen: FrozenProtocol, number: int, language: str, *, back: str) -> Response:
@@ -193,4 +201,5 @@ def _durations(step: Step, query: tuple[Trajectory, Trajectory] | None) -> list[
 
 def _granted(request: Request, query: tuple[Trajectory, Trajectory], step: Step) -> str:
     """The token of a stage that shows the example query in the step's view."""
-    return services_of(request).replays.grant(QueryPreview(*query, view=step.view or "top_down"))
+    alone = kind_of(step).trajectories == 1
+    return services_of(request).replays.grant(QueryPreview(*query, view=step.view or "top_down", alone=alone))

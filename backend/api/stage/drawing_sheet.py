@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from sqlalchemy.orm import Session as DatabaseSession
+
 from app.paper import Paper
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
@@ -37,6 +39,20 @@ def play_stroke(database: Database, files: ArtefactStore, stage: Stage, session_
     drawn = Paper(step.key, drawn=latest.drawn, resting=True) if latest is not None else None
     stage.play(
         rollout, label="", view=shown.view, playback_id=shown.playback_id, goal=True, walking=shown.walking, paper=drawn
+    )
+
+
+def as_drawn(s: DatabaseSession, session_id: str, step: DemonstrationStep, stroke: StrokeRow) -> Paper:
+    """The paper as it lay there when that stroke had been drawn: with it, and with what was kept there before."""
+    before = [one for one in paths.kept_strokes(s, session_id, step) if one.created_at < stroke.created_at]
+    offered = walks.offered(step)
+    return Paper(
+        step.key,
+        [_thinned(one) for one in before],
+        stroke.drawn,
+        resting=True,
+        walks=[walks.scene_with(paths.scene_of(step), walk) for walk in offered],
+        chosen=offered.index(stroke.walk) if stroke.walk in offered else None,
     )
 
 

@@ -31,6 +31,26 @@ function cover(text) {
   if (text !== null) words.textContent = text;
 }
 
+/** What stood above and below the stage in the participant's window, pixels of the same style sheet. */
+const BARS_PX = 52 + 108;
+
+/**
+ * The picture in the shape that it had in the participant's window, as large as it fits: a view from the eyes shows more or
+ * less of the room in another one.
+ * @param {[number, number]} seen width and height of that window
+ */
+function fit([width, height]) {
+  const room = /** @type {HTMLElement} */ (document.getElementById("stage"));
+  const frame = /** @type {HTMLElement} */ (document.getElementById("stage-frame"));
+  const ratio = width / Math.max(1, height - BARS_PX);
+  new ResizeObserver(() => {
+    const w = Math.min(room.clientWidth, room.clientHeight * ratio);
+    const h = w / ratio;
+    Object.assign(frame.style, { width: `${w}px`, height: `${h}px` });
+    Object.assign(frame.style, { left: `${(room.clientWidth - w) / 2}px`, top: `${(room.clientHeight - h) / 2}px` });
+  }).observe(room);
+}
+
 let restarts = 0;
 
 /** @param {import("./contract.js").Seen["side"]} side */
@@ -49,7 +69,9 @@ async function play(side) {
  */
 async function post(path, body) {
   let trial;
-  if (path === "start") trial = await play("a");
+  if (path === "rollout") trial = { ...(await play("a")), phase: "driving" };
+  else if (data.state) trial = data.state; // a drawing: nothing can be drawn anew, only watched again
+  else if (path === "start") trial = await play("a");
   else if (path === "seen") trial = body.side === "a" && data.durations.length > 1 ? await play("b") : { phase: "choosing" };
   else trial = { phase: "ready", restarts: (restarts += 1) };
   return { step: { key: data.key, trial } };
@@ -71,7 +93,7 @@ if (shown || !onStage) {
   const mounted = module.mount({
     step,
     key: data.key,
-    state: { phase: "ready", restarts: 0, duration_a_s: data.durations[0], duration_b_s: data.durations[1] },
+    state: data.state ?? { phase: "ready", restarts: 0, duration_a_s: data.durations[0], duration_b_s: data.durations[1] },
     language: data.language,
     say,
     answer: goOn,
@@ -86,9 +108,10 @@ if (shown || !onStage) {
       notice: () => {}, // a preview leaves no trace in the log
     },
     poster: () => post,
-    tell: () => {},
+    tell: (order) => stage.draw(order),
     toStage: () => {},
   });
   bar = mounted?.bar;
 }
+if (shown && data.window) fit(data.window);
 if (shown && data.stage_token) stage.open(`${data.stage_origin}/stage/${data.stage_token}/`, data.stage_title);
