@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import html
 import io
+import json
 import re
 import shutil
 import socket
@@ -21,6 +23,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from stable_baselines3 import TD3
 
+from backend.api.analyst.compared_scenes import rollouts_in
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
 from backend.jobs.comparing import compare_two, evaluate_one
@@ -354,7 +357,48 @@ def test_comparison_numbers_are_the_scenes_numbers(analyst, known):
     assert len(paired) == both.sum() + 1
     assert analyst.get(f"{here}/difference-min_human_distance_m.svg").text.count("<rect") > 5
     assert analyst.get(f"{here}/scene-0.csv").text.startswith("policy,time_s,x_m,y_m,yaw_rad\nA,0.0,")
-    assert analyst.get(f"{here}/scene-7.svg").status_code == 404
+    assert analyst.get(f"{here}/scene-30.svg").status_code == 404
+
+
+def _listed(page: str) -> list[str]:
+    """Scene seeds of the table of scenes."""
+    return re.findall(r'<th scope="row">(\d+)</th>', page)
+
+
+def test_every_collision_and_bar_of_a_comparison_leads_to_its_scenes(analyst, known):
+    here = f"/lab/compare/{known.comparison}"
+    page = html.unescape(analyst.get(here).text)
+    scenes = np.genfromtxt(io.StringIO(analyst.get(f"{here}/scenes.csv").text), delimiter=",", names=True)
+    for number, outcome in enumerate(("success", "collision", "timeout"), 1):
+        for side in "ab":
+            link = f"?measure=min_human_distance_m&only={side}-{outcome}"
+            assert f'href="{link}#scenes"' in page
+            listed = _listed(analyst.get(here + link).text)
+            assert listed == [f"{seed:.0f}" for seed in scenes["scene_seed"][scenes[f"outcome_{side}"] == number]]
+    bars = re.findall(r'<a href="([^"]+only=bar-\d+)#scenes" aria-label="(One scene|\d+ scenes), from', page)
+    counts = [1 if told == "One scene" else int(told.split()[0]) for _, told in bars]
+    assert sum(counts) == ((scenes["outcome_a"] == 1) & (scenes["outcome_b"] == 1)).sum()
+    behind = [_listed(analyst.get(link).text) for link, _ in bars]
+    assert [len(one) for one in behind] == counts
+    assert len({seed for seeds in behind for seed in seeds}) == sum(counts), "every scene stands behind one bar"
+    assert analyst.get(f"{here}?only=bar-x").status_code == 404
+    assert "<a " not in analyst.get(f"{here}/difference-min_human_distance_m.svg").text
+
+
+def test_every_scene_of_a_comparison_can_be_replayed_as_it_was_measured(analyst, worked, known):
+    here = f"/lab/compare/{known.comparison}"
+    with worked.database.session() as s:
+        content = json.loads(worked.files.get(known.comparison))
+        for number, seed in enumerate(content["scenes"]["scene_seed"]):
+            pair = rollouts_in(s, worked.files, content, number)
+            assert [one.scene.seed for one in pair] == [seed, seed]
+            for one, measured in zip(pair, content["scenes"]["policies"], strict=True):
+                assert int(one.outcome) == measured["outcome"][number]
+                assert one.duration_s == pytest.approx(measured["time_s"][number])
+    page = html.unescape(analyst.get(f"{here}?scene=29&stage=1").text)
+    assert "Rolled out again in this scene" in page
+    assert "other outcome" not in page
+    assert '<iframe class="replay"' in page
 
 
 def test_replay_of_two_policies_opens_a_stage_for_this_browser_only(analyst, worked, known):

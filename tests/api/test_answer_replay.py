@@ -90,6 +90,8 @@ def test_a_rated_trajectory_is_replayed_alone_without_a_letter(lab, lab_services
     assert len(data["durations"]) == 1
     order, _, named = on_stage(lab_services, data).orders[-1]
     assert (order, named["label"], named["label_s"]) == ("play", "", 0.0)
+    asked = lab.post(f"/lab/preview-stage/{data['stage_token']}/a", headers={"X-CSRF": data["csrf"]})
+    assert asked.status_code == 404, "allowed, but no stage is open in this test"
     views = [on_stage(lab_services, shown(lab, link)[1]).orders[0][1][1] for link in links]
     assert sorted(views) == ["first_person"] * 2 + ["top_down"] * 2
 

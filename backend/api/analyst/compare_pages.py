@@ -9,25 +9,34 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from fastapi import APIRouter, Depends, Request
 from markupsafe import Markup
-from numpy.typing import NDArray
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from backend.api.analyst.artefact_pages import is_comparison
+from backend.api.analyst.compared_scenes import (
+    SIDES,
+    bins_of,
+    chosen_scenes,
+    compared_scene,
+    paired,
+    rollouts_in,
+)
 from backend.api.analyst.job_forms import form_fields
 from backend.api.analyst.job_pages import csv_response
 from backend.api.core import svg_figures
 from backend.api.core.auth import checked_csrf
+from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.lab.study_rows import cut
 from backend.api.stage.replay_stages import Replay
 from backend.jobs.kinds import KINDS
 from backend.simulation.trajectory import Trajectory
-from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
+from backend.store.artefacts import ArtefactStore, lineage
+from backend.store.database import Database
 from backend.store.models import Artefact, Job
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
@@ -43,7 +52,6 @@ MEASURES = {  # name in results -> digits that are shown
     "min_obstacle_distance_m": 2,
     "self_intersections": 3,
 }
-SUCCESS = 1  # Outcome.SUCCESS in the stored columns
 
 
 @dataclass(frozen=True)
@@ -87,27 +95,37 @@ def comparison(
     database: Db,
     files: Files,
     measure: str = "min_human_distance_m",
-    scene: int = 0,
+    only: str = "",
+    page: int = 1,
+    scene: int | None = None,
     stage: bool = False,
 ) -> Response:
-    """The table, the histogram of one measure, and the trajectories of both policies in one scene."""
+    """The table, the histogram of one measure, the scenes behind a number or a bar, and both trajectories in one.
+
+    only: which scenes (`compared_scenes.py`); scene: the number of the one that is shown, default the first of them.
+    """
+    t = _t(request)
+    measure = _measure(measure)
     with database.session() as s:
         artefact, content = _comparison(s, files, artefact_id)
+        numbers = chosen_scenes(content, only, measure)
+        if numbers is None:
+            raise LabRefusal(404, "no_figure")
+        listed = cut(numbers.tolist(), page)
+        seeds = content["scenes"]["scene_seed"]
+        number = scene if scene is not None else next(iter(listed.rows), 0)
+        number = min(max(0, number), len(seeds) - 1)
+        pair = rollouts_in(s, files, content, number)
         job = s.get(Job, artefact.job_id) if artefact.job_id else None
         sides = [s.get(Artefact, one["id"]) for one in content["policies"]]
         tree = lineage(s, artefact.id)
-    measure = _measure(measure)
-    shown = content["replays"]
-    scene = min(max(0, scene), max(0, len(shown) - 1))
-    pair: list[Trajectory] = []
     plan = replay = None
-    names = [f"{letter}: {one['name']}" for letter, one in zip("AB", content["policies"], strict=True)]
-    if shown:
-        pair = [load_trajectory(files, one) for one in shown[scene]["trajectories"]]
-        title = _t(request)("analyst.compare.plan", scene=str(shown[scene]["scene_seed"]))
+    if pair is not None:
+        names = _names(content)
+        title = t("analyst.compare.plan", scene=str(seeds[number]))
         plan = Markup(svg_figures.rollouts(pair[0].scene, pair, names=names, title=title))  # noqa: S704
         if stage:
-            replay = services_of(request).replays.grant(Replay(tuple(pair), tuple(names)))
+            replay = services_of(request).replays.grant(Replay(pair, tuple(names)))
     return lab_page(
         request,
         "analyst/comparison.html",
@@ -118,14 +136,45 @@ def comparison(
         rows=_rows(content),
         measure=measure,
         measures=MEASURES,
-        histogram=Markup(_histogram(request, content, measure)),  # noqa: S704 - made by us, texts escaped
-        scene=scene,
-        shown=shown,
+        histogram=Markup(_histogram(request, content, measure, artefact.id)),  # noqa: S704 - made by us, texts escaped
+        only=only,
+        told=_told(t, content, only, measure, len(numbers)),
+        filters=_filters(content),
+        listed=listed,
+        scenes=[compared_scene(content, one, measure) for one in listed.rows],
+        shown=compared_scene(content, number, measure),
+        kept=len(content["replays"]),
         pair=pair,
         plan=plan,
         replay=replay,
         answers=len(tree.all_answers()),
     )
+
+
+def _names(content: dict[str, Any]) -> list[str]:
+    return [f"{letter}: {one['name']}" for letter, one in zip("AB", content["policies"], strict=True)]
+
+
+def _filters(content: dict[str, Any]) -> dict[str, int]:
+    """Which scenes can be asked for beside the bars -> how many there are; only those that there are."""
+    names = ["", "apart", *(f"{side}-{outcome}" for side in SIDES for outcome in ("collision", "timeout"))]
+    found = {name: chosen_scenes(content, name, "") for name in names}
+    return {name: len(numbers) for name, numbers in found.items() if numbers is not None and (len(numbers) or not name)}
+
+
+def _told(t: Catalogue, content: dict[str, Any], only: str, measure: str, count: int) -> str:
+    """Which scenes are listed, in words."""
+    if not only.startswith("bar-"):
+        return t(f"analyst.compare.only.{only or 'all'}", count=count)
+    low, high = _between(t, content, measure, int(only.removeprefix("bar-")))
+    return t("analyst.compare.only.bar", count=count, measure=t(f"analyst.metrics.{measure}"), low=low, high=high)
+
+
+def _between(t: Catalogue, content: dict[str, Any], measure: str, bar: int) -> tuple[str, str]:
+    """Where a bar begins and ends; one digit more than the measure has."""
+    edges = bins_of(content, measure)[0].edges
+    low, high = (t.number(float(edges[min(k, len(edges) - 1)]), MEASURES[measure] + 1) for k in (bar, bar + 1))
+    return low, high
 
 
 @router.get("/lab/compare/{artefact_id}/table.csv")
@@ -163,14 +212,14 @@ def difference_csv(artefact_id: str, measure: str, database: Db, files: Files) -
     measure = _measure(measure)
     with database.session() as s:
         _, content = _comparison(s, files, artefact_id)
-    seeds, a, b = _paired(content, measure)
+    _, seeds, a, b = paired(content, measure)
     rows = zip(seeds.tolist(), a.tolist(), b.tolist(), (b - a).tolist(), strict=True)
     return csv_response(["scene_seed", "a", "b", "difference"], rows, f"difference_{measure}.csv")
 
 
 @router.get("/lab/compare/{artefact_id}/scene-{scene}.svg")
 def scene_svg(request: Request, artefact_id: str, scene: int, database: Db, files: Files) -> Response:
-    pair, names, seed = _drives(artefact_id, scene, database, files)
+    pair, names, seed = _pair(artefact_id, scene, database, files)
     title = _t(request)("analyst.compare.plan", scene=str(seed))
     return Response(svg_figures.rollouts(pair[0].scene, pair, names=names, title=title), media_type="image/svg+xml")
 
@@ -178,24 +227,25 @@ def scene_svg(request: Request, artefact_id: str, scene: int, database: Db, file
 @router.get("/lab/compare/{artefact_id}/scene-{scene}.csv")
 def scene_csv(artefact_id: str, scene: int, database: Db, files: Files) -> Response:
     """Both trajectories' poses: time (s), x, y (m), heading (rad)."""
-    pair, _, _ = _drives(artefact_id, scene, database, files)
+    pair, _, _ = _pair(artefact_id, scene, database, files)
     rows = [
         [letter, f"{time:.1f}", *(f"{value:.4f}" for value in pose)]
-        for letter, drive in zip("AB", pair, strict=True)
-        for time, pose in zip(drive.times, drive.poses, strict=True)
+        for letter, one in zip("AB", pair, strict=True)
+        for time, pose in zip(one.times, one.poses, strict=True)
     ]
     return csv_response(["policy", "time_s", "x_m", "y_m", "yaw_rad"], rows, f"scene_{scene}.csv")
 
 
-def _drives(artefact_id: str, scene: int, database: Db, files: Files) -> tuple[list[Trajectory], list[str], int]:
+def _pair(
+    artefact_id: str, number: int, database: Database, files: ArtefactStore
+) -> tuple[tuple[Trajectory, Trajectory], list[str], int]:
     with database.session() as s:
         _, content = _comparison(s, files, artefact_id)
-    if not 0 <= scene < len(content["replays"]):
+        seeds = content["scenes"]["scene_seed"]
+        pair = rollouts_in(s, files, content, number) if 0 <= number < len(seeds) else None
+    if pair is None:
         raise LabRefusal(404, "no_figure")
-    shown = content["replays"][scene]
-    pair = [load_trajectory(files, one) for one in shown["trajectories"]]
-    names = [f"{letter}: {one['name']}" for letter, one in zip("AB", content["policies"], strict=True)]
-    return pair, names, shown["scene_seed"]
+    return pair, _names(content), seeds[number]
 
 
 def _comparison(s: DatabaseSession, files: ArtefactStore, artefact_id: str) -> tuple[Artefact, dict[str, Any]]:
@@ -253,31 +303,28 @@ def _rows(content: dict[str, Any]) -> list[Row]:
     return rows
 
 
-def _paired(content: dict[str, Any], measure: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Scene seeds and the measure of A and of B, of the scenes in which both succeed."""
-    a, b = content["scenes"]["policies"]
-    both = (np.asarray(a["outcome"]) == SUCCESS) & (np.asarray(b["outcome"]) == SUCCESS)
-    return np.asarray(content["scenes"]["scene_seed"])[both], np.asarray(a[measure])[both], np.asarray(b[measure])[both]
-
-
-def _histogram(request: Request, content: dict[str, Any], measure: str) -> str:
+def _histogram(request: Request, content: dict[str, Any], measure: str, linked: str | None = None) -> str:
+    """linked: the comparison's id, where its bars lead to their scenes."""
     t = _t(request)
-    seeds, a, b = _paired(content, measure)
+    bars, mean = bins_of(content, measure)
+    counts = bars.counts
     name = t(f"analyst.metrics.{measure}")
-    if not len(seeds):
-        mean = (0.0, 0.0, 0.0)
-    else:
-        estimate = content["compared"]["paired"][measure]["difference"]
-        mean = (estimate["value"], estimate["low"], estimate["high"])
+
+    def link(bar: int) -> tuple[str, str]:
+        low, high = _between(t, content, measure, bar)
+        words = t("analyst.compare.bar", count=int(counts[bar]), low=low, high=high)
+        return f"/lab/compare/{linked}?measure={measure}&only=bar-{bar}#scenes", words
+
     return svg_figures.differences(
-        b - a,
+        bars,
         mean=mean,
         title=t("analyst.compare.histogram", measure=name),
         x_label=t("analyst.compare.histogram_x", measure=name),
         y_label=t("analyst.compare.histogram_y"),
         number=svg_figures.exact(t.number),
+        link=link if linked else None,
     )
 
 
-def _t(request: Request) -> Any:
+def _t(request: Request) -> Catalogue:
     return services_of(request).texts.get(lab_language(request))

@@ -48,7 +48,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/new": Rule(Right.RUN),
     "/lab/new/{draft_id}": Rule(Right.RUN),
     "/lab/new/{draft_id}/open": Rule(Right.RUN, "study_created"),
-    "/lab/preview-stage/{token}/{drive}": LOOKING,
+    "/lab/preview-stage/{token}/{side}": LOOKING,
     "/lab/studies/{study_id}/state": Rule(Right.RUN, "study_state_changed"),
     "/lab/studies/{study_id}/revise": Rule(Right.RUN),
     "/lab/studies/{study_id}/revise/{draft_id}": Rule(Right.RUN),

@@ -7,12 +7,13 @@ colours by the page's scheme. Texts are given by the caller; nothing is read fro
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
@@ -65,10 +66,12 @@ def exact(write: WriteNumber) -> Number:
 class _Drawing:
     """Collects SVG elements; coordinates are pixels of the view box."""
 
-    def __init__(self, width: float, height: float, title: str) -> None:
+    def __init__(self, width: float, height: float, title: str, *, group: bool = False) -> None:
+        """group: parts of it are links, so it is more than one picture."""
+        role = "group" if group else "img"
         self._head = (
             f'<svg xmlns="http://www.w3.org/2000/svg" class="plot" viewBox="0 0 {width:g} {height:g}" '
-            f'width="{width:g}" height="{height:g}" role="img" aria-label="{escape(title)}" font-family="{FONT}" '
+            f'width="{width:g}" height="{height:g}" role="{role}" aria-label="{escape(title)}" font-family="{FONT}" '
             f'font-size="12"><title>{escape(title)}</title>'
         )
         self._parts: list[str] = []
@@ -108,6 +111,13 @@ class _Drawing:
         self._parts.append(
             f'<text class="{css}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{fill}">{escape(told)}</text>'
         )
+
+    @contextmanager
+    def linked(self, href: str, words: str) -> Iterator[None]:
+        """What is drawn meanwhile leads there."""
+        self._parts.append(f'<a href="{escape(href)}" aria-label="{escape(words)}"><title>{escape(words)}</title>')
+        yield
+        self._parts.append("</a>")
 
     def svg(self) -> str:
         return self._head + "".join(self._parts) + "</svg>"
@@ -171,23 +181,44 @@ def intervals(rows: Sequence[Interval], *, title: str, x_label: str, chance: flo
     return drawing.svg()
 
 
+@dataclass(frozen=True)
+class DifferenceBins:
+    """Bars of a histogram of differences around zero. edges: (bars + 1,); which: the bar of every value, from 0; what
+    lies beyond the last edges is in the last bars."""
+
+    edges: NDArray[np.float64]
+    which: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, values: ArrayLike, mean: tuple[float, float, float], bars: int = 41) -> DifferenceBins:
+        data = np.asarray(values, dtype=float)
+        reach = float(np.quantile(np.abs(data), 0.99)) if len(data) else 1.0
+        reach = max(reach, *(abs(bound) for bound in mean)) * 1.05 or 1.0
+        edges = np.linspace(-reach, reach, bars + 1)
+        return cls(edges, np.digitize(data, edges[1:-1]))
+
+    @property
+    def counts(self) -> NDArray[np.intp]:
+        return np.bincount(self.which, minlength=len(self.edges) - 1)
+
+
 def differences(
-    values: ArrayLike,
+    bars: DifferenceBins,
     *,
     mean: tuple[float, float, float],
     title: str,
     x_label: str,
     y_label: str,
     number: Number = _number,
-    bins: int = 41,
+    link: Callable[[int], tuple[str, str]] | None = None,
 ) -> str:
-    """A histogram of paired differences around zero, with their mean and its interval (mean, low, high) above."""
+    """A histogram of paired differences around zero, with their mean and its interval (mean, low, high) above.
+
+    link: of a bar, the address of what is behind it and its words.
+    """
     width, height, left, right, top, bottom = 640, 260, 56, 16, 34, 44
-    data = np.asarray(values, dtype=float)
-    drawing = _Drawing(width, height, title)
-    reach = float(np.quantile(np.abs(data), 0.99)) if len(data) else 1.0
-    reach = max(reach, *(abs(bound) for bound in mean)) * 1.05 or 1.0
-    counts, edges = np.histogram(np.clip(data, -reach, reach), bins=bins, range=(-reach, reach))
+    drawing = _Drawing(width, height, title, group=link is not None)
+    counts, edges, reach = bars.counts, bars.edges, float(bars.edges[-1])
     highest = max(1, int(counts.max()))
 
     def at(x: float) -> float:
@@ -199,13 +230,16 @@ def differences(
     for tick in ticks(0, highest, 4):
         drawing.line(left, up(tick), width - right, up(tick), stroke=LINE, css="grid")
         drawing.text(left - 6, up(tick) + 4, number(tick), anchor="end")
-    for count, first, last in zip(counts, edges[:-1], edges[1:], strict=True):
+    for bar, (count, first, last) in enumerate(zip(counts, edges[:-1], edges[1:], strict=True)):
         if count:
             middle = (first + last) / 2
             side = int(middle > 0)
-            fill, css = (SOFT, "fill-none") if abs(middle) < reach / bins else (SIDES[side], f"fill-{side + 1}")
+            fill, css = (SOFT, "fill-none") if abs(middle) < reach / len(counts) else (SIDES[side], f"fill-{side + 1}")
             x, y = at(first) + 0.5, up(count)
-            drawing.rect(x, y, at(last) - at(first) - 1, up(0) - y, fill=fill, css=css)
+            with drawing.linked(*link(bar)) if link else nullcontext():
+                if link:  # a low bar is hard to hit: the whole column leads there
+                    drawing.rect(x, top, at(last) - at(first) - 1, up(0) - top, fill="none", css="hit")
+                drawing.rect(x, y, at(last) - at(first) - 1, up(0) - y, fill=fill, css=css)
     drawing.line(at(0), top, at(0), height - bottom, stroke=INK, css="ink-line")
     for tick in ticks(-reach, reach, 6):
         drawing.text(at(tick), height - bottom + 16, number(tick), anchor="middle")
