@@ -26,6 +26,10 @@ IndifferenceOption = Annotated[
 MyopiaOption = Annotated[
     float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
 ]
+PeakEndOption = Annotated[
+    bool,
+    typer.Option("--peak-end", help="Each drive's most extreme second and its last one are judged, not the whole."),
+]
 COMMAND_LINE = "command line"  # who did it, where logs ask: there are no accounts here
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
 P = ParamSpec("P")

@@ -13,6 +13,7 @@ from backend.commands.output import (
     JsonFlag,
     MyopiaOption,
     NoiseOption,
+    PeakEndOption,
     plain_errors,
     say,
 )
@@ -103,11 +104,15 @@ def simulate(
     participants: Annotated[int, typer.Option(min=1)] = 1,
     oracle: Annotated[
         str,
-        typer.Option(help="Whose taste: min-human-distance, shortest, random, ...; with commas each has the next."),
+        typer.Option(
+            help="Whose preference: min-human-distance, shortest, random, ..., somebody outside the list as network:3, "
+            "or a whole family as network; with commas each has the next."
+        ),
     ] = "min-human-distance",
     noise: NoiseOption = 0.0,
     indifference: IndifferenceOption = 0.0,
     myopia: MyopiaOption = None,
+    peak_end: PeakEndOption = False,
     seed: Annotated[int, typer.Option(help="Seed of the oracle's mistakes.")] = 0,
     cohort: Annotated[
         Path | None, typer.Option(help="YAML: what they rate and rank, and how conditions change their answers.")
@@ -132,7 +137,10 @@ def simulate(
     if browser > participants:
         raise ValueError(f"--browser {browser}: there are only {participants} participants")
     character = Character(
-        oracle, ResponseModel(noise, indifference, myopia), seed, read_cohort(cohort) if cohort is not None else None
+        oracle,
+        ResponseModel(noise, indifference, myopia, peak_end),
+        seed,
+        read_cohort(cohort) if cohort is not None else None,
     )
     database, _ = open_store()
     with database.session() as s:

@@ -1,8 +1,8 @@
 """Oracles: programmed participants that answer queries, each by one preference and through a response model.
 
-Simulated answers stay marked as such by their source. What is learned from answers lives in `posterior.py` and the
-reward models; they were tuned on the TUNING preferences only, the HELD_OUT ones were looked at when everything was
-fixed.
+Preferences are of this file, or of the families outside the list (`learning/people`), by name. Simulated answers stay
+marked as such by their source. What is learned from answers lives in `posterior.py` and the reward models; they
+were tuned on the TUNING preferences only, the HELD_OUT ones were looked at when everything was fixed.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from backend.analysis.metrics import min_human_distance, path_length
 from backend.learning.errors import LearningError
+from backend.learning.people.card import FAMILIES, is_member, member, parsed
 from backend.learning.preferences.measures import MEASURES, measures, typical_differences
 from backend.learning.preferences.objectives import NAMES, gains
 from backend.learning.preferences.preferences import Preference
-from backend.learning.preferences.spans import beginning
+from backend.learning.preferences.spans import PEAK_S, beginning, moments
 from backend.learning.queries.queries import Query
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory
@@ -43,11 +44,16 @@ def path_length_m(trajectory: Trajectory) -> float:
 @dataclass(frozen=True)
 class OraclePreference:
     """What an oracle prefers. objectives: those that it consists of, the dominant one first; none: it is not made of
-    them.
+    them. later: what it prefers instead after so many answers, where its mind changes.
     """
 
     value: Value
     objectives: tuple[str, ...] = ()
+    later: Callable[[int], Value] | None = None
+
+    def after(self, answers: int) -> Value:
+        """What it prefers once so many questions were answered."""
+        return self.value if self.later is None else self.later(answers)
 
 
 def _typical(trajectories: Sequence[Trajectory]) -> Doubles:
@@ -113,6 +119,31 @@ HELD_OUT: dict[str, OraclePreference] = {
 }
 ORACLE_PREFERENCES = TUNING | HELD_OUT
 ORACLES = (*ORACLE_PREFERENCES, "random")
+OUTSIDE = tuple(f"{family}:0" for family in FAMILIES)
+"""Somebody of each family outside the list."""
+
+
+def preference_of(name: str) -> OraclePreference:
+    """What the oracle of that name prefers: one of ORACLE_PREFERENCES, or somebody of a family such as `network:3`.
+
+    Raises LearningError for an unknown one.
+    """
+    if name in ORACLE_PREFERENCES:
+        return ORACLE_PREFERENCES[name]
+    if not is_member(name):
+        raise LearningError(f"oracle = {name!r}: known are {', '.join(ORACLES)}; or somebody as {', '.join(OUTSIDE)}")
+    parsed(name)
+
+    def later(answers: int) -> Value:
+        def value(trajectories: Sequence[Trajectory]) -> Doubles:
+            setup = trajectories[0].scene.setup
+            drawn = member(name, setup)
+            scaled: Doubles = drawn.after(answers).scores(trajectories) / drawn.unit(setup)
+            return scaled
+
+        return value
+
+    return OraclePreference(later(0), later=later)
 
 
 @dataclass(frozen=True)
@@ -121,12 +152,14 @@ class ResponseModel:
 
     lapse_rate: share of answers that are flipped, however clear the difference (one minus the psychometric function's
     upper asymptote). indifference: a smaller difference, in units of typical ones, is not noticed and answered at
-    random. myopia_s: only so many seconds of each trajectory are judged, from the start on; None: all.
+    random. myopia_s: only so many seconds of each trajectory are judged, from the start on; None: all. peak_end: judged
+    are its most extreme moment and its last one, equally, instead of the whole.
     """
 
     lapse_rate: float = 0.0
     indifference: float = 0.0
     myopia_s: float | None = None
+    peak_end: bool = False
 
 
 ALWAYS_RIGHT = ResponseModel()
@@ -134,24 +167,36 @@ ALWAYS_RIGHT = ResponseModel()
 
 @dataclass
 class Oracle:
-    """Answers queries by one preference."""
+    """Answers queries by one preference. answered: how many so far, for those whose mind changes."""
 
     name: str
     response_model: ResponseModel
     random: np.random.Generator
+    answered: int = 0
 
     def choices(self, queries: Sequence[Query]) -> list[int]:
         """0 for trajectory A, 1 for B, of each query in order. Between equals it chooses at random."""
         if self.name == "random":
             return [int(self.random.integers(2)) for _ in queries]
-        return self.decide(self.advantages(queries))
+        if preference_of(self.name).later is None:
+            return self.decide(self.advantages(queries))
+        return [self._next_choice(query) for query in queries]
+
+    def _next_choice(self, query: Query) -> int:
+        choice = self.decide(self.advantages([query]))[0]
+        self.answered += 1
+        return choice
 
     def advantages(self, queries: Sequence[Query]) -> Doubles:
-        """(n,) how much better B is by the preference, as far as it is looked at (myopia), in typical differences."""
+        """(n,) how much better B is by the preference of now, as it is looked at (myopia, peak and end), in typical
+        differences."""
         trajectories = [trajectory for query in queries for trajectory in (query.trajectory_a, query.trajectory_b)]
         if self.response_model.myopia_s is not None:
             trajectories = [beginning(trajectory, self.response_model.myopia_s) for trajectory in trajectories]
-        value = ORACLE_PREFERENCES[self.name].value(trajectories) if trajectories else np.zeros(0)
+        preference = preference_of(self.name).after(self.answered)
+        if not trajectories:
+            return np.zeros(0)
+        value = _peak_and_end(preference, trajectories) if self.response_model.peak_end else preference(trajectories)
         better: Doubles = value[1::2] - value[0::2]
         return better
 
@@ -178,17 +223,32 @@ class Oracle:
         ]
 
 
+def _peak_and_end(value: Value, trajectories: Sequence[Trajectory]) -> Doubles:
+    """(n,) mean of what the most extreme moment and the last one are worth; extreme: farthest from the whole's."""
+    found = np.zeros(len(trajectories))
+    for k, (trajectory, whole) in enumerate(zip(trajectories, value(trajectories), strict=True)):
+        worth = value(moments(trajectory, PEAK_S))
+        found[k] = (worth[np.abs(worth - whole).argmax()] + worth[-1]) / 2
+    return found
+
+
 def make_oracle(
-    name: str, *, lapse_rate: float = 0.0, seed: int = 0, indifference: float = 0.0, myopia_s: float | None = None
+    name: str,
+    *,
+    lapse_rate: float = 0.0,
+    seed: int = 0,
+    indifference: float = 0.0,
+    myopia_s: float | None = None,
+    peak_end: bool = False,
 ) -> Oracle:
     """The oracle of that name. Raises LearningError for an unknown one, a lapse rate outside [0, 1], a negative
     indifference or a myopia of no time."""
-    if name not in ORACLES:
-        raise LearningError(f"oracle = {name!r}: known are {', '.join(ORACLES)}")
+    if name != "random":
+        preference_of(name)
     if not 0.0 <= lapse_rate <= 1.0:
         raise LearningError(f"lapse_rate = {lapse_rate}: a share of flipped answers lies between 0 and 1")
     if indifference < 0:
         raise LearningError(f"indifference = {indifference}: in units of typical differences, at least 0")
     if myopia_s is not None and myopia_s <= 0:
         raise LearningError(f"myopia = {myopia_s}: seconds of a trajectory that are judged, more than 0")
-    return Oracle(name, ResponseModel(lapse_rate, indifference, myopia_s), np.random.default_rng([seed, 15]))
+    return Oracle(name, ResponseModel(lapse_rate, indifference, myopia_s, peak_end), np.random.default_rng([seed, 15]))

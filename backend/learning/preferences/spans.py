@@ -22,22 +22,32 @@ SPANS_S: tuple[float | None, ...] = (None, 4.0, 2.0)
 """Seconds of a trajectory that are judged, from the start on; None: all. Coarse, since trajectories last 3 to 12 s.
 Ours.
 """
+PEAK_S = 1.0
+"""How long a moment is, for whoever remembers the most extreme one and the last. Ours."""
 
 
 def beginning(trajectory: Trajectory, seconds: float) -> Trajectory:
     """The first `seconds` of a trajectory, at least one step; the whole trajectory where it is shorter."""
     steps = max(1, round(seconds / trajectory.dt))
-    if steps >= len(trajectory.actions):
-        return trajectory
+    return trajectory if steps >= len(trajectory.actions) else _part(trajectory, 0, steps)
+
+
+def moments(trajectory: Trajectory, seconds: float) -> list[Trajectory]:
+    """A trajectory in pieces of so many seconds one after another, the last one what is left."""
+    steps, n = max(1, round(seconds / trajectory.dt)), len(trajectory.actions)
+    return [_part(trajectory, first, min(first + steps, n)) for first in range(0, n, steps)]
+
+
+def _part(trajectory: Trajectory, first: int, end: int) -> Trajectory:
     return replace(
         trajectory,
         outcome=Outcome.RUNNING,
-        poses=trajectory.poses[: steps + 1],
-        observations=trajectory.observations[:steps],
-        actions=trajectory.actions[:steps],
-        rewards=trajectory.rewards[:steps],
-        next_observations=trajectory.next_observations[:steps],
-        dones=trajectory.dones[:steps],
+        poses=trajectory.poses[first : end + 1],
+        observations=trajectory.observations[first:end],
+        actions=trajectory.actions[first:end],
+        rewards=trajectory.rewards[first:end],
+        next_observations=trajectory.next_observations[first:end],
+        dones=trajectory.dones[first:end],
     )
 
 

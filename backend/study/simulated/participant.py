@@ -15,7 +15,8 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
-from backend.learning.preferences.oracles import ALWAYS_RIGHT, ORACLE_PREFERENCES, Oracle, ResponseModel, make_oracle
+from backend.learning.people.card import FAMILIES
+from backend.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
 from backend.learning.queries.queries import Query
 from backend.report.made_up_cohorts import Cohort, MadeUpPerson
 from backend.simulation.scene import Scene
@@ -73,10 +74,11 @@ class Walk:
 
 @dataclass(frozen=True)
 class Character:
-    """What all bots of a study are like. oracle, response_model: their preference (of several with commas each takes
-    the next one) and how answers stray from it; seed: of their random streams, every bot its own. cohort: what they
-    rate, rank, and how conditions change their answers; None: they have no opinion on anything but drives. style: of
-    drawing (backend/demonstrations); default each bot the next one.
+    """What all bots of a study are like. oracle, response_model: their preference and how answers stray from it; of
+    several preferences with commas each bot takes the next one, of a family outside the list its next member. seed: of
+    their random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers;
+    None: they have no opinion on anything but drives. style: of drawing (backend/demonstrations); default each bot the
+    next one.
     """
 
     oracle: str = "min-human-distance"
@@ -93,7 +95,8 @@ class Character:
     def taste(self, number: int) -> str:
         """The oracle of the bot of that number."""
         names = self.oracle.split(",")
-        return names[number % len(names)]
+        name = names[number % len(names)]
+        return f"{name}:{number // len(names)}" if name in FAMILIES else name
 
     def told(self, number: int) -> dict[str, Any]:
         """What is stored of a bot's making."""
@@ -184,9 +187,9 @@ class SimulatedParticipant:
         """How much the oracle likes it, 0 to 1: its place among all that this participant was asked about so far."""
         condition = str(step.get("block"))
         name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
-        if name not in ORACLE_PREFERENCES:
+        if name == "random":
             return float(self.random.random())
-        value, before = float(ORACLE_PREFERENCES[name].value([trajectory])[0]), self._valued.setdefault(name, [])
+        value, before = float(preference_of(name).value([trajectory])[0]), self._valued.setdefault(name, [])
         below = sum(one < value for one in before) + 0.5 * sum(one == value for one in before)
         before.append(value)
         return (below + 0.5) / len(before)
