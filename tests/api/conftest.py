@@ -1,11 +1,22 @@
 """Fixtures that tests of this room share; they are made in `lab_services.py` and `participant_services.py`."""
 
-from tests.api.lab_services import as_role, fresh_data, lab, lab_services, visitor, walked, walked_services
+from tests.api.lab_services import (
+    as_role,
+    colleague,
+    fresh_data,
+    lab,
+    lab_services,
+    two_studies,
+    visitor,
+    walked,
+    walked_services,
+)
 from tests.api.participant_services import client, furnished, link, services, token
 
 __all__ = [
     "as_role",
     "client",
+    "colleague",
     "fresh_data",
     "furnished",
     "lab",
@@ -13,6 +24,7 @@ __all__ = [
     "link",
     "services",
     "token",
+    "two_studies",
     "visitor",
     "walked",
     "walked_services",

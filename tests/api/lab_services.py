@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from fastapi.testclient import TestClient
@@ -17,12 +18,17 @@ from backend.api.application import build_services, create_application
 from backend.api.core.auth import add_user, change_password, ensure_first_user
 from backend.api.core.dependencies import Services
 from backend.settings import Settings
-from backend.store.models import Job, ProblemReport, Session, Study, TrajectoryRow, User, utc_now
+from backend.store.artefacts import save_artefact
+from backend.store.models import Job, ProblemReport, Session, Study, StudyRole, TrajectoryRow, User, utc_now
+from backend.store.outbox import enqueue_job
+from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.snapshots import take_snapshot
 from backend.study.protocol.freezing import freeze, shipped_protocols
 from backend.study.session import machine
 from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
 from backend.study.studies import create_study
+from tests.answered_study import add_answered_study
 
 PASSWORD = "seven quiet robots"
 NAME = "Corridor pilot"
@@ -140,6 +146,44 @@ def walked_services(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) 
 def walked(walked_services: tuple[Path, Walked]) -> Walked:
     """The study in this test's installation."""
     return walked_services[1]
+
+
+@pytest.fixture
+def two_studies(lab_services: Services, walked: Walked) -> SimpleNamespace:
+    """`ours` is the walked study; `theirs` another one. Each with a snapshot, a policy made from it and its job; the
+    other study's policy was made on the command line, so that only its lineage tells whose answers it is made of."""
+    with lab_services.database.transaction() as s:
+        register_shipped(s, lab_services.files)
+        base = policy_artefact(s, "study_room/base").id
+    theirs = add_answered_study(lab_services.database, lab_services.files, participants=2, answers=6)
+    found = SimpleNamespace(ours=walked.id, theirs=theirs, base=base, snapshot={}, policy={}, job={})
+    with lab_services.database.transaction() as s:
+        for name, study, whose in (("ours", walked.id, "all"), ("theirs", theirs, "simulated")):
+            snapshot = take_snapshot(s, lab_services.files, study_id=study, whose=whose)
+            job = enqueue_job(s, "align", {"snapshot": snapshot.id}, study_id=study if name == "ours" else None)
+            policy = save_artefact(
+                s, lab_services.files, kind="policy", name=f"policy of {name}", setup=snapshot.setup,
+                content=f"policy of {name}".encode(), card={"results": {}}, parents=[(snapshot.id, "answers")],
+                study_id=job.study_id, job_id=job.id,
+            )  # fmt: skip
+            found.snapshot[name], found.policy[name], found.job[name] = snapshot.id, policy.id, job.id
+    return found
+
+
+@pytest.fixture
+def colleague(lab_services: Services, two_studies: SimpleNamespace) -> Callable[..., TestClient]:
+    """A signed-in browser of somebody with a role in the installation, and others in our study."""
+
+    def enter(everywhere: str, *here: str) -> TestClient:
+        name = "-".join(("a", everywhere, *here))
+        password = add_user(lab_services.database, name, everywhere)
+        with lab_services.database.transaction() as s:
+            s.execute(update(User).where(User.name == name).values(must_change_password=False))
+            user = s.scalars(select(User).where(User.name == name)).one()
+            s.add_all(StudyRole(user_id=user.id, study_id=two_studies.ours, role=one, given_by="x") for one in here)
+        return sign_in(TestClient(create_application(lab_services), follow_redirects=False), name, password)
+
+    return enter
 
 
 def _walk(

@@ -8,9 +8,13 @@ import pytest
 from sqlalchemy import select
 
 from backend.api.core.dependencies import Services
-from backend.api.core.roles import CHANGING, ROLES, SHOWING, Right, may, rule_of
+from backend.api.core.roles import CHANGING, ROLES, SHOWING, Right, Rights, rights_of, rule_of
 from backend.store.models import Audit, Note, Participant, Session, Study
 from tests.api.lab_services import csrf, sign_in
+
+
+def may(role: str, right: Right | None) -> bool:
+    return right is None or rights_of(role).may(right)
 
 
 def entries(services: Services, **where: str) -> list[Audit]:
@@ -40,7 +44,8 @@ def test_a_role_reaches_what_its_rights_say_and_nothing_else(role, as_role):
         if not may(role, rule.right):
             said = client.get(re.sub(r"\{[^}]*\}", "none", route))
             assert (said.status_code, "Your role does not allow this" in said.text) == (403, True), route
-    assert client.get("/lab/studies").status_code == 200
+    listed = client.get("/lab/studies")
+    assert (listed.status_code, "/lab/jobs" in listed.text) == (200, may(role, Right.LOOK))
 
 
 def test_pages_offer_only_what_the_role_may_do(as_role, lab, walked):
@@ -128,7 +133,8 @@ def test_an_erasure_takes_the_notes_and_the_entries_about_the_person(lab, lab_se
 def test_owner_has_every_right_and_viewer_only_looks():
     assert all(may("owner", right) for right in Right)
     assert [right for right in Right if may("viewer", right)] == [Right.LOOK]
-    assert not may("nobody", Right.LOOK)
+    assert rights_of("nobody", [("a study", "king")]) == Rights(in_study={"a study": frozenset()})
+    assert not any(may("member", right) for right in Right)
 
 
 def test_failed_sign_ins_and_what_changed_in_the_settings_are_in_the_audit_log(visitor, lab_services):

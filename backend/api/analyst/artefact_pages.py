@@ -21,7 +21,9 @@ from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, Files, services_of
-from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.permits import in_studies, seen_artefacts
+from backend.api.core.roles import Right
 from backend.learning.policies.policy import Policy
 from backend.store.artefacts import Lineage, lineage, load_trajectory
 from backend.store.events import log_event
@@ -49,8 +51,9 @@ def take(
     whose = str(form.get("answers") or "people")
     try:
         with database.transaction() as s:
-            study = s.get(Study, study_id)
-            if study is None:
+            if not rights_in(request).may(Right.ANALYSE, study_id):
+                raise LabRefusal(403, "role", role=user.role)
+            if s.get(Study, study_id) is None:
                 raise LabRefusal(404, "no_study")
             chosen = None
             if code:
@@ -82,7 +85,7 @@ def snapshot(request: Request, artefact_id: str, database: Db, files: Files) -> 
             study=s.get(Study, artefact.study_id) if artefact.study_id else None,
             content=content,
             per_participant=sorted(per_participant.items()),
-            children=_children(s, artefact.id),
+            children=_children(request, s, artefact.id),
         )
 
 
@@ -120,7 +123,8 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 def policies(request: Request, database: Db) -> Response:
     with database.session() as s:
         kinds = ("policy", "conditioned_policy", "reward_model", "query_set")
-        chosen = select(Artefact).where(Artefact.kind.in_(kinds)).order_by(Artefact.created_at.desc())
+        seen = seen_artefacts(rights_in(request))
+        chosen = select(Artefact).where(Artefact.kind.in_(kinds), seen).order_by(Artefact.created_at.desc())
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}
         for artefact in s.scalars(chosen):
             found[artefact.kind].append(artefact)
@@ -241,9 +245,10 @@ def measured_of(artefact: Artefact) -> dict[str, Any] | None:
 def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
     tree = lineage(s, artefact.id)
     job = s.get(Job, artefact.job_id) if artefact.job_id else None
+    children = _children(request, s, artefact.id)
     measured = [
         child
-        for child in _children(s, artefact.id)
+        for child in children
         if child.kind == "evaluation" and not is_comparison(child) and child.quarantined_at is None
     ]
     return lab_page(
@@ -254,7 +259,7 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         answers=_answers(s, tree),
         job=job,
         measured=measured,
-        children=_children(s, artefact.id),
+        children=children,
         on_card=measured_of(artefact),
         held_out=_held_out(artefact),
         held_out_figure=_held_out_figure(request, artefact),
@@ -312,14 +317,17 @@ def _snapshots_page(
     whose: str = "people",
     status: int = 200,
 ) -> Response:
-    found = list(s.scalars(select(Artefact).where(Artefact.kind == "snapshot").order_by(Artefact.created_at.desc())))
-    studies = list(s.scalars(select(Study).order_by(Study.created_at.desc())))
+    rights = rights_in(request)
+    taken = select(Artefact).where(Artefact.kind == "snapshot", seen_artefacts(rights))
+    found = list(s.scalars(taken.order_by(Artefact.created_at.desc())))
+    studies = list(s.scalars(select(Study).where(in_studies(rights, Study.id)).order_by(Study.created_at.desc())))
     return lab_page(
         request,
         "analyst/snapshots.html",
         status=status,
         snapshots=found,
         studies=studies,
+        analysed=[one for one in studies if rights.may(Right.ANALYSE, one.id)],
         names={one.id: one.name for one in studies},
         problem=problem,
         too_few=isinstance(problem, TooFewAnswers),
@@ -344,11 +352,11 @@ def _usable(s: DatabaseSession, artefact_id: str, kind: str | None = None) -> Ar
     return found
 
 
-def _children(s: DatabaseSession, artefact_id: str) -> list[Artefact]:
+def _children(request: Request, s: DatabaseSession, artefact_id: str) -> list[Artefact]:
+    """What was made from it directly, of what may be seen."""
     made = select(Artefact).join(ArtefactParent, ArtefactParent.artefact_id == Artefact.id)
-    return list(
-        s.scalars(made.where(ArtefactParent.parent_id == artefact_id).order_by(Artefact.created_at.desc())).unique()
-    )
+    made = made.where(ArtefactParent.parent_id == artefact_id, seen_artefacts(rights_in(request)))
+    return list(s.scalars(made.order_by(Artefact.created_at.desc())).unique())
 
 
 def _exported(artefact_id: str, database: Db, files: Files, write: Callable[[Policy], bytes], ending: str) -> Response:

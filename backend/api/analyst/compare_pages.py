@@ -30,7 +30,8 @@ from backend.api.core import svg_figures
 from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
-from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.permits import seen_artefacts
 from backend.api.lab.study_rows import cut
 from backend.api.stage.replay_stages import Replay
 from backend.jobs.kinds import KINDS
@@ -77,13 +78,13 @@ def compare(request: Request, database: Db, policy_a: str = "", policy_b: str = 
     """Choose two policies, and the comparisons there are."""
     given = {name: value for name, value in (("policy_a", policy_a), ("policy_b", policy_b)) if value}
     with database.session() as s:
-        evaluations = s.scalars(
-            select(Artefact).where(Artefact.kind == "evaluation").order_by(Artefact.created_at.desc())
-        )
+        rights = rights_in(request)
+        evaluated = select(Artefact).where(Artefact.kind == "evaluation", seen_artefacts(rights))
+        evaluations = s.scalars(evaluated.order_by(Artefact.created_at.desc()))
         return lab_page(
             request,
             "analyst/compare_new.html",
-            fields=form_fields(s, KINDS["compare"], given),
+            fields=form_fields(s, KINDS["compare"], given, rights),
             comparisons=[one for one in evaluations if is_comparison(one)],
         )
 

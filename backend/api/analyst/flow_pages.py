@@ -19,7 +19,9 @@ from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.figure_process import FigureError, FlowOrder
-from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.permits import may_with, seen_artefacts
+from backend.api.core.roles import Right, Rights
 from backend.api.stage.replay_stages import Replay
 from backend.explain.flow_field import CELL_M
 from backend.explain.flow_files import FigureFiles
@@ -100,7 +102,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
     t = services_of(request).texts.get(lab_language(request))
     asked = figure = token = problem = None
     with database.session() as s:
-        choices = _choices(s)
+        choices = _choices(s, rights_in(request))
     try:
         with database.session() as s:
             asked = _asked(request, s)
@@ -166,9 +168,9 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     return Response(figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
 
 
-def _choices(s: DatabaseSession) -> Sequence[Artefact]:
+def _choices(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     """The policies that can be drawn: what came with the product by name, then one's own, newest first."""
-    rows = select(Artefact).where(Artefact.kind.in_(KINDS), offered())
+    rows = select(Artefact).where(Artefact.kind.in_(KINDS), offered(), seen_artefacts(rights))
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 
@@ -178,7 +180,8 @@ def _asked(request: Request, s: DatabaseSession) -> Asked | None:
     given = request.query_params
     if not given.get("policy_a"):
         return None
-    sides = [_side(given, s, side) for side in SIDES if given.get(f"policy_{side}")]
+    rights = rights_in(request)
+    sides = [_side(given, s, side, rights) for side in SIDES if given.get(f"policy_{side}")]
     setups = sorted({side.artefact.setup or "" for side in sides})
     if len(setups) > 1:
         raise _Problem("setups", first=sides[0].artefact.setup, second=sides[1].artefact.setup)
@@ -190,9 +193,9 @@ def _asked(request: Request, s: DatabaseSession) -> Asked | None:
     return Asked(tuple(sides), int(scene), _query(given))
 
 
-def _side(given: Mapping[str, str], s: DatabaseSession, side: str) -> Side:
+def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Rights) -> Side:
     artefact = s.get(Artefact, given[f"policy_{side}"])
-    if artefact is None or artefact.kind not in KINDS:
+    if artefact is None or artefact.kind not in KINDS or not may_with(s, rights, Right.LOOK, artefact):
         raise LabRefusal(404, "no_artefact")
     if artefact.quarantined_at is not None:
         raise LabRefusal(410, "quarantined")

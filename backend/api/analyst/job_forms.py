@@ -12,6 +12,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
+from backend.api.core.permits import seen_artefacts
+from backend.api.core.roles import Right, Rights
 from backend.jobs.kinds import RECIPE, JobParamsError, Kind
 from backend.store.artefact_upkeep import offered
 from backend.store.models import Artefact
@@ -53,13 +55,17 @@ class FormField:
 
 
 def form_fields(
-    s: Session, kind: Kind, values: Mapping[str, Any], wrong: JobParamsError | None = None
+    s: Session, kind: Kind, values: Mapping[str, Any], rights: Rights, wrong: JobParamsError | None = None
 ) -> list[FormField]:
     """The fields of a kind (of the algorithm that `values` name), filled with `values` (else the defaults), with what
-    is wrong at each. Nothing is asked that has only one answer."""
+    is wrong at each. Nothing is asked that has only one answer, nothing offered that `rights` keep from a job."""
     problems = {problem["field"].split(".")[0]: problem for problem in wrong.problems} if wrong else {}
     fields = kind.model_for(values).model_fields.items()
-    return [_field(s, name, info, values.get(name), problems.get(name)) for name, info in fields if not _is_given(info)]
+    return [
+        _field(s, rights, name, info, values.get(name), problems.get(name))
+        for name, info in fields
+        if not _is_given(info)
+    ]
 
 
 def typed_values(kind: Kind, form: FormData) -> dict[str, Any]:
@@ -74,7 +80,9 @@ def typed_values(kind: Kind, form: FormData) -> dict[str, Any]:
     return {**values, **algorithm}
 
 
-def _field(s: Session, name: str, info: FieldInfo, value: Any, wrong: Mapping[str, Any] | None) -> FormField:
+def _field(
+    s: Session, rights: Rights, name: str, info: FieldInfo, value: Any, wrong: Mapping[str, Any] | None
+) -> FormField:
     extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
     default = None if info.is_required() else info.get_default()
     inner = _without_none(info.annotation)
@@ -89,7 +97,7 @@ def _field(s: Session, name: str, info: FieldInfo, value: Any, wrong: Mapping[st
     artefacts: tuple[Artefact, ...] = ()
     if artefact_kind:
         control = "artefacts" if _is_many(info) else "artefact"
-        artefacts = tuple(_usable(s, artefact_kind))
+        artefacts = tuple(_usable(s, rights, artefact_kind))
         shown = _as_ids(artefacts, shown)
     elif choices:
         control = "choice"
@@ -123,9 +131,9 @@ def _told(wrong: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _usable(s: Session, kind: str) -> Sequence[Artefact]:
+def _usable(s: Session, rights: Rights, kind: str) -> Sequence[Artefact]:
     """Artefacts that a new job may work on: shipped ones first, then the newest."""
-    rows = select(Artefact).where(Artefact.kind == kind, offered())
+    rows = select(Artefact).where(Artefact.kind == kind, offered(), seen_artefacts(rights, Right.ANALYSE))
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 

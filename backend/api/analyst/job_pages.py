@@ -24,7 +24,9 @@ from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, TheServices, services_of
-from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.permits import in_studies, may_with, seen_artefacts, seen_jobs
+from backend.api.core.roles import Right, Rights
 from backend.api.lab.lab_data import JobData
 from backend.api.lab.study_rows import found_page
 from backend.jobs.kept_artefacts import command_of, find_artefact
@@ -103,7 +105,8 @@ def jobs(
     """`participant`: a code; `sort`: kind, state or created, with `-` the other way round; else newest first."""
     given = {"state": state, "kind": kind, "study": study, "participant": participant.strip(), "sort": sort}
     where = {name: value for name, value in given.items() if value}
-    chosen = select(Job)
+    rights = rights_in(request)
+    chosen = select(Job).where(seen_jobs(rights))
     columns = {"state": Job.state, "kind": Job.kind, "study": Job.study_id}
     for name, value in where.items():
         if name in columns:
@@ -118,7 +121,7 @@ def jobs(
     with database.session() as s:
         listed = found_page(s, chosen.order_by(*order), page, ROWS_PER_PAGE)
         lines = [_line(s, job) for (job,) in listed.rows]
-        used_kinds = sorted(s.scalars(select(Job.kind).distinct()))
+        used_kinds = sorted(s.scalars(select(Job.kind).where(seen_jobs(rights)).distinct()))
     template = "analyst/jobs_part.html" if request.headers.get("X-Fragment") else "analyst/jobs.html"
     return lab_page(
         request,
@@ -145,7 +148,7 @@ def new_job(request: Request, kind_name: str, database: Db, again: str = "", stu
     values: dict[str, Any] = {name: v for name, v in request.query_params.items() if name in known}
     with database.session() as s:
         if again:
-            earlier = _job(s, again)
+            earlier = _seen(s, rights_in(request), again)
             values = {**kind.in_new_words(earlier.params), **values}
             study = study or earlier.study_id or ""
         return _form(request, s, kind, values, study=study, again=again)
@@ -167,16 +170,10 @@ def launch(
     with database.transaction() as s:
         try:
             params = kind.parse(values)
-            study_id = _check_artefacts(s, kind, params) or study or None
+            study_id = _of_study(s, rights_in(request), _check_artefacts(s, rights_in(request), kind, params), study)
         except JobParamsError as wrong:
             return _form(request, s, kind, values, study=study, wrong=wrong, status=422)
-        job = enqueue_job(
-            s,
-            kind.name,
-            params.asked(),
-            study_id=study_id if study_id and s.get(Study, study_id) else None,
-            created_by=user.name,
-        )
+        job = enqueue_job(s, kind.name, params.asked(), study_id=study_id, created_by=user.name)
     audit_details(request, job_id=job.id)
     return RedirectResponse(f"/lab/jobs/{job.id}", status_code=303)
 
@@ -185,7 +182,9 @@ def launch(
 def job_page(request: Request, job_id: str, database: Db) -> Response:
     with database.session() as s:
         job = _job(s, job_id)
-        return lab_page(request, "analyst/job.html", params=_params(s, job), **_live(request, s, job))
+        return lab_page(
+            request, "analyst/job.html", params=_params(s, rights_in(request), job), **_live(request, s, job)
+        )
 
 
 @router.get("/lab/jobs/{job_id}/live")
@@ -292,6 +291,26 @@ def _job(s: DatabaseSession, job_id: str) -> Job:
     return job
 
 
+def _seen(s: DatabaseSession, rights: Rights, job_id: str) -> Job:
+    """A job that may be looked at; others are not there."""
+    job = s.scalar(select(Job).where(Job.id == job_id, seen_jobs(rights)))
+    if job is None:
+        raise LabRefusal(404, "no_job")
+    return job
+
+
+def _of_study(s: DatabaseSession, rights: Rights, learns_from: str | None, asked: str) -> str | None:
+    """The study that a new job belongs to: that of what it works on, else the one that was asked for. Who may start
+    jobs in some studies only has every job in one of them."""
+    if learns_from is not None:
+        return learns_from
+    if asked and rights.may(Right.ANALYSE, asked) and s.get(Study, asked) is not None:
+        return asked
+    studies = in_studies(rights, Study.id, Right.ANALYSE)
+    newest = select(Study.id).where(studies).order_by(Study.created_at.desc())
+    return None if rights.studies(Right.ANALYSE) is None else s.scalars(newest).first()
+
+
 def _line(s: DatabaseSession, job: Job) -> JobLine:
     end: datetime | None = job.finished_at or (utc_now() if job.state in ("running", "cancelling") else None)
     seconds = (end - job.started_at).total_seconds() if job.started_at and end else None
@@ -311,7 +330,7 @@ def _form(
     wrong: JobParamsError | None = None,
     status: int = 200,
 ) -> Response:
-    fields = form_fields(s, kind, values, wrong)
+    fields = form_fields(s, kind, values, rights_in(request), wrong)
     known = {field.name for field in fields}
     others = [p for p in wrong.problems if p["field"].split(".")[0] not in known] if wrong else []
     return lab_page(
@@ -329,9 +348,9 @@ def _form(
     )
 
 
-def _check_artefacts(s: DatabaseSession, kind: Kind, params: Params) -> str | None:
-    """Refuse artefacts that are not there or do not belong together now, not minutes later in the log. Returns the
-    study that the answers come from, where there is one."""
+def _check_artefacts(s: DatabaseSession, rights: Rights, kind: Kind, params: Params) -> str | None:
+    """Refuse artefacts that are not there, are another study's, or do not belong together now, not minutes later in the
+    log. Returns the study that the answers come from, where there is one."""
     problems: list[dict[str, Any]] = []
     setups: dict[str, str] = {}
     study: str | None = None
@@ -343,6 +362,8 @@ def _check_artefacts(s: DatabaseSession, kind: Kind, params: Params) -> str | No
         for one in given if isinstance(given, tuple) else (given,):
             try:
                 artefact = find_artefact(s, one, str(extra["artefact"]))
+                if not may_with(s, rights, Right.ANALYSE, artefact):
+                    raise LookupError(f"{artefact.name!r} belongs to a study in which your role starts no jobs")
             except (ArtefactError, LookupError, ValueError) as problem:
                 problems.append(_problem(name, one, "other", str(problem)))
                 continue
@@ -360,7 +381,7 @@ def _problem(field: str, value: object, type_: str, message: str) -> dict[str, A
     return {"field": field, "value": value, "message": message, "type": type_, "limits": {}}
 
 
-def _params(s: DatabaseSession, job: Job) -> list[Param]:
+def _params(s: DatabaseSession, rights: Rights, job: Job) -> list[Param]:
     if job.kind not in KINDS:
         return [Param(name, value, "yours", True, ()) for name, value in job.params.items()]
     shown = []
@@ -371,14 +392,15 @@ def _params(s: DatabaseSession, job: Job) -> list[Param]:
         default = None if info.is_required() else info.get_default()
         value = given.get(name, default)
         ids = value if isinstance(value, list | tuple) else [value]
-        artefacts = [s.get(Artefact, str(one)) for one in ids] if "artefact" in extra and value is not None else []
+        named = select(Artefact).where(Artefact.id.in_([str(one) for one in ids]), seen_artefacts(rights))
+        by_id = {one.id: one for one in s.scalars(named)} if "artefact" in extra and value is not None else {}
         shown.append(
             Param(
                 name,
                 value,
                 str(extra["source"]),
                 name in given and value != default,
-                tuple(one for one in artefacts if one is not None),
+                tuple(by_id[str(one)] for one in ids if str(one) in by_id),
             )
         )
     return shown

@@ -21,17 +21,19 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import APIRouter, Depends, Form, Request
 from limits import RateLimitItem, parse
 from sqlalchemy import delete, select
+from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from backend.api.core.auditing import audited
 from backend.api.core.dependencies import Db, public_url, route_of, services_of
 from backend.api.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
-from backend.api.core.roles import ROLES, may, rule_of
+from backend.api.core.permits import allows
+from backend.api.core.roles import ROLES, rights_of, rule_of
 from backend.api.core.throttle import address_of, count
 from backend.store.audit import record
 from backend.store.database import Database
 from backend.store.events import log_event
-from backend.store.models import SignIn, User, utc_now
+from backend.store.models import SignIn, StudyRole, User, utc_now
 
 COOKIE = "desirepath_sign_in"
 FIRST_USER = "experimenter"
@@ -175,8 +177,10 @@ def signed_in(request: Request, database: Db) -> User:
         if found is None:
             raise NotSignedIn
         user, csrf = found
+        given = s.execute(select(StudyRole.study_id, StudyRole.role).where(StudyRole.user_id == user.id))
+        rights = rights_of(user.role, [(study, role) for study, role in given])
         s.expunge(user)
-    request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password)
+    request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password, rights)
     if user.must_change_password and request.url.path not in ("/lab/password", "/lab/sign-out"):
         raise PasswordMustChange
     return user
@@ -189,7 +193,12 @@ async def checked_csrf(request: Request, user: SignedIn) -> User:
     """Refuse what the role does not allow, and any changing request without this sign-in's CSRF token or from another
     origin. Returns the user."""
     rule = rule_of(request.method, route_of(request))
-    allowed = rule is not None and may(user.role, rule.right)
+    rights = request.state.sign_in.rights
+    allowed = rule is not None and (
+        rule.right is None
+        or rule.right in rights.everywhere
+        or await run_in_threadpool(allows, services_of(request).database, rights, rule.right, request.path_params)
+    )
     if rule is not None and rule.action:
         audited(request, rule.action, by=user.name, role=user.role, outcome="done" if allowed else "refused")
     if not allowed:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from fastapi import Request
@@ -13,7 +13,7 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from backend.api.core.dependencies import page, services_of
 from backend.api.core.disk import room_left
-from backend.api.core.roles import may
+from backend.api.core.roles import Rights
 
 LANGUAGES = ("en", "de")
 LANGUAGE_COOKIE = "desirepath_lab_language"
@@ -27,10 +27,17 @@ class SignInState:
     role: str
     csrf: str
     must_change_password: bool = False
+    rights: Rights = field(default_factory=Rights)
 
-    def may(self, right: str) -> bool:
-        """Whether the role has this right (`roles.Right`)."""
-        return may(self.role, right)
+    def may(self, right: str, study_id: str | None = None) -> bool:
+        """Whether this may be done (`roles.Right`) in a study, or with what belongs to none."""
+        return self.rights.may(right, study_id)
+
+
+def rights_in(request: Request) -> Rights:
+    """What who is signed in may do."""
+    found: Rights = request.state.sign_in.rights
+    return found
 
 
 class LabRefusal(Exception):
@@ -62,4 +69,8 @@ def lab_refusal(request: Request, problem: Exception) -> Response:
     assert isinstance(problem, LabRefusal)  # noqa: S101 - registered for this class only
     if request.url.path.startswith("/api/"):
         return JSONResponse({"error": {"code": problem.code, **problem.values}}, problem.status)
-    return lab_page(request, "lab/refusal.html", status=problem.status, code=problem.code, values=problem.values)
+    values = dict(problem.values)
+    t = services_of(request).texts.get(lab_language(request))
+    if problem.code == "role" and t.knows(f"operating.roles.{values['role']}"):
+        values["role"] = t(f"operating.roles.{values['role']}")
+    return lab_page(request, "lab/refusal.html", status=problem.status, code=problem.code, values=values)

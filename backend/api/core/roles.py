@@ -1,12 +1,14 @@
 """What each role may do, for every signed-in route, in one table. Who is signed in is decided in `auth.py`.
 
-Roles are given for the whole installation. A route that changes something and stands in no line of CHANGING is refused
-to everybody; a route that only shows needs LOOK, unless SHOWING says more.
+An account has one role for the whole installation and any number in single studies; they add up (`Rights`). A route
+that changes something and stands in no line of CHANGING is refused to everybody; a route that only shows needs LOOK,
+unless SHOWING says more. Which study a request is about is found in `permits.py`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 
@@ -18,33 +20,72 @@ class Right(StrEnum):
     ERASE = "erase"  # destroy a participant's data
     TAKE = "take"  # take data sets and learned things away as files
     PAY = "pay"  # see the platform's ids of recruited people beside their codes
-    ANALYSE = "analyse"  # snapshots and jobs
-    MANAGE = "manage"  # accounts and roles, settings, the audit log, how long data are kept
+    ANALYSE = "analyse"  # take snapshots, start jobs
+    TIDY = "tidy"  # cancel and retry jobs; rename, archive and delete what they made
+    MANAGE = "manage"  # roles, how long data are kept; of the installation: accounts, settings, the audit log
 
+
+SHARED = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE})
+"""Of what belongs to no study (shipped policies, lists, launch forms) these are enough in any one study."""
 
 EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY})
-ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE})
+ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY})
 ROLES: dict[str, frozenset[Right]] = {
     "owner": frozenset(Right),
     "researcher": EXPERIMENTER | ANALYST,  # one person who does both, as in small labs
     "experimenter": EXPERIMENTER,
     "analyst": ANALYST,
     "viewer": frozenset({Right.LOOK}),
+    "member": frozenset(),  # has only the roles of single studies
 }
+STUDY_ROLES = ("owner", "experimenter", "analyst", "viewer")
+"""What may be given in a single study; `researcher` is two of them."""
+
+
+@dataclass(frozen=True)
+class Rights:
+    """What somebody may do. everywhere: by the installation's role; in_study: id -> by the roles given there."""
+
+    everywhere: frozenset[Right] = frozenset()
+    in_study: Mapping[str, frozenset[Right]] = field(default_factory=dict)
+
+    def may(self, right: Right | str, study_id: str | None = None) -> bool:
+        """Whether it may be done in a study; without one, with what belongs to none (`SHARED`)."""
+        if right in self.everywhere:
+            return True
+        if study_id is None:
+            return right in SHARED and any(right in given for given in self.in_study.values())
+        return right in self.in_study.get(study_id, frozenset())
+
+    def studies(self, right: Right | str) -> frozenset[str] | None:
+        """Ids of the studies in which it may be done; None: in every one."""
+        if right in self.everywhere:
+            return None
+        return frozenset(study for study, given in self.in_study.items() if right in given)
+
+
+def rights_of(role: str, given: Iterable[tuple[str, str]] = ()) -> Rights:
+    """The rights of an installation's role with those `given` in studies: (study, role). Unknown roles have none."""
+    in_study: dict[str, frozenset[Right]] = {}
+    for study, one in given:
+        in_study[study] = in_study.get(study, frozenset()) | ROLES.get(one, frozenset())
+    return Rights(ROLES.get(role, frozenset()), in_study)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What a route needs. `action`: what the audit log calls it; None: not written there."""
+    """What a route needs; `right` None: only to be signed in. `action`: what the audit log calls it; None: not written
+    there."""
 
-    right: Right
+    right: Right | None
     action: str | None = None
 
 
 LOOKING = Rule(Right.LOOK)
+SIGNED_IN = Rule(None)
 CHANGING: dict[str, Rule] = {
-    "/lab/sign-out": LOOKING,
-    "/lab/password": Rule(Right.LOOK, "password_changed"),
+    "/lab/sign-out": SIGNED_IN,
+    "/lab/password": Rule(None, "password_changed"),
     "/lab/new": Rule(Right.RUN),
     "/lab/new/{draft_id}": Rule(Right.RUN),
     "/lab/new/{draft_id}/open": Rule(Right.RUN, "study_created"),
@@ -55,6 +96,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/studies/{study_id}/revise/{draft_id}/open": Rule(Right.RUN, "study_revised"),
     "/lab/studies/{study_id}/pilot": Rule(Right.RUN, "study_pilot_changed"),
     "/lab/studies/{study_id}/retention": Rule(Right.MANAGE, "retention_changed"),
+    "/lab/studies/{study_id}/team": Rule(Right.MANAGE, "study_roles_changed"),
     "/lab/studies/{study_id}/export": Rule(Right.TAKE, "study_exported"),
     "/lab/studies/{study_id}/people/{code}/notes": Rule(Right.RUN, "note_written"),
     "/lab/studies/{study_id}/people/{code}/notes/{note_id}/remove": Rule(Right.RUN, "note_removed"),
@@ -71,10 +113,12 @@ CHANGING: dict[str, Rule] = {
     "/lab/settings/accounts/{name}/remove": Rule(Right.MANAGE, "account_removed"),
     "/lab/snapshots": Rule(Right.ANALYSE, "snapshot_taken"),
     "/lab/jobs/new/{kind_name}": Rule(Right.ANALYSE, "job_started"),
-    "/lab/jobs/{job_id}/cancel": Rule(Right.ANALYSE, "job_cancelled"),
-    "/lab/jobs/{job_id}/retry": Rule(Right.ANALYSE, "job_retried"),
+    "/lab/jobs/{job_id}/cancel": Rule(Right.TIDY, "job_cancelled"),
+    "/lab/jobs/{job_id}/retry": Rule(Right.TIDY, "job_retried"),
 }
 SHOWING: dict[str, Rule] = {
+    "/lab/studies": SIGNED_IN,  # lists those that may be looked at
+    "/lab/password": SIGNED_IN,
     "/lab/new": Rule(Right.RUN),
     "/lab/new/{draft_id}": Rule(Right.RUN),
     "/lab/new/{draft_id}/preview/{number}": Rule(Right.RUN),
@@ -105,8 +149,3 @@ def rule_of(method: str, route: str) -> Rule | None:
     if method in ("GET", "HEAD", "OPTIONS"):
         return SHOWING.get(route, LOOKING)
     return CHANGING.get(route)
-
-
-def may(role: str, right: Right | str) -> bool:
-    """Whether a role has a right; a role that is none of ours has no rights."""
-    return right in ROLES.get(role, frozenset())

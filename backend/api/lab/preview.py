@@ -114,7 +114,7 @@ def preview_change(
     request: Request, services: TheServices, study_id: str, draft_id: str, number: int, language: str = ""
 ) -> Response:
     back = f"/lab/studies/{study_id}/revise/{draft_id}"
-    return _preview_page(request, _drafted(services, draft_id), number, language, back=back)
+    return _preview_page(request, _drafted(services, draft_id), number, language, back=back, study_id=study_id)
 
 
 def _drafted(services: Services, draft_id: str) -> FrozenProtocol:
@@ -135,7 +135,8 @@ def preview_study(request: Request, study_id: str, number: int, database: Db, la
         if study is None:
             raise LabRefusal(404, "no_study")
         newest = newest_protocol(s, study)[1]
-        return _preview_page(request, newest, number, language, back=f"/lab/studies/{study.id}/protocol")
+        back = f"/lab/studies/{study.id}/protocol"
+        return _preview_page(request, newest, number, language, back=back, study_id=study.id)
 
 
 @router.post("/preview-stage/{token}/{side}", status_code=204)
@@ -149,7 +150,9 @@ def play(services: TheServices, token: str, side: str, user: CheckedCsrf) -> Non
     found.play(stage, side)
 
 
-def _preview_page(request: Request, frozen: FrozenProtocol, number: int, language: str, *, back: str) -> Response:
+def _preview_page(
+    request: Request, frozen: FrozenProtocol, number: int, language: str, *, back: str, study_id: str | None = None
+) -> Response:
     steps = preview_steps(frozen)
     if not 1 <= number <= len(steps):
         raise LabRefusal(404, "no_stage", stages=len(steps))
@@ -161,7 +164,7 @@ def _preview_page(request: Request, frozen: FrozenProtocol, number: int, languag
     shown = kind_of(step).previewed and query_set is not None
     query = example_query(services_of(request).files, query_set or "") if shown else None
     payload = kind_of(step).payload(step, Page(frozen, language, EXAMPLE_CODE))
-    if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE):
+    if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE, study_id):
         payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
     return page(
         request,

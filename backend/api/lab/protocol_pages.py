@@ -43,7 +43,7 @@ def protocol(request: Request, study_id: str, database: Db, number: int = 0) -> 
         shown = next((line.number for line in versions if line.number == number), versions[-1].number)
         row = protocol_row(s, study, shown)
         frozen = thaw(row)
-        taking = request.state.sign_in.may(Right.TAKE)
+        taking = request.state.sign_in.may(Right.TAKE, study.id)
         return study_tab(
             request,
             study,

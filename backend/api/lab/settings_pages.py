@@ -17,7 +17,7 @@ from backend.api.core.dependencies import Db, contact, public_url
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.roles import ROLES
 from backend.store.events import log_event
-from backend.store.models import Setting, SignIn, Study, User
+from backend.store.models import Setting, SignIn, Study, StudyRole, User
 
 LONGEST_CONTACT = 300
 
@@ -128,6 +128,7 @@ def remove_account(name: str, database: Db, user: CheckedCsrf) -> Response:
         if found is None:
             raise LabRefusal(404, "no_account", name=name)
         s.execute(delete(SignIn).where(SignIn.user_id == found.id))
+        s.execute(delete(StudyRole).where(StudyRole.user_id == found.id))
         s.execute(update(Study).where(Study.created_by == found.id).values(created_by=None))
         s.delete(found)
         log_event(s, "account_removed", account=name, by=user.name)
@@ -154,7 +155,11 @@ def _settings_page(request: Request, database: Db, *, status: int = 200, **conte
     with database.session() as s:
         stored = {key: (row.value if (row := s.get(Setting, key)) else {}) for key in ("public_url", "contact")}
         accounts = list(s.scalars(select(User).order_by(User.name)))
-    given = {
+        given = select(StudyRole, Study.name).join(Study, Study.id == StudyRole.study_id).order_by(Study.name)
+        in_studies: dict[str, dict[tuple[str, str], list[str]]] = {}
+        for one, study in s.execute(given.order_by(StudyRole.role)):
+            in_studies.setdefault(one.user_id, {}).setdefault((one.study_id, study), []).append(one.role)
+    shown = {
         "address": stored["public_url"].get("url", ""),
         "help_contact": stored["contact"].get("text", ""),
         "problem": None,
@@ -169,5 +174,6 @@ def _settings_page(request: Request, database: Db, *, status: int = 200, **conte
         used_contact=contact(request),
         accounts=accounts,
         roles=list(ROLES),
-        **(given | context),
+        in_studies=in_studies,
+        **(shown | context),
     )

@@ -18,7 +18,8 @@ from starlette.responses import FileResponse, RedirectResponse, Response
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, SignedIn, checked_csrf
 from backend.api.core.dependencies import Db, Files, contact, public_url
-from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_page, rights_in
+from backend.api.core.permits import in_studies
 from backend.api.lab import (
     analysis_pages,
     answer_replay,
@@ -32,6 +33,7 @@ from backend.api.lab import (
     protocol_pages,
     settings_pages,
     study_rows,
+    team_pages,
 )
 from backend.api.lab.answer_rows import AnswerFilter, answers_page
 from backend.api.lab.lab_data import Monitor
@@ -58,12 +60,15 @@ router.include_router(people_pages.router)
 router.include_router(preview.router)
 router.include_router(protocol_pages.router)
 router.include_router(settings_pages.router)
+router.include_router(team_pages.router)
 
 
 @router.get("/lab/studies")
 def studies(request: Request, database: Db) -> Response:
     with database.session() as s:
-        return lab_page(request, "lab/studies.html", lines=study_rows.study_lines(s))
+        return lab_page(
+            request, "lab/studies.html", lines=study_rows.study_lines(s, in_studies(rights_in(request), Study.id))
+        )
 
 
 @router.get("/lab/studies/{study_id}")

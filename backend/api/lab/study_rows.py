@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, func, select
+from sqlalchemy import ColumnElement, Select, func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import (
@@ -61,8 +61,8 @@ class Page:
     pages: int
 
 
-def study_lines(s: DatabaseSession) -> list[StudyLine]:
-    """Every study, newest first."""
+def study_lines(s: DatabaseSession, seen: ColumnElement[bool]) -> list[StudyLine]:
+    """Every study that may be seen, newest first."""
     joined = select(Participant.study_id, func.count())
     people = counted(s, joined.where(in_group("people")))
     simulated = counted(s, joined.where(in_group("simulated")))
@@ -95,7 +95,7 @@ def study_lines(s: DatabaseSession) -> list[StudyLine]:
             completed_simulated.get(study.id, 0),
             *answers.get(study.id, (0, None)),
         )
-        for study in s.scalars(select(Study).order_by(Study.created_at.desc(), Study.id))
+        for study in s.scalars(select(Study).where(seen).order_by(Study.created_at.desc(), Study.id))
     ]
 
 

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.store.models import Participant, Study
 
-TABS = ("now", "people", "protocol", "recruit", "data", "report")
+TABS = ("now", "people", "protocol", "recruit", "data", "report", "team")
 
 
 def the_study(s: DatabaseSession, study_id: str) -> Study:

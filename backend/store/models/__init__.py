@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from backend.store.models.asked import MARKS, Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
 from backend.store.models.base import Base, UtcDateTime, new_id, utc_now
-from backend.store.models.lab import Audit, Note, Setting, SignIn, User
+from backend.store.models.lab import Audit, Note, Setting, SignIn, StudyRole, User
 from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobMetric
 from backend.store.models.studies import (
     Erasing,
@@ -44,6 +44,7 @@ __all__ = [
     "SignIn",
     "StrokeRow",
     "Study",
+    "StudyRole",
     "Tombstone",
     "TrajectoryRow",
     "Trial",

@@ -12,8 +12,8 @@ from backend.store.models.base import Base, new_id, utc_now
 
 
 class User(Base):
-    """Somebody who signs in. Participants never do. `role`: owner, experimenter, analyst or viewer; what each may do
-    stands in `api/core/roles.py`."""
+    """Somebody who signs in. Participants never do. `role` holds in every study (`member`: in none); what each role may
+    do stands in `api/core/roles.py`."""
 
     __tablename__ = "user"
     id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
@@ -22,6 +22,17 @@ class User(Base):
     must_change_password: Mapped[bool] = mapped_column(Boolean, default=False)
     role: Mapped[str] = mapped_column(String(16), default="viewer", server_default="viewer")
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
+
+
+class StudyRole(Base):
+    """A role that somebody has in one study. Several add up, also with the role of the installation."""
+
+    __tablename__ = "study_role"
+    user_id: Mapped[str] = mapped_column(ForeignKey("user.id"), primary_key=True)
+    study_id: Mapped[str] = mapped_column(ForeignKey("study.id"), primary_key=True, index=True)
+    role: Mapped[str] = mapped_column(String(16), primary_key=True)
+    given_by: Mapped[str] = mapped_column(String(80))
+    given_at: Mapped[datetime] = mapped_column(default=utc_now)
 
 
 class SignIn(Base):
