@@ -13,7 +13,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Column, Connection, String, delete, inspect, select, text, update
+from sqlalchemy import Column, Connection, String, delete, insert, inspect, select, text, update
 from sqlalchemy.exc import DBAPIError
 
 from backend.store.artefacts import ArtefactStore
@@ -30,6 +30,7 @@ from backend.store.models import (
     Session,
     StrokeRow,
     Study,
+    StudyRole,
     Tombstone,
     User,
 )
@@ -204,6 +205,32 @@ def test_who_had_an_account_before_there_were_roles_may_still_do_everything(eith
         s.flush()
         assert s.scalars(select(User.role).where(User.name == "new")).one() == "viewer"
         assert s.scalars(select(Participant.pilot)).all() == [False]
+
+
+def test_accounts_of_before_there_were_roles_in_studies_keep_theirs_and_can_be_given_more(
+    either: Database, files: ArtefactStore
+):
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0007")
+        for name, role in (("ada", "analyst"), ("bob", "viewer")):
+            connection.execute(
+                text(
+                    'INSERT INTO "user" (id, name, password_hash, must_change_password, role, created_at) '
+                    "VALUES (:name, :name, 'x', false, :role, '2026-11-01 10:00:00')"
+                ),
+                {"name": name, "role": role},
+            )
+    either.migrate()
+    study = SmallStudy(either, files)
+    with either.transaction() as s:
+        assert {one.name: one.role for one in s.scalars(select(User))} == {"ada": "analyst", "bob": "viewer"}
+        assert s.scalars(select(StudyRole)).all() == []
+        for role in ("experimenter", "analyst"):
+            s.add(StudyRole(user_id="bob", study_id=study.id, role=role, given_by="ada"))
+    with pytest.raises(DBAPIError), either.transaction() as s:  # nobody has a role twice
+        s.execute(insert(StudyRole).values(user_id="bob", study_id=study.id, role="analyst", given_by="ada"))
+    with pytest.raises(DBAPIError), either.transaction() as s:  # or in a study that is not there
+        s.add(StudyRole(user_id="bob", study_id="none", role="viewer", given_by="ada"))
 
 
 def test_sessions_of_before_there_were_appointments_are_kept_and_may_end_in_new_ways(
