@@ -36,6 +36,7 @@ setup-test: setup
 
 # Resolve pyproject.toml anew. torch stays outside: its CPU build differs by machine.
 lock:
+	$(BIN)/pip install -q uv
 	printf 'torch ; python_version < "3"\n' > $(VENV)/without-torch.txt
 	$(BIN)/python -m uv pip compile pyproject.toml --extra dev --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock

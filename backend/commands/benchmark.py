@@ -74,6 +74,23 @@ def evaluate(
 
 @commands.command()
 @plain_errors
+def explanations(
+    policy: Annotated[
+        str, typer.Option(help="A shipped name such as study_room/base, an id or a path.")
+    ] = "study_room/base",
+    scenes: Annotated[int, typer.Option(min=2)] = 40,
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Are explanations true? Deletion and insertion against random orders, per method; milliseconds."""
+    from backend.commands.science import find_policy
+    from backend.experiments.benchmarks.explanations import benchmark_explanations
+
+    say(benchmark_explanations(find_policy(policy), policy, scenes=scenes, seed=seed), as_json)
+
+
+@commands.command()
+@plain_errors
 def parity(
     policy: Annotated[str, typer.Option(help="A shipped name such as study_room/base, or a path.")] = "open_field/base",
     scenes: Annotated[int, typer.Option(min=2)] = 1_000,

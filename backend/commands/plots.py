@@ -1,4 +1,4 @@
-"""`desirepath flow-field` and `desirepath trajectories`: how policies behave, as figures with their numbers."""
+"""`desirepath flow-field`, `trajectories` and `explain`: how policies behave and why, as figures with their numbers."""
 
 from __future__ import annotations
 
@@ -27,6 +27,7 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands to the main one."""
     app.command("flow-field")(flow_field)
     app.command()(trajectories)
+    app.command()(explain)
 
 
 @plain_errors
@@ -69,6 +70,34 @@ def trajectories(
     shown = _scene(named, setup, scene)
     acts = {_title(name): one.rollout_policy for name, one in named.items()}
     made = starts_files(acts, get_setup(shown.setup), shown, starts=starts)
+    say({**made.numbers, "files": _written(made, out)}, as_json)
+
+
+@plain_errors
+def explain(
+    policy: Annotated[str, typer.Argument(help="Id, path, or a shipped name such as study_room/base.")],
+    scene: SceneFlag = None,
+    method: Annotated[
+        str, typer.Option(help="integrated_gradients, saliency or smooth_grad.")
+    ] = "integrated_gradients",
+    command: Annotated[str, typer.Option(help="What is explained: speed or turning.")] = "speed",
+    at: Annotated[
+        float | None, typer.Option(help="Moment of the picture, s; by default where it slowed down or turned most.")
+    ] = None,
+    out: FolderFlag = Path("explanation"),
+    as_json: JsonFlag = False,
+) -> None:
+    """Show what a policy's lidar saw and how much each thing moved its command (PNG, SVG, CSV)."""
+    from backend.explain.attribution import checked
+    from backend.explain.explanation_files import explanation_files
+    from backend.learning.policies.torch_actor import actor_of
+
+    which, what = checked(method, command)
+    found = find_policy(policy)
+    shown = _scene({policy: found}, None, scene)
+    made = explanation_files(
+        actor_of(found), found.rollout_policy, shown, name=_title(policy), method=which, command=what, at_s=at
+    )
     say({**made.numbers, "files": _written(made, out)}, as_json)
 
 

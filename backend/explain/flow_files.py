@@ -55,13 +55,13 @@ def flow_files(
     }
     if len(fields) == 1:
         figure = scene_plots.flow_figure(fields[0], title=policies[0][0], words=words)
-        tables = {"flow_field.csv": _table(flow.COLUMNS, fields[0].rows())}
+        tables = {"flow_field.csv": table_bytes(flow.COLUMNS, fields[0].rows())}
     elif len(fields) == 2:
         apart = flow.difference(*fields)
         titles = (f"A: {policies[0][0]}", f"B: {policies[1][0]}")
         figure = scene_plots.pair_figure(apart, titles=titles, words=words)
-        tables = {f"flow_field_{x}.csv": _table(flow.COLUMNS, f.rows()) for x, f in zip("ab", fields, strict=True)}
-        tables["difference.csv"] = _table(flow.DIFFERENCE_COLUMNS, apart.rows())
+        tables = {f"flow_field_{x}.csv": table_bytes(flow.COLUMNS, f.rows()) for x, f in zip("ab", fields, strict=True)}
+        tables["difference.csv"] = table_bytes(flow.DIFFERENCE_COLUMNS, apart.rows())
         numbers["mean_heading_difference_rad"] = _finite(apart.mean_angle)
     else:
         raise ValueError(f"policies: {len(fields)} given; a flow-field figure shows one or two")
@@ -101,7 +101,7 @@ def starts_files(
     files = {
         "trajectories.png": scene_plots.encoded(figure, "png", about),
         "trajectories.svg": scene_plots.encoded(figure, "svg", about),
-        "trajectories.csv": _table(columns, _poses(rollouts)),
+        "trajectories.csv": table_bytes(columns, _poses(rollouts)),
     }
     return FigureFiles(files, numbers)
 
@@ -132,7 +132,8 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+def table_bytes(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
+    """Rows as CSV."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)

@@ -1,0 +1,120 @@
+"""What made a policy do what it did: attributions of its inputs, and scores of the things its lidar saw (chapter 8).
+
+The methods are captum's: Saliency, Integrated Gradients, SmoothGrad; signs are kept until things are scored. Which
+thing provides which ray is `sight.py`'s; whether an explanation is true is measured in `faithfulness.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, cast, get_args
+
+import numpy as np
+import torch
+from captum.attr import IntegratedGradients, NoiseTunnel, Saliency
+from numpy.typing import NDArray
+from torch import Tensor
+
+from backend.explain.sight import AHEAD, FAR, GOAL, PERSON, Sight
+from backend.simulation.fast import Floats
+
+Doubles = NDArray[np.float64]
+Method = Literal["saliency", "integrated_gradients", "smooth_grad"]
+Command = Literal["speed", "turning"]
+METHODS: tuple[Method, ...] = get_args(Method)
+COMMANDS: tuple[Command, ...] = get_args(Command)
+Actor = Callable[[Tensor], Tensor]
+"""(n, obs) -> (n, 2) actions in [-1, 1], differentiable; `learning/policies/torch_actor.py` makes them."""
+
+IG_STEPS = 128  # points on the way from the baseline; ours: sums are right to 0.05 of a command in [-1, 1]
+NOISE, SAMPLES = 0.05, 25  # SmoothGrad: standard deviation in scaled inputs, draws per moment; ours
+GOAL_INPUTS, PERSON_INPUTS = (0, 1), (2, 3)  # distance and bearing, as every lidar setup lays them out
+
+
+class AttributionError(ValueError):
+    """An explanation that cannot be made; names the field, the value and what would work."""
+
+
+def checked(method: str, command: str) -> tuple[Method, Command]:
+    """The same, if they are known. Raises AttributionError that names those that are."""
+    for field, value, known in (("method", method, METHODS), ("command", command, COMMANDS)):
+        if value not in known:
+            raise AttributionError(f"{field} = {value!r}: must be one of {', '.join(known)}")
+    return cast("Method", method), cast("Command", command)
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """T moments explained. inputs: (T, obs) float64, the attribution of each scaled input, sign kept.
+
+    things: the sight's and the goal. scores: (T, things) in [0, 1], the greatest attribution of what tells of the
+    thing, absolute and scaled to 0-1 at each moment over all rays and positions: the pooled rays that end at it; for
+    person and goal also what the robot is told of their position. 0: nothing told of it.
+    """
+
+    method: Method
+    command: Command
+    inputs: Doubles
+    things: tuple[str, ...]
+    scores: Doubles
+
+
+def attribute(
+    actor: Actor, observations: Floats, *, rays_from: int, method: Method, command: Command, seed: int = 0
+) -> Doubles:
+    """observations (T, obs) -> (T, obs) attributions of one command to each input, signed; gradients per unit of the
+    scaled input. rays_from: index of the first lidar input.
+
+    Integrated Gradients add up to the command's difference from the baseline (`baseline`). `seed`: SmoothGrad's noise.
+    Raises AttributionError for an unknown method or command.
+    """
+    checked(method, command)
+    index = COMMANDS.index(command)
+    inputs = torch.from_numpy(np.ascontiguousarray(observations)).requires_grad_(True)
+    found: Tensor
+    if method == "saliency":
+        found = Saliency(actor).attribute(inputs, target=index, abs=False)
+    elif method == "integrated_gradients":
+        start = torch.from_numpy(baseline(observations, rays_from))
+        found = IntegratedGradients(actor).attribute(
+            inputs, baselines=start, target=index, n_steps=IG_STEPS, method="gausslegendre"
+        )
+    else:
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            found = NoiseTunnel(Saliency(actor)).attribute(
+                inputs, nt_type="smoothgrad", nt_samples=SAMPLES, stdevs=NOISE, target=index, abs=False
+            )
+    return found.detach().numpy().astype(np.float64)
+
+
+def baseline(observations: Floats, rays_from: int) -> Floats:
+    """(T, obs) an empty room: every ray at the lidar's range, goal and person far off and straight ahead; the robot's
+    own velocity stays.
+    """
+    empty = observations.copy()
+    empty[:, rays_from:] = 1.0
+    for distance, bearing in (GOAL_INPUTS, PERSON_INPUTS):
+        empty[:, distance], empty[:, bearing] = FAR, AHEAD
+    return empty
+
+
+def explain(
+    actor: Actor, sight: Sight, *, method: Method = "saliency", command: Command = "speed", seed: int = 0
+) -> Explanation:
+    """Score what was seen at each moment by how much it moved the command. Raises AttributionError."""
+    inputs = attribute(actor, sight.observations, rays_from=sight.first_ray, method=method, command=command, seed=seed)
+    rays = np.abs(inputs[:, sight.first_ray :])
+    goal, person = (np.abs(inputs[:, list(pair)]).max(axis=1) for pair in (GOAL_INPUTS, PERSON_INPUTS))
+    every = np.column_stack([rays, goal, person])
+    low, high = every.min(axis=1, keepdims=True), every.max(axis=1, keepdims=True)
+    scaled = (every - low) / np.where(high > low, high - low, 1.0)
+    sectors = rays.shape[1]
+    scores = np.zeros((len(inputs), len(sight.things) + 1))
+    for number in range(len(sight.things)):
+        scores[:, number] = np.where(sight.provider == number, scaled[:, :sectors], 0.0).max(axis=1)
+    scores[:, -1] = scaled[:, sectors]
+    at = sight.things.index(PERSON)
+    scores[:, at] = np.maximum(scores[:, at], scaled[:, sectors + 1])
+    return Explanation(method, command, inputs, (*sight.things, GOAL), scores)

@@ -1,0 +1,39 @@
+"""A policy as a differentiable function, for who asks what moved it (`backend/explain`): ours, Stable-Baselines3's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backend.learning.policies.networks import actor_forward
+from backend.learning.policies.policy import Policy, PolicyError
+
+Actor = Callable[[Tensor], Tensor]
+"""(n, obs) -> (n, 2) actions in [-1, 1]."""
+
+
+def actor_of(policy: Policy) -> Actor:
+    """A policy's usual actor; its recovery policies, which drive while the robot is stuck, are not in it."""
+    arrays = [torch.from_numpy(np.ascontiguousarray(array)) for array in policy.actor]
+    layers = list(zip(arrays[0::2], arrays[1::2], strict=True))
+    return lambda observations: actor_forward(observations, layers)
+
+
+def actor_of_sb3(model: object) -> Actor:
+    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations.
+
+    Raises PolicyError for anything else.
+    """
+    policy = getattr(model, "policy", None)
+    if not isinstance(policy, torch.nn.Module):
+        raise PolicyError(f"model = {type(model).__name__}: needs a Stable-Baselines3 model, which has a policy")
+
+    def act(observations: Tensor) -> Tensor:
+        actions = policy(observations, deterministic=True)
+        first: Tensor = actions[0] if isinstance(actions, tuple) else actions
+        return first
+
+    return act
