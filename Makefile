@@ -17,7 +17,7 @@ lint: setup node_modules/.ready
 	$(BIN)/ruff format --check app backend tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python -m backend.api.core.published --check
+	$(BIN)/python -m backend.api.core.published
 	node_modules/.bin/tsc -p .
 	node_modules/.bin/tsc -p tsconfig.stage.json
 

@@ -1,4 +1,4 @@
-"""What participants' pages and bots send, bounded field by field. What an answer may be is the step's (`study`)."""
+"""What participants' pages and bots send, bounded field by field. Answers are `steps.py`'s."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
 
 from backend.api.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
+from backend.api.participant.steps import RequestId
 from backend.study.drawing.strokes import MOST_POINTS
 from backend.study.drawing.walks import MOST_POSES
 from backend.study.session.leaving import LONGEST_PROBLEM
@@ -16,9 +17,6 @@ LARGEST_EVENT = 4_000  # bytes of JSON; ours
 LONGEST_DEVICE_VALUE = 40
 LONGEST_ID = 200  # characters of a recruiting platform's ids
 
-RequestId = Annotated[
-    str, Field(min_length=8, max_length=64, description="another one per answer; the same again counts once")
-]
 Side = Literal["a", "b"]
 Cut = Literal["hidden", "webgl_lost", "connection"]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
@@ -33,14 +31,6 @@ def _small(data: dict[str, Any]) -> dict[str, Any]:
 
 
 Small = Annotated[MaybeObject, AfterValidator(_small)]
-
-
-class AnswerSent(Sent):
-    """An answer to the current step."""
-
-    request_id: RequestId
-    value: MaybeObject = Field({}, description="as the kind of step wants it")
-    client_time: Clock = None
 
 
 class Noticed(Sent):

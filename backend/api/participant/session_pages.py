@@ -8,20 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Request
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
+from backend.api.core.contract import told
 from backend.api.core.dependencies import TheServices, contact, page, services_of
 from backend.api.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
 from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
 from backend.api.participant.replies import Answered, SessionState
 from backend.api.participant.requests import not_too_often, too_many
-from backend.api.participant.sent import AnswerSent, Noticed, ProblemTold
+from backend.api.participant.sent import Noticed, ProblemTold
 from backend.api.participant.session_view import looking, page_context, state_of
+from backend.api.participant.steps import AnswerSent
 from backend.api.stage.admission import stage_cookie
 from backend.store.events import log_event
 from backend.store.models import Participant, Session, utc_now
@@ -124,15 +126,16 @@ def help_page(token: str, request: Request) -> Response:
 # ---- the API -------------------------------------------------------------------------------------------------------
 
 
-@router.get("/api/session/{token}", response_model=SessionState, response_model_exclude_unset=True)
-def state(token: str, request: Request) -> dict[str, Any]:
+@router.get("/api/session/{token}", response_model=SessionState)
+def state(token: str, request: Request) -> Response:
     """Where the session stands."""
     with looking(services_of(request), token) as (s, session):
-        return state_of(request, s, session, machine.current(s, session))
+        now = state_of(request, s, session, machine.current(s, session))
+    return told(SessionState, now)
 
 
-@router.post("/api/session/{token}/steps/{key}", response_model=Answered, response_model_exclude_unset=True)
-def answer(token: str, key: str, request: Request, body: AnswerSent) -> dict[str, Any]:
+@router.post("/api/session/{token}/steps/{key}", response_model=Answered)
+def answer(token: str, key: str, request: Request, body: AnswerSent) -> Response:
     """Store an answer; the reply is the acknowledgement."""
     services = services_of(request)
     now = utc_now()
@@ -146,12 +149,13 @@ def answer(token: str, key: str, request: Request, body: AnswerSent) -> dict[str
             request_id=body.request_id,
             client_time=body.client_time,
             now=now,
+            named=body.kind,
         )
         reply = state_of(request, s, session, machine.current(s, session))
     if not submitted.duplicate:
         services.presenter.show(session.id)
         services.listeners.changed(session.id)
-    return {"accepted": True, "duplicate": submitted.duplicate, **reply}
+    return told(Answered, {"accepted": True, "duplicate": submitted.duplicate, **reply})
 
 
 @router.post("/api/session/{token}/events", status_code=204)
@@ -171,20 +175,20 @@ def page_event(token: str, request: Request, services: TheServices, body: Notice
     return Response(status_code=204)
 
 
-@router.post("/api/session/{token}/pause", response_model=SessionState, response_model_exclude_unset=True)
-def pause(token: str, request: Request) -> dict[str, Any]:
+@router.post("/api/session/{token}/pause", response_model=SessionState)
+def pause(token: str, request: Request) -> Response:
     """Stop for now; the link stays valid."""
     return _change(request, token, "pause", lambda s, session, now: machine.pause(s, session, now=now))
 
 
-@router.post("/api/session/{token}/resume", response_model=SessionState, response_model_exclude_unset=True)
-def resume(token: str, request: Request) -> dict[str, Any]:
+@router.post("/api/session/{token}/resume", response_model=SessionState)
+def resume(token: str, request: Request) -> Response:
     """Go on."""
     return _change(request, token, "resume", lambda s, session, now: machine.resume(s, session, now=now))
 
 
-@router.post("/api/session/{token}/withdraw", response_model=SessionState, response_model_exclude_unset=True)
-def withdraw(token: str, request: Request) -> dict[str, Any]:
+@router.post("/api/session/{token}/withdraw", response_model=SessionState)
+def withdraw(token: str, request: Request) -> Response:
     """Leave the study for good."""
     return _change(request, token, "withdraw", lambda s, session, now: machine.withdraw(s, session, now=now))
 
@@ -201,7 +205,7 @@ def problem(token: str, request: Request, services: TheServices, body: ProblemTo
 
 def _change(
     request: Request, token: str, asked: str, act: Callable[[DatabaseSession, Session, datetime], None]
-) -> dict[str, Any]:
+) -> Response:
     services = services_of(request)
     now = utc_now()
     with acting(services.database, token, request=asked, now=now) as (s, session):
@@ -209,7 +213,7 @@ def _change(
         reply = state_of(request, s, session, machine.current(s, session))
     services.presenter.show(session.id, afresh=True)
     services.listeners.changed(session.id)
-    return reply
+    return told(SessionState, reply)
 
 
 for part in (recruiting, device_check, trials, stroke_requests, stream):

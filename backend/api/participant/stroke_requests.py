@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
 
+from backend.api.core.contract import told
 from backend.api.core.dependencies import Services, services_of
 from backend.api.participant.replies import DrawingReply
 from backend.api.participant.sent import Interrupted, RolloutSeen, StrokeSent, WalkAgain
@@ -26,11 +27,11 @@ from backend.study.session import machine
 from backend.study.session.finding import acting
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
-changing = partial(router.post, response_model=DrawingReply, response_model_exclude_unset=True)
+changing = partial(router.post, response_model=DrawingReply)
 
 
 @changing("/api/session/{token}/drawing/{key}/stroke")
-def stroke(token: str, key: str, request: Request, body: StrokeSent) -> dict[str, Any]:
+def stroke(token: str, key: str, request: Request, body: StrokeSent) -> Response:
     """Store a drawn path; one that can be driven is driven at once. `problem` says kindly why another cannot."""
     services = services_of(request)
     with looking(services, token) as (_, session):
@@ -59,7 +60,7 @@ def stroke(token: str, key: str, request: Request, body: StrokeSent) -> dict[str
 
 @changing("/api/session/{token}/drawing/{key}/rollout")
 @changing("/api/session/{token}/drawing/{key}/drive", include_in_schema=False)  # of pages from before an update
-def roll_out(token: str, key: str, request: Request) -> dict[str, Any]:
+def roll_out(token: str, key: str, request: Request) -> Response:
     """Let the robot drive the path, again if it did before."""
     return _on_drawing(
         request,
@@ -72,7 +73,7 @@ def roll_out(token: str, key: str, request: Request) -> dict[str, Any]:
 
 @changing("/api/session/{token}/drawing/{key}/rollout-seen")
 @changing("/api/session/{token}/drawing/{key}/driven", include_in_schema=False)  # of pages from before an update
-def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> dict[str, Any]:
+def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> Response:
     """The stage told the page that the rollout has been watched to its end."""
     services, playback = services_of(request), body.playback_id
     walked = _walked(services, token, key, body.walk.model_dump()) if body.walk is not None else None
@@ -95,7 +96,7 @@ def _walked(services: Services, token: str, key: str, given: object) -> Walked |
 
 
 @changing("/api/session/{token}/drawing/{key}/walk")
-def walk(token: str, key: str, request: Request, body: WalkAgain) -> dict[str, Any]:
+def walk(token: str, key: str, request: Request, body: WalkAgain) -> Response:
     """Walk once more beside the rollout of the path that is there."""
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
@@ -105,7 +106,7 @@ def walk(token: str, key: str, request: Request, body: WalkAgain) -> dict[str, A
 
 
 @changing("/api/session/{token}/drawing/{key}/interrupted")
-def interrupted(token: str, key: str, request: Request, body: Interrupted) -> dict[str, Any]:
+def interrupted(token: str, key: str, request: Request, body: Interrupted) -> Response:
     """The rollout could not be watched to its end; the path stays, and can be driven again."""
 
     def act(s: DatabaseSession, session: Session) -> None:
@@ -115,7 +116,7 @@ def interrupted(token: str, key: str, request: Request, body: Interrupted) -> di
 
 
 @changing("/api/session/{token}/drawing/{key}/redraw")
-def redraw(token: str, key: str, request: Request) -> dict[str, Any]:
+def redraw(token: str, key: str, request: Request) -> Response:
     """Take the path back and draw another one."""
 
     def act(s: DatabaseSession, session: Session) -> None:
@@ -147,7 +148,7 @@ def _on_drawing(
     act: Callable[[DatabaseSession, Session], StrokeRow | None],
     *,
     afresh: bool = False,
-) -> dict[str, Any]:
+) -> Response:
     """One change of a drawing: commit it, then drive what it says, then tell the page's stream."""
     services = services_of(request)
     with acting(services.database, token, request=asked, now=utc_now()) as (s, session):
@@ -163,4 +164,4 @@ def _on_drawing(
     elif afresh or paths.met(row):
         services.presenter.show(session.id)
     services.listeners.changed(session.id)
-    return reply
+    return told(DrawingReply, reply)

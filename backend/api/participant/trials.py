@@ -6,11 +6,12 @@ import base64
 from collections.abc import Callable
 from datetime import datetime
 from functools import partial
-from typing import Any
 
 from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
 
+from backend.api.core.contract import told
 from backend.api.core.dependencies import TheServices, services_of
 from backend.api.participant.replies import SessionState, TrialData
 from backend.api.participant.sent import Interrupted, Seen, Start
@@ -21,11 +22,11 @@ from backend.study.session import machine
 from backend.study.session.finding import acting
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
-changing = partial(router.post, response_model=SessionState, response_model_exclude_unset=True)
+changing = partial(router.post, response_model=SessionState)
 
 
 @changing("/api/session/{token}/trials/{key}/start")
-def start(token: str, key: str, request: Request, body: Start) -> dict[str, Any]:
+def start(token: str, key: str, request: Request, body: Start) -> Response:
     """Play the first trajectory that was not seen yet."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
@@ -43,7 +44,7 @@ def start(token: str, key: str, request: Request, body: Start) -> dict[str, Any]
 
 
 @changing("/api/session/{token}/trials/{key}/seen")
-def seen(token: str, key: str, request: Request, body: Seen) -> dict[str, Any]:
+def seen(token: str, key: str, request: Request, body: Seen) -> Response:
     """The stage told the page that a trajectory has been watched to its end."""
     return _on_trial(
         request,
@@ -54,13 +55,13 @@ def seen(token: str, key: str, request: Request, body: Seen) -> dict[str, Any]:
 
 
 @changing("/api/session/{token}/trials/{key}/again")
-def again(token: str, key: str, request: Request) -> dict[str, Any]:
+def again(token: str, key: str, request: Request) -> Response:
     """Play both trajectories once more, where the protocol allows it."""
     return _on_trial(request, token, "again", lambda s, session, now: machine.watch_again(s, session, key, now=now))
 
 
 @changing("/api/session/{token}/trials/{key}/interrupted")
-def interrupted(token: str, key: str, request: Request, body: Interrupted) -> dict[str, Any]:
+def interrupted(token: str, key: str, request: Request, body: Interrupted) -> Response:
     """A trajectory could not be watched: hidden tab (that one again), lost picture or connection (the trial again)."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> None:
@@ -78,7 +79,7 @@ def _on_trial(
     act: Callable[[DatabaseSession, Session, datetime], machine.Playback | None],
     *,
     afresh: bool = False,
-) -> dict[str, Any]:
+) -> Response:
     """One change of a trial: commit it, then play what it says, then tell the page's stream.
 
     Watching is no answer: if the power fails, the trial starts over, so nobody waits for the disk here.
@@ -93,11 +94,11 @@ def _on_trial(
     elif afresh:
         services.presenter.show(session.id, afresh=True)
     services.listeners.changed(session.id)
-    return reply
+    return told(SessionState, reply)
 
 
 @router.get("/api/session/{token}/trial-data", response_model=TrialData)
-def trial_data(token: str, services: TheServices) -> dict[str, str]:
+def trial_data(token: str, services: TheServices) -> Response:
     """The two trajectories of the current trial as NPZ in base64, for oracles; simulated sessions only."""
     with looking(services, token) as (s, session):
         if not session.simulated:
@@ -108,4 +109,4 @@ def trial_data(token: str, services: TheServices) -> dict[str, str]:
         if trial is None:
             raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
     both = {"a": trial.trajectory_a, "b": trial.trajectory_b}
-    return {side: base64.b64encode(services.files.get(one)).decode() for side, one in both.items()}
+    return told(TrialData, {side: base64.b64encode(services.files.get(one)).decode() for side, one in both.items()})

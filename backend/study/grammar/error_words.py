@@ -1,8 +1,11 @@
-"""Pydantic's errors in words for the person who wrote the file: where it stands, what is allowed, what was meant."""
+"""Pydantic's errors in words: for who wrote a file where it stands, what is allowed and what was meant, for who sent
+JSON what would have worked.
+"""
 
 from __future__ import annotations
 
 import difflib
+import re
 import types
 import typing
 from typing import Any, TypeVar
@@ -62,6 +65,14 @@ def _in_words(error: Any, model: type[BaseModel]) -> str:
             return "must be a mapping of keys to values"
     said: str = error["msg"]
     return said[0].lower() + said[1:]
+
+
+def wanted_in_json(error: Any) -> str:
+    """What a value in JSON would have to be, of one of Pydantic's errors."""
+    if error["type"] == "missing":
+        return "must be given"
+    said = re.sub(r"^(Input|String|List|Value|Dictionary|Number|Tuple) should", "must", str(error["msg"]))
+    return said.removeprefix("Value error, ").replace("a valid dictionary", "an object")
 
 
 def meant(given: object, allowed: list[str]) -> str:

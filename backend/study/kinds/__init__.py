@@ -32,20 +32,20 @@ __all__ = [
 ]
 
 
-def _found() -> dict[str, Kind[Any]]:
+def _found() -> dict[str, Kind[Any, Any]]:
     modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
     kinds = [module.KIND for module in modules if hasattr(module, "KIND")]
     return {kind.name: kind for kind in sorted(kinds, key=lambda kind: kind.name)}
 
 
-KINDS: Mapping[str, Kind[Any]] = _found()
+KINDS: Mapping[str, Kind[Any, Any]] = _found()
 """name -> kind, of all that there are."""
 _ANY: Any = Annotated[reduce(or_, (kind.step for kind in KINDS.values())), Field(discriminator="kind")]
 _STEP: TypeAdapter[Step] = TypeAdapter(_ANY)
 _PLAN: TypeAdapter[list[Step]] = TypeAdapter(list[_ANY])
 
 
-def kind_of(step: Step) -> Kind[Any]:
+def kind_of(step: Step) -> Kind[Any, Any]:
     """The kind of a step."""
     return KINDS[step.kind]
 

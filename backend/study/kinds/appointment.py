@@ -14,6 +14,7 @@ from backend.store.models import Session
 from backend.study.grammar.parts import FileName
 from backend.study.kinds.base import Acting, Ending, Moment, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
+from backend.study.kinds.wire import Confirmed
 from backend.study.links import next_token, token_hash
 
 
@@ -51,7 +52,7 @@ class AppointmentStep(TextStep):
     within_days: float
 
 
-class Appointment(TextPage[AppointmentStep]):
+class Appointment(TextPage[AppointmentStep, Confirmed]):
     name = "appointment"
     step = AppointmentStep
     stages = {"appointment": AppointmentStage}

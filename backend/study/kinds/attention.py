@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from backend.store.sides import Side
 from backend.study.kinds.base import Kind, Moment, Page, Simulated, Step
-from backend.study.kinds.trial import checked_side
+from backend.study.kinds.wire import Besides, ChoiceAnswer
 
 
 class AttentionStep(Step):
@@ -18,17 +18,23 @@ class AttentionStep(Step):
     number: int
 
 
-class Attention(Kind[AttentionStep]):
+class AboutAttention(Besides):
+    instructed: Side | None = None
+
+
+class Attention(Kind[AttentionStep, ChoiceAnswer]):
     name = "attention"
     step = AttentionStep
+    answers = ChoiceAnswer
+    besides = AboutAttention
     stored = {"choice": "a or b", "instructed": "the letter that the page said", "passed": "whether they are the same"}
 
     def payload(self, step: AttentionStep, page: Page) -> dict[str, Any]:
         return {"instructed": step.instructed}
 
-    def check(self, step: AttentionStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        side = checked_side(value)
-        return {"choice": side, "instructed": step.instructed, "passed": side == step.instructed}
+    def check(self, step: AttentionStep, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
+        passed = answer.choice == step.instructed
+        return {"choice": answer.choice, "instructed": step.instructed, "passed": passed}
 
     def told(self, step: AttentionStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"instructed": step.instructed}

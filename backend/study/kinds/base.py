@@ -24,6 +24,7 @@ from backend.study.grammar.parts import Part
 from backend.study.grammar.skipping import Earlier, When
 from backend.study.grammar.source import Path, Problem, Source
 from backend.study.grammar.words import View
+from backend.study.kinds.wire import Answer, Besides, Confirmed, Progress, TrialState
 from backend.study.plan.queries import DrawnQueries, Needs
 from backend.study.refusals import Refused
 
@@ -190,6 +191,7 @@ class Step(BaseModel):
 
 
 S = TypeVar("S", bound=Step)
+A = TypeVar("A", bound=Answer)
 
 # ---- in a session ----------------------------------------------------------------------------------------------------
 
@@ -327,19 +329,12 @@ class Simulated(Protocol):
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
 
 
-class BadValue(Refused):
-    """A value that is no answer; names the field and what would work."""
-
-    def __init__(self, field: str, value: Any, message: str) -> None:
-        super().__init__(422, "bad_value", message, field=field, value=value)
-
-
 def timed_out(value: Mapping[str, Any]) -> bool:
     """Whether the page says that the protocol's time for the step was over."""
     return value.get("timed_out") is True
 
 
-class Kind(Generic[S]):
+class Kind(Generic[S, A]):
     """One kind of step. What is left as it is here is right for a page that is read and confirmed."""
 
     name: ClassVar[str]
@@ -358,6 +353,12 @@ class Kind(Generic[S]):
     """Nobody answers it: the session goes on by itself (`settle`), and its progress does not count it."""
     answer: ClassVar[str] = ""
     """What its stored answers are called, as `responses.kind`; default its name."""
+    answers: ClassVar[type[Answer]] = Confirmed
+    """What is sent as its answer; the published contract and the page's types follow it."""
+    progress: ClassVar[type[Progress] | None] = None
+    """What `state` tells; trials' is `TrialState`."""
+    besides: ClassVar[type[Besides]] = Besides
+    """What `told` tells simulated participants."""
     stored: ClassVar[Mapping[str, str]] = {}
     """What a stored answer holds (`responses.value` in the export): field -> its meaning."""
     begun: ClassVar[Mapping[str, Callable[[Acting], None]]] = {}
@@ -366,6 +367,11 @@ class Kind(Generic[S]):
     @property
     def response_kind(self) -> str:
         return self.answer or self.name
+
+    @property
+    def told_progress(self) -> type[Progress] | None:
+        """What its trial or drawing tells on the wire."""
+        return TrialState if self.shows == "trajectories" else self.progress
 
     # what its page is given
 
@@ -378,7 +384,7 @@ class Kind(Generic[S]):
         return {}
 
     def state(self, step: S, moment: Moment) -> dict[str, Any] | None:
-        """How far its trial or drawing is; trials' own is `session/view.py`'s."""
+        """How far its trial or drawing is, as `progress` says; trials' own is `session/view.py`'s."""
         return None
 
     # whether somebody meets it
@@ -412,8 +418,8 @@ class Kind(Generic[S]):
     def check_time(self, step: S, moment: Moment, value: Mapping[str, Any]) -> None:
         """Raise Refused for a step that nobody answers."""
 
-    def check(self, step: S, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        """The answer to store. Raises BadValue. Default: read, nothing to answer."""
+    def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
+        """The answer to store. Raises BadValue for what its model lets through. Default: read, nothing to answer."""
         return {}
 
     def keep(self, step: S, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
@@ -427,7 +433,7 @@ class Kind(Generic[S]):
     # simulated participants
 
     def told(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
-        """What a simulated participant is told beside what pages show; nobody else is."""
+        """What a simulated participant is told beside what pages show, as `besides` says; nobody else is."""
         return {}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

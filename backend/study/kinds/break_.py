@@ -11,6 +11,7 @@ from backend.study.grammar.conditions import Condition
 from backend.study.grammar.parts import FileName
 from backend.study.kinds.base import BlockPart, Pace, Page, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
+from backend.study.kinds.wire import Confirmed
 
 
 class BlockBreak(BlockPart):
@@ -45,7 +46,7 @@ class BreakStep(TextStep):
         return self.at_least_s
 
 
-class Break(TextPage[BreakStep]):
+class Break(TextPage[BreakStep, Confirmed]):
     name = "break"
     step = BreakStep
     stages = {"break": BreakStage}

@@ -13,7 +13,8 @@ from pydantic import AliasChoices, Field, field_validator
 from backend.study.grammar.words import View
 from backend.study.kinds.base import Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.guess import GuessStep
-from backend.study.kinds.trial import Viewing, checked_side
+from backend.study.kinds.trial import Viewing
+from backend.study.kinds.wire import AboutQuery, ChoiceAnswer
 
 
 class ComparisonStage(Stage):
@@ -89,9 +90,11 @@ class ComparisonStep(Step):
     against: Literal["base", "other"] = "base"
 
 
-class Comparison(Kind[ComparisonStep]):
+class Comparison(Kind[ComparisonStep, ChoiceAnswer]):
     name = "comparison"
     step = ComparisonStep
+    answers = ChoiceAnswer
+    besides = AboutQuery
     stored = {"choice": "a or b"}
     stages = {"comparison": ComparisonStage}
     shows = "trajectories"
@@ -104,8 +107,8 @@ class Comparison(Kind[ComparisonStep]):
     def is_asked(self, step: ComparisonStep, moment: Moment) -> bool:
         return moment.has_trial(step.key)
 
-    def check(self, step: ComparisonStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        return {"choice": checked_side(value)}
+    def check(self, step: ComparisonStep, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
+        return {"choice": answer.choice}
 
     def told(self, step: ComparisonStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"query": None}

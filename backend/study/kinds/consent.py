@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator
 
 from backend.store.models import Participant
 from backend.study.grammar.parts import FileName, Localized, Version
 from backend.study.grammar.source import Path
 from backend.study.grammar.texts import local
-from backend.study.kinds.base import Acting, BadValue, Moment, Page, Planning, Simulated, Stage, Step
+from backend.study.kinds.base import Acting, Moment, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
+from backend.study.kinds.wire import Answer, BadValue, Besides, Flag
 
 POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
@@ -43,9 +46,35 @@ class ConsentStep(TextStep):
     kind: Literal["consent"]
 
 
-class Consent(TextPage[ConsentStep]):
+def _agreed(given: object) -> object:
+    if given is not True:
+        raise ValueError("must be true; who does not agree leaves the study")
+    return given
+
+
+def _by_purpose(given: object) -> object:
+    if given and not isinstance(given, dict):
+        raise ValueError("must be an object with true or false by purpose")
+    return given or {}
+
+
+class ConsentAnswer(Answer):
+    """version: of the text that was shown. purposes: what was not ticked was not agreed to."""
+
+    given: Annotated[Literal[True], BeforeValidator(_agreed)]
+    version: Annotated[str | None, BeforeValidator(str)] = None
+    purposes: Annotated[dict[str, Flag], BeforeValidator(_by_purpose)] = {}
+
+
+class AboutConsent(Besides):
+    purposes: list[str] | None = None
+
+
+class Consent(TextPage[ConsentStep, ConsentAnswer]):
     name = "consent"
     step = ConsentStep
+    answers = ConsentAnswer
+    besides = AboutConsent
     stored = {
         "given": "true",
         "version": "of the text",
@@ -64,18 +93,14 @@ class Consent(TextPage[ConsentStep]):
             "version": consent.version,
         }
 
-    def check(self, step: ConsentStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
+    def check(self, step: ConsentStep, answer: ConsentAnswer, page: Page) -> dict[str, Any]:
         version, asked = page.frozen.consent.version, page.frozen.consent.purposes
-        if value.get("given") is not True:
-            raise BadValue("value.given", value.get("given"), "must be true; who does not agree leaves the study")
-        if str(value.get("version", version)) != version:
-            raise BadValue("value.version", value.get("version"), f"must be {version}, the version that was shown")
-        purposes = value.get("purposes") or {}
-        if not isinstance(purposes, dict) or not set(purposes) <= set(asked):
+        if answer.version is not None and answer.version != version:
+            raise BadValue("value.version", answer.version, f"must be {version}, the version that was shown")
+        if not set(answer.purposes) <= set(asked):
             allowed = ", ".join(asked) or "none"
             raise BadValue("value.purposes", None, f"must be an object with true or false for {allowed}")
-        # what was not ticked was not agreed to
-        agreed = {"purposes": {key: purposes.get(key) is True for key in asked}} if asked else {}
+        agreed = {"purposes": {key: answer.purposes.get(key, False) for key in asked}} if asked else {}
         return {"given": True, "version": version, **agreed}
 
     def keep(self, step: ConsentStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any, Literal
 from backend.study.grammar.parts import Address, Code, FileName
 from backend.study.kinds.base import Acting, Ending, Moment, Page, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
+from backend.study.kinds.wire import Confirmed
 
 
 class DebriefingStage(Stage):
@@ -27,7 +28,7 @@ class DebriefingStep(TextStep):
     kind: Literal["debriefing"]
 
 
-class Debriefing(TextPage[DebriefingStep]):
+class Debriefing(TextPage[DebriefingStep, Confirmed]):
     name = "debriefing"
     step = DebriefingStep
     stages = {"debriefing": DebriefingStage}

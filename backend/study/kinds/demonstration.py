@@ -6,16 +6,17 @@ What becomes of strokes and of walks beside them is `drawing/`'s.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, TypeAdapter, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
+from backend.simulation.scene import Scene
 from backend.study.drawing import paths, strokes, walks
 from backend.study.grammar.words import PersonMode, View
-from backend.study.kinds.base import Acting, BadValue, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
-
-if TYPE_CHECKING:
-    from backend.simulation.scene import Scene
+from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
+from backend.study.kinds.wire import Answer, BadValue, Besides, Flag, Progress
 
 SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
 
@@ -102,9 +103,55 @@ class DemonstrationStep(Step):
     optional: bool = False
 
 
-class Demonstration(Kind[DemonstrationStep]):
+_WHICH = "must be the id of the stroke that is kept"
+
+
+def _id(given: object) -> object:
+    if given is not None and not isinstance(given, str):
+        raise ValueError(_WHICH)
+    return given
+
+
+class DemonstrationAnswer(Answer):
+    """Which stroke is kept, or that a further path is not wanted."""
+
+    stroke: Annotated[str | None, BeforeValidator(_id)] = None
+    skipped: Flag = False
+
+
+class DrawingState(Progress):
+    """How far a drawn path is."""
+
+    phase: Literal["drawing", "ready", "driving", "watched"]
+    walking: bool = Field(description="whether the participant walks beside the rollout")
+    met: bool = Field(description="whether the robot met the participant on the last walk")
+    stroke: str | None = Field(description="the drawn path that can be kept")
+    duration_s: float | None = Field(description="of the rollout of the drawn path")
+    playback_id: str | None = Field(description="what is playing now")
+    may_skip: bool
+    attempts: int
+
+
+class _AsScene:
+    """Published as the scene that it is; built and measured where it is stored, so not checked again on its way out."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return handler(TypeAdapter(Scene).core_schema)
+
+
+class AboutDemonstration(Besides):
+    """scenes: one per walk that is offered, or the one."""
+
+    scenes: list[Annotated[dict[str, Any], _AsScene]] | None = None
+
+
+class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
     name = "demonstration"
     step = DemonstrationStep
+    answers = DemonstrationAnswer
+    progress = DrawingState
+    besides = AboutDemonstration
     stored = {"stroke": "id of the stroke that is kept", "skipped": "true where a further path was not wanted"}
     stages = {"demonstrations": DemonstrationsStage}
     shows = "paper"
@@ -124,13 +171,12 @@ class Demonstration(Kind[DemonstrationStep]):
     def may_come(self, step: DemonstrationStep, moment: Moment) -> bool:
         return not step.optional
 
-    def check(self, step: DemonstrationStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        """Which stroke is kept, or that a further path is not wanted."""
-        if value.get("skipped") is True and step.optional:
+    def check(self, step: DemonstrationStep, answer: DemonstrationAnswer, page: Page) -> dict[str, Any]:
+        if answer.skipped and step.optional:
             return {"skipped": True}
-        if not isinstance(value.get("stroke"), str):
-            raise BadValue("value.stroke", value.get("stroke"), "must be the id of the stroke that is kept")
-        return {"stroke": value["stroke"][:32]}
+        if answer.stroke is None:
+            raise BadValue("value.stroke", None, _WHICH)
+        return {"stroke": answer.stroke[:32]}
 
     def keep(self, step: DemonstrationStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
         strokes.keep(acting.s, acting.session, step, stored)

@@ -16,6 +16,7 @@ from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning,
 from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.kinds.questionnaire import QuestionnaireStep
 from backend.study.kinds.wait import WaitStep
+from backend.study.kinds.wire import AboutQuery, Confirmed
 from backend.study.personalising.controllers import rollouts_for
 
 CONTROLLERS = ("social_cost", "dwa", "own")  # spec 02
@@ -104,9 +105,10 @@ class EvaluationStep(Step):
     role: Literal["regular"] = "regular"
 
 
-class Evaluation(Kind[EvaluationStep]):
+class Evaluation(Kind[EvaluationStep, Confirmed]):
     name = "evaluation"
     step = EvaluationStep
+    besides = AboutQuery
     stages = {"evaluation": EvaluationStage}
     shows = "trajectories"
     trajectories = 1

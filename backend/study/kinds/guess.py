@@ -10,7 +10,7 @@ from sqlalchemy import select
 from backend.store.models import Trial
 from backend.store.sides import Side
 from backend.study.kinds.base import Acting, Kind, Page, Simulated, Step
-from backend.study.kinds.trial import checked_side
+from backend.study.kinds.wire import ChoiceAnswer
 
 
 class GuessStep(Step):
@@ -19,16 +19,17 @@ class GuessStep(Step):
     kind: Literal["guess"]
 
 
-class Guess(Kind[GuessStep]):
+class Guess(Kind[GuessStep, ChoiceAnswer]):
     name = "guess"
     step = GuessStep
+    answers = ChoiceAnswer
     stored = {"choice": "a or b", "about": "step of the comparison", "right": "whether it came from the own answers"}
 
     def payload(self, step: GuessStep, page: Page) -> dict[str, Any]:
         return {"learns_from": page.frozen.learns_from}
 
-    def check(self, step: GuessStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        return {"choice": checked_side(value)}
+    def check(self, step: GuessStep, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
+        return {"choice": answer.choice}
 
     def keep(self, step: GuessStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
         """What the guess is about: the pair just seen, and whether the trajectory named came from their answers."""

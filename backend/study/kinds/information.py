@@ -6,6 +6,7 @@ from typing import Literal
 
 from backend.study.kinds.base import Planning, Step
 from backend.study.kinds.text_page import TextPage, TextStage, TextStep
+from backend.study.kinds.wire import Confirmed
 
 
 class InformationStage(TextStage):
@@ -19,7 +20,7 @@ class InformationStep(TextStep):
     kind: Literal["information"]
 
 
-class Information(TextPage[InformationStep]):
+class Information(TextPage[InformationStep, Confirmed]):
     name = "information"
     step = InformationStep
     stages = {"information": InformationStage}

@@ -9,6 +9,7 @@ from backend.study.grammar.conditions import Condition
 from backend.study.grammar.parts import FileName
 from backend.study.kinds.base import BlockPart, Planning, Step
 from backend.study.kinds.text_page import TextPage, TextStage, TextStep
+from backend.study.kinds.wire import Confirmed
 
 
 class BlockText(BlockPart):
@@ -32,7 +33,7 @@ class InstructionStep(TextStep):
     kind: Literal["instruction"]
 
 
-class Instruction(TextPage[InstructionStep]):
+class Instruction(TextPage[InstructionStep, Confirmed]):
     name = "instruction"
     step = InstructionStep
     stages = {"instruction": InstructionStage}

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from sqlalchemy import select
 
 from backend.store.models import Participant, Response, Session, Study
@@ -16,7 +16,6 @@ from backend.study.grammar.skipping import Earlier, ItemWhen, asks_anything, is_
 from backend.study.grammar.source import Path
 from backend.study.grammar.texts import local
 from backend.study.kinds.base import (
-    BadValue,
     BlockPart,
     Kind,
     Moment,
@@ -25,8 +24,8 @@ from backend.study.kinds.base import (
     Simulated,
     Stage,
     Step,
-    timed_out,
 )
+from backend.study.kinds.wire import Answer, BadValue, Besides, Flag, whole
 from backend.study.personalising.controllers import rollouts_for
 from backend.study.plan.assignment import places_held_by
 
@@ -103,9 +102,52 @@ class QuestionnaireStep(AskingStep):
 
 A = TypeVar("A", bound=AskingStep)
 
+_ANSWERS = [{"type": "integer"}, {"type": "string"}, {"type": "array", "items": {"type": "string"}}, {"type": "null"}]
+ItemAnswer = Annotated[Any, WithJsonSchema({"anyOf": _ANSWERS})]
+"""A number, a value, a text, or all values of a ranking, best first. Which, the item says."""
 
-class Asking(Kind[A]):
+
+class QuestionnaireAnswer(Answer):
+    """The answers by item. timed_out: what was filled in when the time was over."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, ItemAnswer]
+
+    timed_out: Flag = False
+
+
+class Option(BaseModel):
+    value: str
+    label: str
+
+
+class AskedItem(BaseModel):
+    """An item as it is shown, and the right answer where there is one."""
+
+    key: str
+    type: str
+    text: str
+    required: bool
+    when: list[ItemWhen] | None = None
+    low: str | None = None
+    high: str | None = None
+    points: int | None = None
+    options: list[Option] | None = None
+    min: int | None = None
+    max: int | None = None
+    answer: str | None = None
+
+
+class AboutQuestionnaire(Besides):
+    questionnaire: str | None = None
+    items: list[AskedItem] | None = None
+
+
+class Asking(Kind[A, QuestionnaireAnswer]):
     """What questionnaires and comprehension checks share."""
+
+    answers = QuestionnaireAnswer
+    besides = AboutQuestionnaire
 
     def payload(self, step: A, page: Page) -> dict[str, Any]:
         asked = page.frozen.questionnaires[step.questionnaire]
@@ -117,11 +159,10 @@ class Asking(Kind[A]):
     def may_come(self, step: A, moment: Moment) -> bool:
         return may_ask_something(moment.frozen.questionnaires[step.questionnaire], moment.answer_to)
 
-    def check(self, step: A, value: dict[str, Any], page: Page) -> dict[str, Any]:
+    def check(self, step: A, answer: QuestionnaireAnswer, page: Page) -> dict[str, Any]:
         questionnaire = page.frozen.questionnaires[step.questionnaire]
-        over = timed_out(value) and step.time_limit_s is not None
-        given = {key: answer for key, answer in value.items() if key != "timed_out"}
-        answers = _answers(questionnaire, given, page.earlier, over=over)
+        over = answer.timed_out and step.time_limit_s is not None
+        answers = _answers(questionnaire, answer.model_extra or {}, page.earlier, over=over)
         answers |= self.marks(questionnaire, answers, page.earlier)
         told = [one for one in questionnaire.items if one.instructed is not None and one.key in answers]
         if told:  # attention checks: marked, never refused
@@ -285,14 +326,19 @@ def _checked(item: Item, given: Any) -> Any:
 
 def whole_number(field: str, given: Any, low: int | None, high: int | None) -> int:
     """A whole number within limits, also one that was typed. Raises BadValue."""
-    if isinstance(given, str) and given.strip().lstrip("-").isdigit() and len(given) < 12:
-        given = int(given)
-    if isinstance(given, bool) or not isinstance(given, int):
-        raise BadValue(field, given, "must be a whole number")
+    try:
+        number = whole(given)
+    except ValueError as wrong:
+        raise BadValue(field, given, str(wrong)) from None
+    return within(field, number, low, high)
+
+
+def within(field: str, number: int, low: int | None, high: int | None) -> int:
+    """The number, which must be within the limits. Raises BadValue."""
     low, high = -LARGEST_NUMBER if low is None else low, LARGEST_NUMBER if high is None else high
-    if not low <= given <= high:
-        raise BadValue(field, str(given)[:40], f"must be a whole number from {low} to {high}")
-    return given
+    if not low <= number <= high:
+        raise BadValue(field, str(number)[:40], f"must be a whole number from {low} to {high}")
+    return number
 
 
 def _simulated(

@@ -12,7 +12,8 @@ from backend.study.grammar.parts import Localized, Part
 from backend.study.grammar.source import Path
 from backend.study.grammar.texts import local
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
-from backend.study.kinds.questionnaire import whole_number
+from backend.study.kinds.questionnaire import within
+from backend.study.kinds.wire import Answer, Besides, WholeNumber
 from backend.study.plan.queries import Needs
 
 RATING = "rating"
@@ -79,9 +80,20 @@ class RatingStep(Step):
     points: int
 
 
-class Rating(Kind[RatingStep]):
+class RatingAnswer(Answer):
+    rating: WholeNumber = Field(description="1 to the scale's points")
+
+
+class AboutRating(Besides):
+    query: str | None = None
+    points: int | None = None
+
+
+class Rating(Kind[RatingStep, RatingAnswer]):
     name = "rating"
     step = RatingStep
+    answers = RatingAnswer
+    besides = AboutRating
     stages = {"rating": RatingStage}
     stored = {RATING: "1 to the scale's points, more is more of what `high` says"}
     shows = "trajectories"
@@ -99,8 +111,8 @@ class Rating(Kind[RatingStep]):
         shown = {"trajectory_a": step.trajectory, "trajectory_b": step.trajectory}
         make_trial(acting, step, kind="rating", block=step.block, role="regular", query_id=step.query, **shown)
 
-    def check(self, step: RatingStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        return {RATING: whole_number(f"value.{RATING}", value.get(RATING), 1, step.points)}
+    def check(self, step: RatingStep, answer: RatingAnswer, page: Page) -> dict[str, Any]:
+        return {RATING: within(f"value.{RATING}", answer.rating, 1, step.points)}
 
     def told(self, step: RatingStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"query": step.query, "points": step.points}

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeVar
 
 from backend.study.grammar.parts import FileName
 from backend.study.kinds.base import Kind, Page, Stage, Step
+from backend.study.kinds.wire import Answer
 
 
 class TextStep(Step):
@@ -25,9 +26,10 @@ class TextStage(Stage):
 
 
 S = TypeVar("S", bound=TextStep)
+A = TypeVar("A", bound=Answer)
 
 
-class TextPage(Kind[S]):
+class TextPage(Kind[S, A]):
     """A kind whose page shows a text."""
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:

@@ -13,20 +13,19 @@ import numpy as np
 from pydantic import AliasChoices, BeforeValidator, Field
 
 from backend.store.events import log_event
-from backend.store.sides import Side, is_side
+from backend.store.sides import Side
 from backend.store.who_counts import FORMER_ROLES
 from backend.study.grammar.parts import Part
 from backend.study.kinds.base import (
     Acting,
-    BadValue,
     Kind,
     Moment,
     Page,
     Simulated,
     Step,
     make_trial,
-    timed_out,
 )
+from backend.study.kinds.wire import AboutQuery, Answer, BadValue, Flag
 from backend.study.personalising import next_query
 from backend.study.plan.queries import Pair
 
@@ -209,17 +208,18 @@ def _fixed(role: str, pair: Pair) -> dict[str, Any]:
 # ---- in a session ----------------------------------------------------------------------------------------------------
 
 
-def checked_side(value: Mapping[str, Any]) -> Side:
-    """The letter that was chosen. Raises BadValue."""
-    choice = value.get("choice")
-    if not is_side(choice):
-        raise BadValue("value.choice", choice, "must be 'a' or 'b'")
-    return choice
+class TrialAnswer(Answer):
+    """The trajectory that one would rather have, or that the time for the choice was over."""
+
+    choice: Side | None = None
+    timed_out: Flag = False
 
 
-class Trial(Kind[TrialStep]):
+class Trial(Kind[TrialStep, TrialAnswer]):
     name = "trial"
     step = TrialStep
+    answers = TrialAnswer
+    besides = AboutQuery
     stored = {"choice": "a or b", "timed_out": "true where the time for the choice was over"}
     shows = "trajectories"
     previewed = True
@@ -265,10 +265,12 @@ class Trial(Kind[TrialStep]):
                 **asked.why,
             )
 
-    def check(self, step: TrialStep, value: dict[str, Any], page: Page) -> dict[str, Any]:
-        if timed_out(value) and step.viewing.choice_limit_s is not None:
+    def check(self, step: TrialStep, answer: TrialAnswer, page: Page) -> dict[str, Any]:
+        if answer.timed_out and step.viewing.choice_limit_s is not None:
             return {"timed_out": True}
-        return {"choice": checked_side(value)}
+        if answer.choice is None:
+            raise BadValue("value.choice", None, "must be 'a' or 'b'")
+        return {"choice": answer.choice}
 
     def told(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"role": step.role, "query": moment.query_shown(step.key)}

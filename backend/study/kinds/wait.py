@@ -14,6 +14,7 @@ from backend.study.kinds.base import Acting, Kind, Moment, Page, Planning, Stage
 from backend.study.kinds.comparison import ComparisonStage, ComparisonStep
 from backend.study.kinds.guess import GuessStep
 from backend.study.kinds.questionnaire import QuestionnaireStep
+from backend.study.kinds.wire import Confirmed
 from backend.study.personalising import training
 
 
@@ -66,7 +67,7 @@ class WaitStep(Step):
     kind: Literal["wait"]
 
 
-class Wait(Kind[WaitStep]):
+class Wait(Kind[WaitStep, Confirmed]):
     name = "wait"
     step = WaitStep
     stages = {"train": TrainStage}

@@ -23,6 +23,7 @@ from backend.study.clock import elapsed_s
 from backend.study.grammar.words import TOLERANCE_S
 from backend.study.kinds import Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
+from backend.study.kinds.wire import BadValue
 from backend.study.refusals import Refused
 from backend.study.session import states
 from backend.study.session.finding import find_session
@@ -95,11 +96,13 @@ def submit(
     request_id: str,
     client_time: datetime | None,
     now: datetime,
+    named: str | None = None,
 ) -> Submitted:
     """Store the answer to the current step and move on, in one transaction.
 
-    The same request again is answered the same and counts once. Raises Refused for an answer that is too early or too
-    late, not to the current step, given already, or no answer to this step.
+    named: the kind that the request says it answers. The same request again is answered the same and counts once.
+    Raises Refused for an answer that is too early or too late, not to the current step, given already, or no answer to
+    this step.
     """
     known = s.scalars(select(Response).where(Response.request_id == request_id)).first()
     if known is not None:
@@ -119,7 +122,7 @@ def submit(
     else:
         decision_s = None
         _check_can_be_answered(acting, step, value)
-    stored = _checked(acting, step, value)
+    stored = _checked(acting, step, value, named)
     stored |= kind.keep(step, acting, stored)
     response = Response(
         session_id=session.id,
@@ -156,14 +159,15 @@ def submit(
     return Submitted(response.id, duplicate=False)
 
 
-def _checked(acting: Acting, step: Step, value: Any) -> dict[str, Any]:
+def _checked(acting: Acting, step: Step, value: Any, named: str | None) -> dict[str, Any]:
     """The answer as it is stored. Raises BadValue, which names the session."""
     session = acting.session
     page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to)
     try:
-        if not isinstance(value, dict):
-            raise Refused(422, "bad_value", "must be an object", field="value", value=value)
-        return kind_of(step).check(step, value, page)
+        kind = kind_of(step)
+        if named not in (None, kind.name):
+            raise BadValue("kind", named, f"must be {kind.name}, the kind of this step, or left out")
+        return kind.check(step, kind.answers.read(value), page)
     except Refused as wrong:
         wrong.session_id, wrong.study_id = session.id, session.study_id
         wrong.details["step"] = step.key

@@ -210,8 +210,13 @@ export class Drawing extends StageBar {
     else if ("redraw" in button.dataset) this.redraw();
     else if ("walkAgain" in button.dataset) this.walkAgain();
     else if ("watch" in button.dataset) this.work(() => this.needs.post("rollout", {}));
-    else if ("keep" in button.dataset) this.decide({ stroke: this.state.stroke });
-    else if ("skip" in button.dataset) this.decide({ skipped: true });
+    else if ("keep" in button.dataset) this.keep({ stroke: this.state.stroke });
+    else if ("skip" in button.dataset) this.keep({ skipped: true });
+  }
+
+  /** @param {import("./types.js").AnswerTo<"demonstration">} which path, or that no further one is wanted */
+  keep(which) {
+    void this.decide(which);
   }
 
   walkAgain() {

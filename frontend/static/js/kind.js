@@ -8,14 +8,17 @@ import { fetchText } from "./send.js";
 
 /** @typedef {import("./stage-bar.js").StageNeeds} StageNeeds */
 
+/** @typedef {import("./types.js").Kind} Kind */
+
 /**
+ * @template {Kind} [K=any] its kind: `KindPage<"rating">` knows what a rating's answer is and how its trial is told
  * @typedef {object} KindPage what a kind gets from the page
  * @property {HTMLElement} step
  * @property {string} key
- * @property {any} state of its trial or drawing, as the kind's own server side says it
+ * @property {import("./types.js").ProgressOf<K>} state of its trial or drawing, as the kind's own server side says it
  * @property {string} language
  * @property {(key: string, values?: Record<string, string | number>) => string} say
- * @property {(value: object) => Promise<void>} answer
+ * @property {(value: import("./types.js").AnswerTo<K>) => Promise<void>} answer
  * @property {(values: Record<string, unknown>) => void} keep
  * @property {Record<string, unknown> | null} kept
  * @property {Omit<StageNeeds, "key" | "answer" | "say" | "post">} page
@@ -64,12 +67,17 @@ export async function kindModule(kind) {
   return new Promise(() => {});
 }
 
-/** A page with a form: what `questions.js` readies. @param {KindPage} page */
+/**
+ * A page with a form: what `questions.js` readies.
+ * @template {Kind} K
+ * @param {KindPage<K>} page
+ * @returns {import("./questions.js").FormNeeds<import("./types.js").AnswerTo<K>>}
+ */
 export function formNeeds({ say, answer, keep, kept }) {
   return { say, answer, keep, kept };
 }
 
-/** @param {KindPage} page @param {string} room @returns {StageNeeds} */
+/** @template {Kind} K @param {KindPage<K>} page @param {string} room @returns {StageNeeds} */
 export function stageNeeds({ key, answer, say, page, poster }, room) {
-  return { key, answer, say, ...page, post: poster(room) };
+  return { key, answer: /** @type {(value: any) => Promise<void>} bars type what they send */ (answer), say, ...page, post: poster(room) };
 }

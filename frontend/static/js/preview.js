@@ -93,7 +93,9 @@ if (shown || !onStage) {
   const mounted = module.mount({
     step,
     key: data.key,
-    state: data.state ?? { phase: "ready", restarts: 0, duration_a_s: data.durations[0], duration_b_s: data.durations[1] },
+    state: /** @type {any} as much of it as an example has */ (
+      data.state ?? { phase: "ready", restarts: 0, duration_a_s: data.durations[0], duration_b_s: data.durations[1] }
+    ),
     language: data.language,
     say,
     answer: goOn,

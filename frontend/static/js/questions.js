@@ -8,9 +8,10 @@ import { askedOf, showAsked } from "./skipping.js";
 const SAID_S = 60;
 
 /**
+ * @template {object} [A=any] what the kind answers
  * @typedef {object} FormNeeds
  * @property {(key: string, values?: Record<string, string | number>) => string} say
- * @property {(value: Record<string, unknown>) => Promise<void>} answer
+ * @property {(value: A) => Promise<void>} answer
  * @property {(values: Record<string, unknown>) => void} keep
  * @property {Record<string, unknown> | null} kept
  */
@@ -18,12 +19,13 @@ const SAID_S = 60;
 /**
  * Readies the form of `#step`.
  *
+ * @template {object} A
  * @param {HTMLElement} step
- * @param {FormNeeds} needs
- * @param {(form: HTMLFormElement, collected: Record<string, unknown>) => Record<string, unknown>} [made] the answer, where
+ * @param {FormNeeds<A>} needs
+ * @param {(form: HTMLFormElement, collected: Record<string, unknown>) => A} [made] the answer, where
  *   it is not simply what was filled in
  */
-export function readyForm(step, needs, made = (_, collected) => collected) {
+export function readyForm(step, needs, made = (_, collected) => /** @type {A} */ (collected)) {
   const form = /** @type {HTMLFormElement | null} */ (step.querySelector("#step-form"));
   if (!form) return;
   const blocks = /** @type {HTMLElement[]} */ ([...form.querySelectorAll("[data-block]")]);
@@ -117,7 +119,6 @@ export function readyForm(step, needs, made = (_, collected) => collected) {
     if (place) place.textContent = open ? needs.say("open", { count: open }) : "";
   }
 
-  /** @returns {Record<string, unknown>} */
   function value() {
     const filled = /** @type {HTMLFormElement} */ (form);
     return made(filled, collect(filled));

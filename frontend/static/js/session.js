@@ -141,10 +141,10 @@ async function mount(mine = arrival) {
     const mounted = module.mount({
       step,
       key,
-      state: current.step.trial ?? { phase: "ready" },
+      state: /** @type {any} its own kind of state */ (current.step.trial ?? { phase: "ready" }),
       language: data.language,
       say,
-      answer: (value) => answer(key, value),
+      answer: (value) => answer(key, kind, value),
       keep: (values) => keep.draft(key, values),
       kept: keep.drafted(key),
       page: { refresh, announce, cover, reloadStage: () => stage.reload(), greetStage: () => stage.greet(), moveOut, notice },
@@ -224,13 +224,13 @@ function parse(event) {
 // ---- what the participant does -------------------------------------------------------------------------------------
 
 /**
- * Sends an answer until it is acknowledged, then shows what follows.
- * @param {string} key @param {Record<string, unknown> | object} value
+ * Sends an answer until it is acknowledged, then shows what follows. What may be answered there, the kind's module knows.
+ * @param {string} key @param {string} kind @param {object} value
  */
-async function answer(key, value) {
+async function answer(key, kind, value) {
   const url = `${api}/steps/${encodeURIComponent(key)}`;
-  /** @type {import("./contract.js").AnswerSent} */
-  const body = { request_id: newRequestId(), value, client_time: new Date().toISOString() };
+  const sent = { request_id: newRequestId(), kind, value, client_time: new Date().toISOString() };
+  const body = /** @type {import("./contract.js").AnswerSent} */ (sent);
   keep.hold({ url, body });
   await deliver(url, body);
   keep.forget(key);

@@ -95,11 +95,13 @@ export class Trial extends StageBar {
       this.needs.announce(this.needs.say(this.rules.early ? "resting_early" : "resting"));
       return;
     }
-    const choice = pick.dataset.choice ?? "";
+    const choice = /** @type {"a" | "b"} */ (pick.dataset.choice);
     pick.dataset.chosen = "";
     this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
     this.rest(true);
-    await this.decide({ choice });
+    /** @type {import("./types.js").AnswerTo<"trial" | "comparison">} */
+    const value = { choice };
+    await this.decide(value);
     if (!this.over) delete pick.dataset.chosen;
   }
 
@@ -114,7 +116,9 @@ export class Trial extends StageBar {
       clearInterval(this.clock);
       this.needs.announce(this.needs.say("choice_over"));
       this.rest(true);
-      void this.decide({ timed_out: true });
+      /** @type {import("./types.js").AnswerTo<"trial">} */
+      const value = { timed_out: true };
+      void this.decide(value);
     };
     this.clock = setInterval(look, 200);
     look();

@@ -8,6 +8,19 @@
  * @typedef {import("./contract.js").DrawingState} DrawingState
  * @typedef {TrialState | DrawingState} BarState what a bar under the stage shows
  *
+ * @typedef {import("./contract.js").StepNow} StepNow
+ * @typedef {NonNullable<import("./contract.js").AnswerSent["kind"]>} Kind of step, as the server's folder of kinds has them
+ */
+/**
+ * @template {Kind} K
+ * @typedef {NonNullable<Extract<StepNow, {kind: K}>["trial"]>} ProgressOf how far a step of that kind is
+ */
+/**
+ * @template {Kind} K
+ * @typedef {NonNullable<Extract<import("./contract.js").AnswerSent, {kind?: K}>["value"]>} AnswerTo what is answered there
+ */
+/**
+ *
  * @typedef {{[key: string]: string | Table}} Table texts by key, nested
  *
  * @typedef {object} PageData the JSON block of the page

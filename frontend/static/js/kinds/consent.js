@@ -6,11 +6,13 @@ import { readyForm } from "../questions.js";
 
 export const longText = true;
 
-/** @param {import("../kind.js").KindPage} page */
+/** @param {import("../kind.js").KindPage<"consent">} page */
 export function mount(page) {
   readyForm(page.step, formNeeds(page), (form, collected) => {
     const purposes = Object.entries(collected).map(([key, said]) => [key, said === "yes"]);
     const asked = purposes.length ? { purposes: Object.fromEntries(purposes) } : {};
-    return { given: true, version: new FormData(form).get("version"), ...asked };
+    /** @type {import("../types.js").AnswerTo<"consent">} */
+    const agreed = { given: true, version: String(new FormData(form).get("version")), ...asked };
+    return agreed;
   });
 }

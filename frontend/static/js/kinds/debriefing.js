@@ -7,7 +7,7 @@ import { readyForm } from "../questions.js";
 export const longText = true;
 export const last = true;
 
-/** @param {import("../kind.js").KindPage} page */
+/** @param {import("../kind.js").KindPage<"debriefing">} page */
 export function mount(page) {
   readyForm(page.step, formNeeds(page));
 }

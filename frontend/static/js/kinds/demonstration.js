@@ -4,7 +4,7 @@
 import { Drawing } from "../drawing.js";
 import { stageNeeds } from "../kind.js";
 
-/** @param {import("../kind.js").KindPage} page @returns {import("../kind.js").Mounted} */
+/** @param {import("../kind.js").KindPage<"demonstration">} page @returns {import("../kind.js").Mounted} */
 export function mount(page) {
   const bar = /** @type {HTMLElement} */ (page.step.querySelector("#drawing"));
   const { tell, toStage, language } = page;

@@ -6,7 +6,7 @@ import { readyForm } from "../questions.js";
 
 export const longText = true;
 
-/** @param {import("../kind.js").KindPage} page */
+/** @param {import("../kind.js").KindPage<"instruction">} page */
 export function mount(page) {
   readyForm(page.step, formNeeds(page));
 }

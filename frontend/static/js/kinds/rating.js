@@ -7,7 +7,7 @@ import { SingleTrajectory } from "../single.js";
 class RatedTrajectory extends SingleTrajectory {
   /**
    * @param {HTMLElement} root the bar
-   * @param {import("../contract.js").TrialState} state
+   * @param {import("../types.js").ProgressOf<"rating">} state
    * @param {import("../stage-bar.js").StageNeeds} needs
    */
   constructor(root, state, needs) {
@@ -28,11 +28,13 @@ class RatedTrajectory extends SingleTrajectory {
       this.needs.announce(this.root.querySelector("#rating-open")?.textContent ?? "");
       return;
     }
-    await this.decide({ rating: this.rating });
+    /** @type {import("../types.js").AnswerTo<"rating">} */
+    const value = { rating: this.rating };
+    await this.decide(value);
   }
 }
 
-/** @param {import("../kind.js").KindPage} page @returns {import("../kind.js").Mounted} */
+/** @param {import("../kind.js").KindPage<"rating">} page @returns {import("../kind.js").Mounted} */
 export function mount(page) {
   const bar = /** @type {HTMLElement} */ (page.step.querySelector("#trial"));
   return { bar: new RatedTrajectory(bar, page.state, stageNeeds(page, "trials")) };

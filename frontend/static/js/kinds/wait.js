@@ -3,7 +3,7 @@
 
 import { readyWait } from "../wait.js";
 
-/** @param {import("../kind.js").KindPage} page @returns {import("../kind.js").Mounted} */
+/** @param {import("../kind.js").KindPage<"wait">} page @returns {import("../kind.js").Mounted} */
 export function mount({ step, say }) {
   return { job: readyWait(step, say) };
 }
