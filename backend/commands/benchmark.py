@@ -226,6 +226,42 @@ def preferences_command(
     say({"setup": setup, "ceiling_m": result["ceiling_m"], "rows": result["summary"]}, as_json)
 
 
+@commands.command("headline")
+@plain_errors
+def headline_command(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each draws queries, answers and scenes of its own.")] = "0-4",
+    noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0,0.1",
+    conditioned: Annotated[str, typer.Option(help="A conditioned policy; default the shipped one.")] = "",
+    scenes: Annotated[int, typer.Option(min=1, help="Of each seed, in which success is counted.")] = 500,
+    planned: Annotated[int, typer.Option(min=1, help="Of these, in which the best drives are planned.")] = 50,
+    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: what the policy of 15 answers gets of what can be attained, of 13 preferences; median and worst."""
+    from backend.experiments.benchmarks.headline import HeadlineConfig, benchmark_headline
+    from backend.learning.policies.shipped import load_conditioned
+
+    first, _, last = seeds.partition("-")
+    if not first.isdigit() or not (last or first).isdigit():
+        raise typer.BadParameter(f"seeds = {seeds}: such as 0-4")
+    config = HeadlineConfig(
+        seeds=tuple(range(int(first), int(last or first) + 1)),
+        lapse_rates=tuple(float(noise) for noise in noises.split(",")),
+        scenes=scenes,
+        planned=planned,
+    )
+    policy = load_conditioned(conditioned) if conditioned else None
+    result = benchmark_headline(setup, policy, config, lambda done: typer.echo(f"{done:.0%}", err=True))
+    if out is not None:
+        _write(out, result)
+    say(
+        {"setup": setup, "rows": result["preferences"]}
+        | {f"lapse_rate {s['lapse_rate']}": s for s in result["summary"]},
+        as_json,
+    )
+
+
 @commands.command()
 @plain_errors
 def serve(

@@ -6,8 +6,8 @@ What an objective is lives in `objectives.py`, what takes weights in `conditione
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -51,29 +51,40 @@ class MeasuredRollouts:
 class Course:
     """Scenes that one policy after another drives, each once to its end: checked and set up only once."""
 
-    def __init__(self, scenes: Sequence[Scene]) -> None:
-        """Raises SetupError for scenes of several setups, ValueError for none."""
+    def __init__(self, scenes: Sequence[Scene], *, blind: bool = False) -> None:
+        """blind: the engine casts a single lidar beam, for who steers by poses. Raises SetupError for scenes of several
+        setups, ValueError for none."""
         if not scenes:
             raise ValueError("scenes: none given; a course needs at least one")
         self.setup = require_same(**{f"scene {k}": scene.setup for k, scene in enumerate(scenes)})
-        self._engine = FastEngine(get_setup(self.setup), len(scenes), auto_reset=False, scenes=scenes)
+        setup = get_setup(self.setup)
+        if blind:
+            setup = replace(setup, lidar=replace(setup.lidar, beams=1, sectors=1))
+        self._engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
         self._starts = self._engine.poses.copy()
         self._people = np.array([(scene.person.pose.x, scene.person.pose.y) for scene in scenes])
 
     def rollout(self, policy: Policy) -> MeasuredRollouts:
         """What `MeasuredRollouts.of` would say of the trajectories, which nobody keeps here. Raises SetupError."""
         require_same(policy=policy.setup, scenes=self.setup)
+        steer = begin(policy.rollout_policy, len(self._starts))
+        return self.steered(lambda engine, running: steer(engine.observations[running], running))
+
+    def steered(
+        self, steer: Callable[[FastEngine, NDArray[np.int64]], NDArray[np.float32]], most: int | None = None
+    ) -> MeasuredRollouts:
+        """The same of whoever acts: (engine, which robots still run) -> their actions (n, 2). most: steps after which
+        those that still run are given up (RUNNING); None: the setup's."""
         engine, n = self._engine, len(self._starts)
         engine.start_at(self._starts)
-        steer = begin(policy.rollout_policy, n)
         actions = np.zeros((n, 2), dtype=np.float32)
-        most = get_setup(self.setup).max_steps
+        most = min(most or engine.setup.max_steps, engine.setup.max_steps)
         distances, speeds = np.full((most, n), np.inf), np.zeros((most, n))  # by step
         nearest, side = engine.human_distance.copy(), self._bearing(np.arange(n))
         step = 0
-        while not engine.dones.all():
+        while step < most and not engine.dones.all():
             running = np.flatnonzero(~engine.dones)
-            actions[running] = steer(engine.observations[running], running)
+            actions[running] = steer(engine, running)
             before = engine.poses[running, :2]
             engine.step(actions)
             moved = engine.poses[running, :2] - before

@@ -44,11 +44,13 @@ def path_length_m(trajectory: Trajectory) -> float:
 @dataclass(frozen=True)
 class OraclePreference:
     """What an oracle prefers. objectives: those that it consists of, the dominant one first; none: it is not made of
-    them. later: what it prefers instead after so many answers, where its mind changes.
+    them. weights: (9,) what each weighs then, in the order of NAMES. later: what it prefers instead after so many
+    answers, where its mind changes.
     """
 
     value: Value
     objectives: tuple[str, ...] = ()
+    weights: Doubles | None = None
     later: Callable[[int], Value] | None = None
 
     def after(self, answers: int) -> Value:
@@ -71,7 +73,7 @@ def _of_objectives(**weights: float) -> OraclePreference:
         value: Doubles = gains(measures(trajectories) / _typical(trajectories)) @ row
         return value
 
-    return OraclePreference(value, tuple(sorted(weights, key=lambda name: -weights[name])))
+    return OraclePreference(value, tuple(sorted(weights, key=lambda name: -weights[name])), row)
 
 
 def _keep_away_else_short(trajectories: Sequence[Trajectory]) -> Doubles:

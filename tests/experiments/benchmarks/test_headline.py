@@ -1,0 +1,113 @@
+"""The headline is a median over preferences and seeds, of what can be attained; every seed draws scenes of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
+from backend.experiments.benchmarks.headline import (
+    MADE_OF_OBJECTIVES,
+    HeadlineConfig,
+    benchmark_headline,
+    compared_with_attained,
+    summarise,
+    true_weights,
+)
+from backend.learning.errors import LearningError
+from backend.learning.policies.shipped import load_policy
+from backend.learning.policies.steerability import Course
+from backend.learning.preferences.measures import MEASURES, typical_differences
+from backend.learning.preferences.objectives import NAMES, best_possible, gains
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.setups import get_setup
+
+FEW = PlannerConfig(rounds=5, copies=24)
+
+
+def test_thirteen_preferences_are_made_of_objectives_and_weigh_one_together() -> None:
+    assert len(MADE_OF_OBJECTIVES) == 13
+    for name in MADE_OF_OBJECTIVES:
+        assert true_weights(name).sum() == pytest.approx(1.0)
+    with pytest.raises(LearningError, match="faces-person"):
+        true_weights("faces-person")
+
+
+@pytest.mark.parametrize("objective", ["shorter", "faster", "slower_near_person"])
+def test_a_planned_drive_arrives_and_beats_the_base_policy_but_not_what_the_scene_allows(objective: str) -> None:
+    scenes = scene_set("study_room", 12, purpose=Purpose.ALIGN_SELECT, seed=41)
+    base = Course(scenes).rollout(load_policy("study_room/base"))
+    weights = np.eye(len(NAMES))[NAMES.index(objective)]
+    guides = [
+        one.poses for one in rollout(get_setup("study_room"), load_policy("study_room/base").rollout_policy, scenes)
+    ]
+    best, drives = attained(scenes, weights, FEW, guides)
+    typical = typical_differences("study_room")
+    arrived = best > NOT_ARRIVED
+    assert arrived.mean() > 0.8
+    assert gains(drives.measured / typical)[arrived] @ weights == pytest.approx(best[arrived])
+    both = arrived & base.success
+    assert best[both].mean() > (gains(base.measured / typical)[both] @ weights).mean()
+    k = NAMES.index(objective)
+    possible = best_possible(scenes)[:, k]
+    measure = {"shorter": "path_length_m", "faster": "time_s", "slower_near_person": "speed_near_person_m_s"}[objective]
+    assert (drives.measured[arrived, MEASURES.index(measure)] >= possible[arrived] - 0.2).all()
+
+
+def test_a_plan_is_the_same_again() -> None:
+    scenes = scene_set("open_field", 3, purpose=Purpose.ALIGN_SELECT, seed=42)
+    weights = true_weights("min-human-distance")
+    assert attained(scenes, weights, FEW)[0].tolist() == attained(scenes, weights, FEW)[0].tolist()
+
+
+def test_every_seed_answers_other_queries_and_reports_on_other_scenes() -> None:
+    config = HeadlineConfig(
+        preferences=("slow-near-person", "min-human-distance"),
+        seeds=(3, 4),
+        lapse_rates=(0.0,),
+        answers=6,
+        scenes=30,
+        planned=8,
+        planner=FEW,
+    )
+    result = benchmark_headline("study_room", config=config)
+    assert result["simulated"]
+    first, second = result["scenes"]
+    assert first["last_scene_seed"] < second["first_scene_seed"]
+    rows = {(row["preference"], row["seed"]): row for row in result["rows"]}
+    assert len(rows) == 4
+    assert rows["min-human-distance", 3]["base"] != rows["min-human-distance", 4]["base"]
+    (summary,) = result["summary"]
+    assert summary["runs"] == 4
+    assert summary["worst_run"] <= summary["worst_share"] <= summary["median_share"]
+    with pytest.raises(LearningError, match="faces-person"):
+        benchmark_headline("study_room", config=HeadlineConfig(preferences=("faces-person",)))
+
+
+def test_the_share_counts_only_where_all_arrive_and_what_a_policy_attained_was_attainable() -> None:
+    scenes = scene_set("study_room", 10, purpose=Purpose.ALIGN_SELECT, seed=43)
+    course = Course(scenes)
+    base = course.rollout(load_policy("study_room/base"))
+    own = course.rollout(load_policy("study_room/conditioned@farther=1"))
+    true = true_weights("min-human-distance")
+    nothing_planned_well = np.full(6, -50.0)
+    said = compared_with_attained(own, own, base, nothing_planned_well, true, "study_room")
+    assert 0 < said["share"] <= 1
+    assert said["compared_in"] == int((base.success & own.success)[:6].sum())
+    assert said["success"] == own.success.mean()
+
+
+def test_the_median_is_over_runs_and_the_worst_is_a_preferences_median() -> None:
+    shares = {"far": (0.9, 0.8, 0.7), "slow": (0.1, 0.3, 0.2)}
+    numbers = ("share_true", "base", "own", "true_weights", "attained", "success", "success_base", "self_intersections")
+    rows = [
+        dict.fromkeys(numbers, 1.0)
+        | {"preference": name, "lapse_rate": 0.0, "seed": k, "share": share, "foremost_found": True}
+        for name, each in shares.items()
+        for k, share in enumerate(each)
+    ]
+    (summary,) = summarise(rows)["summary"]
+    assert summary["median_share"] == pytest.approx(0.5)
+    assert (summary["worst_preference"], summary["worst_share"]) == ("slow", pytest.approx(0.2))
+    assert summary["worst_run"] == pytest.approx(0.1)
