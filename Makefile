@@ -31,8 +31,12 @@ node_modules/.ready: package.json scripts/setup_node.sh
 	scripts/setup_node.sh
 	@touch $@
 
-setup-test: setup
+setup-test: setup $(VENV)/.tools-ready
 	scripts/setup_chromium.sh
+
+$(VENV)/.tools-ready: $(VENV)/.ready scripts/tools.lock scripts/setup_tools.sh
+	scripts/setup_tools.sh
+	@touch $@
 
 # Resolve pyproject.toml anew. torch stays outside: its CPU build differs by machine.
 lock:
@@ -40,9 +44,12 @@ lock:
 	printf 'torch ; python_version < "3"\n' > $(VENV)/without-torch.txt
 	$(BIN)/python -m uv pip compile pyproject.toml --extra dev --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock
+	$(BIN)/python -m uv pip compile scripts/tools.in -c requirements.lock --override $(VENV)/without-torch.txt \
+	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o scripts/tools.lock \
+	  $$(sed -n 's/^\([A-Za-z0-9._-]*\).*==.*/--no-emit-package \1/p' requirements.lock)
 
 clean:
-	rm -rf $(VENV) node_modules .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache
 
 # Changes put into the statistics and the report, a sample by lot, and whether the tests notice: docs/numbers.md.
 mutation: setup

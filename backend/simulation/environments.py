@@ -16,34 +16,22 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from backend.simulation.fast import FastEngine, Floats
+from backend.simulation.observation_bounds import ACTION_SIZE, observation_bounds
 from backend.simulation.reference import DriveMode, ReferenceEngine
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import LARGEST_SEED, ScenePool, row_to_scene
-from backend.simulation.setups import CONTROL_DT_S, Setup, get_setup
+from backend.simulation.setups import Setup, get_setup
 from backend.simulation.trajectory import Outcome
-
-FARTHEST_AT_START_M = 20.0  # more than any generator puts between two things; bounds the observation space
 
 
 def observation_space(setup: Setup) -> spaces.Space[Floats]:
-    """The setup's observations as a finite box; distances are bounded by how far a robot can drive in an episode."""
-    far = FARTHEST_AT_START_M + setup.limits.v_max * CONTROL_DT_S * setup.max_steps
-    low, high = np.zeros(setup.observation_size), np.ones(setup.observation_size)
-    if setup.solids:
-        distances = np.r_[0, setup.polar_size : setup.observation_size : 3]
-        low[:] = -1.0
-        low[distances], high[distances] = 0.0, far / setup.distance_scale_m
-        return cast(spaces.Space[Floats], spaces.Box(low.astype(np.float32), high.astype(np.float32)))
-    low[[1, 3]] = -1.0
-    high[[0, 2]] = far / setup.distance_scale_m
-    if setup.with_velocity:
-        low[4], low[5] = setup.limits.v_min / setup.limits.v_max, -1.0
-    return cast(spaces.Space[Floats], spaces.Box(low.astype(np.float32), high.astype(np.float32)))
+    """The setup's observations as a finite box."""
+    return cast(spaces.Space[Floats], spaces.Box(*observation_bounds(setup)))
 
 
 def action_space() -> spaces.Space[Floats]:
     """Forward speed and turn rate, both scaled to [-1, 1]."""
-    return cast(spaces.Space[Floats], spaces.Box(-1.0, 1.0, (2,), np.float32))
+    return cast(spaces.Space[Floats], spaces.Box(-1.0, 1.0, (ACTION_SIZE,), np.float32))
 
 
 class NavigationEnv(gymnasium.Env[Floats, Floats]):

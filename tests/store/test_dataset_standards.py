@@ -7,13 +7,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from backend.simulation.setups import ROBOT_RADIUS_M
+from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -44,7 +45,8 @@ def data_sets(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("name", STUDIES)
 def test_frictionless_finds_its_package_valid(data_sets: Path, name: str):
     """Types of every cell, keys, references between tables, sizes and hashes."""
-    frictionless = pytest.importorskip("frictionless")
+    import frictionless
+
     report = frictionless.validate(str(data_sets / name / "datapackage.json"))
     assert report.valid, report.flatten(["title", "rowNumber", "fieldName", "note"])[:5]
     assert report.stats["tasks"] == 11
@@ -54,7 +56,8 @@ def test_frictionless_finds_its_package_valid(data_sets: Path, name: str):
 def test_frictionless_notices_a_changed_cell(data_sets: Path, tmp_path: Path):
     import shutil
 
-    frictionless = pytest.importorskip("frictionless")
+    import frictionless
+
     copied = shutil.copytree(data_sets / "Quick", tmp_path / "copied")
     trials = copied / "trials.csv"
     trials.write_text(trials.read_text().replace("true", "perhaps", 1))
@@ -63,7 +66,8 @@ def test_frictionless_notices_a_changed_cell(data_sets: Path, tmp_path: Path):
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_croissant_is_read_by_its_library(data_sets: Path, name: str):
-    mlcroissant = pytest.importorskip("mlcroissant")
+    import mlcroissant
+
     read = mlcroissant.Dataset(jsonld=data_sets / name / "croissant.json")
     assert not read.metadata.ctx.issues.errors
     for table in ("trials", "participants", "trajectory_metrics"):
@@ -73,27 +77,66 @@ def test_croissant_is_read_by_its_library(data_sets: Path, name: str):
         assert {key.partition("/")[2] for key in records[0]} == set(rows.column_names)
 
 
-def test_the_folder_of_pairs_opens_as_it_is(data_sets: Path, tmp_path: Path):
-    """With `datasets` where it is installed: it brings a second HTTP library, so it is no dependency of ours."""
-    opening = (  # apart: the repository has a folder of that name
-        "import datasets, json, sys\n"
-        "opened = datasets.load_dataset(sys.argv[1], cache_dir='cache')\n"
-        "print(json.dumps({name: split.column_names for name, split in opened.items()}))"
-    )
-    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"} | {"HF_HUB_OFFLINE": "1"}
-    told = subprocess.run(
-        [sys.executable, "-P", "-c", opening, str(data_sets / "Interface" / "preference_pairs")],
-        cwd=tmp_path,
-        env=environment,
+OPENED = Path(__file__).parent / "opened"
+
+
+def opened_by(script: str, *told: str, folder: Path, **environment: str) -> dict[str, Any]:
+    """What a script saw that runs in the tools' environment, which has what `.venv` has not, and from a folder of its
+    own: our `datasets` must not be taken for theirs."""
+    python = Path(sys.prefix).resolve().with_name(".venv-tools") / "bin" / "python"
+    assert python.exists(), "the tools that open data sets are not there; `make setup-test` installs them"
+    kept = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    ran = subprocess.run(
+        [python, "-P", OPENED / script, *told],
+        cwd=folder,
+        env=kept | {"HF_HUB_OFFLINE": "1", "HOME": str(folder), "CUDA_VISIBLE_DEVICES": ""} | environment,
         capture_output=True,
         text=True,
     )
-    if "No module named 'datasets'" in told.stderr or "has no attribute 'load_dataset'" in told.stderr:
-        pytest.skip("datasets is not installed")
-    assert told.returncode == 0, told.stderr
-    opened = json.loads(told.stdout)
-    assert set(opened) == {"train", "practice", "probes"}
-    assert all({"prompt", "chosen", "rejected"} <= set(columns) for columns in opened.values())
+    assert ran.returncode == 0, ran.stderr[-3000:]
+    return dict(json.loads((folder / "told.json").read_text()))
+
+
+def test_the_pairs_open_as_they_are_and_trl_learns_from_them(data_sets: Path, tmp_path: Path):
+    """`datasets.load_dataset` of the folder; its split `train`, unchanged, is what TRL's DPO trainer takes a step on."""
+    pairs = data_sets / "Interface" / "preference_pairs"
+    told = opened_by("with_trl.py", str(pairs), folder=tmp_path)
+    assert set(told["splits"]) == {"train", "practice", "probes"}
+    for split, of in told["splits"].items():
+        assert of["rows"] == len(lines(pairs.parent, split))
+        assert {"prompt", "chosen", "rejected"} <= set(of["columns"])
+    first = lines(pairs.parent, "train")[0]
+    assert told["first"] == {name: first[name] for name in ("prompt", "chosen", "rejected")}
+    assert told["rows"] == told["splits"]["train"]["rows"]  # none was dropped
+    assert told["decoded"].removesuffix("<end>") == first["chosen"]  # nor cut
+    assert 0 < told["loss"] < 2
+
+
+@pytest.mark.parametrize("name", ["Interface", "The_rest"])
+def test_minari_opens_the_trajectories_as_episodes(data_sets: Path, tmp_path: Path, name: str):
+    """With spaces of observations and actions, per setup; their numbers are those of the stored trajectories."""
+    folder = data_sets / name
+    rows = {row["trajectory"]: row for row in pq.read_table(folder / "trajectories.parquet").to_pylist()}
+    setups = sorted({row["setup"] for row in rows.values()})
+    ids = [f"desirepath/{setup}-v0" for setup in setups]
+    told = opened_by("with_minari.py", *ids, folder=tmp_path, MINARI_DATASETS_PATH=str(folder / "minari"))
+    for setup, of in zip(setups, told.values(), strict=True):
+        here = {key for key, row in rows.items() if row["setup"] == setup}
+        assert (set(of["trajectories"]), of["episodes"]) == (here, len(here))
+        assert of["steps"] == sum(rows[key]["steps"] for key in here)
+        assert of["observation_space"] == [get_setup(setup).observation_size]
+        assert of["within"]
+        assert of["sampled"] == 1
+        assert not any(of["early"])
+        assert all(ended != cut for ended, cut in of["ends"])
+        first = of["first"]
+        stored = Trajectory.from_bytes((folder / "trajectories" / f"{first['trajectory']}.npz").read_bytes())
+        np.testing.assert_array_equal(np.array(first["pose"], dtype=np.float32), stored.poses)
+        np.testing.assert_array_equal(np.array(first["actions"], dtype=np.float32), stored.actions)
+        np.testing.assert_array_equal(np.array(first["rewards"], dtype=np.float32), stored.rewards)
+        seen = np.array(first["observations"], dtype=np.float32)
+        np.testing.assert_array_equal(seen[:-1], stored.observations)
+        np.testing.assert_array_equal(seen[1:], stored.next_observations)
 
 
 def lines(folder: Path, split: str) -> list[dict[str, object]]:

@@ -11,6 +11,8 @@ from backend.store.dataset.columns import (
     TRAJECTORY_FOLDER,
 )
 from backend.store.dataset.descriptions import CITATION, CROISSANT, DATA_PACKAGE, LICENCE, PSYCH_DS
+from backend.store.dataset.minari_episodes import FOLDER as MINARI_FOLDER
+from backend.store.dataset.minari_episodes import NAMESPACE
 from backend.store.dataset.preference_pairs import FOLDER as PAIRS_FOLDER
 from backend.store.dataset.tables import TABLES
 
@@ -56,6 +58,8 @@ def data_dictionary() -> str:
         "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its NPZ |",
         f"| `{PAIRS_FOLDER}/` | the pairs that may be learned from as JSON lines `prompt`, `chosen`, `rejected`: "
         "`train`, `practice` and `probes` apart; `datasets.load_dataset` opens the folder, TRL takes its columns |",
+        f"| `{MINARI_FOLDER}/` | the trajectories as episodes with spaces of observations and actions, a Minari dataset "
+        f"per setup: with `MINARI_DATASETS_PATH` set to this folder `minari.load_dataset('{NAMESPACE}/SETUP-v0')` |",
         f"| `{DATA_PACKAGE}` | Frictionless Data Package of the CSV tables: types, keys, what refers to what |",
         f"| `{CROISSANT}` | Croissant description of the Parquet tables |",
         f"| `{PSYCH_DS}` | Psych-DS metadata (schema.org): every variable; files keep our names, not that standard's |",

@@ -1,4 +1,4 @@
-"""The trajectories of a data set: NPZ files, rows, metrics and control steps. Which ones is decided in `writing.py`."""
+"""The trajectories of a data set: NPZ files, episodes, rows, metrics and control steps. Which ones is decided in `writing.py`."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from backend.simulation.setups import ROBOT_RADIUS_M
 from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.dataset.columns import FLOATS, TRAJECTORY_FOLDER
+from backend.store.dataset.minari_episodes import MinariWriter
 from backend.store.dataset.preference_pairs import prompt_of, text_of
 from backend.store.dataset.tables import STEPS
 from backend.store.models import TrajectoryRow
@@ -51,9 +52,10 @@ class WrittenTrajectories:
 
 
 def write_trajectories(files: ArtefactStore, stored: Sequence[TrajectoryRow], out: Path) -> WrittenTrajectories:
-    """Write the NPZ files and the table of steps into the data set's folder. Raises ArtefactError if a file is gone."""
+    """Write the NPZ files, Minari's episodes and the table of steps into the data set's folder. Raises ArtefactError if
+    a file is gone."""
     (out / TRAJECTORY_FOLDER).mkdir()
-    written = WrittenTrajectories()
+    written, episodes = WrittenTrajectories(), MinariWriter(out)
     with pq.ParquetWriter(out / f"{STEPS.name}.parquet", STEPS.schema()) as writer:
         waiting: list[pa.Table] = []
         for row in stored:
@@ -64,12 +66,14 @@ def write_trajectories(files: ArtefactStore, stored: Sequence[TrajectoryRow], ou
             written.metrics.append(_metrics(row.id, trajectory))
             written.prompts.setdefault(row.scene_hash, prompt_of(trajectory))
             written.texts[row.id] = text_of(trajectory)
+            episodes.add(row, trajectory)
             waiting.append(_steps(row.id, trajectory))
             written.steps += row.steps
             if sum(map(len, waiting)) >= STEPS_AT_ONCE:
                 writer.write_table(pa.concat_tables(waiting).combine_chunks())
                 waiting = []
         writer.write_table(pa.concat_tables([*waiting, STEPS.schema().empty_table()]).combine_chunks())
+    episodes.close()
     return written
 
 

@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Make .venv-tools: Hugging Face's datasets, TRL and Minari, with which tests open our data sets. An environment of its
+# own, because datasets brings another HTTP library, to which the test client of .venv would change. What .venv has
+# (torch, NumPy, pyarrow, ...) is not installed twice: it is found behind the tools' own packages.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+venv=$(realpath .venv)
+tools="$(dirname "$venv")/.venv-tools"
+"$venv/bin/python" -m venv --clear --without-pip "$tools"
+site=$("$tools/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
+behind=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
+"$venv/bin/python" -c 'import os, sys; print(os.path.relpath(*sys.argv[1:]))' "$behind" "$site" > "$site/behind.pth"
+"$venv/bin/pip" --python "$tools/bin/python" install --quiet --disable-pip-version-check --no-deps --require-hashes \
+  -r scripts/tools.lock
