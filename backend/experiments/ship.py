@@ -1,4 +1,4 @@
-"""`python -m backend.experiments.ship base|ensemble|conditioned|queries|varied-queries|triples SETUP --seed N`.
+"""`python -m backend.experiments.ship WHAT SETUP --seed N`: base, ensemble, conditioned, queries, stand-ins, ...
 
 What is made and described lives in `shipping/`, the science in the algorithms' files.
 """
@@ -11,13 +11,15 @@ from pathlib import Path
 
 from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble
 from backend.experiments.shipping.query_sets import SHIPPED_QUERIES, ship_queries, ship_varied_queries
+from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.learning.policies.shipped import DATASETS
 from backend.simulation.setups import SETUPS
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
-    parser.add_argument("what", choices=("base", "ensemble", "conditioned", "queries", "varied-queries", "triples"))
+    kinds = ("base", "ensemble", "conditioned", "queries", "varied-queries", "triples", "stand-ins")
+    parser.add_argument("what", choices=kinds)
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries, or scenes of triples")
@@ -29,7 +31,9 @@ def main() -> None:
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
     given = (arguments.setup, arguments.seed, arguments.out, show)
-    if arguments.what == "varied-queries":
+    if arguments.what == "stand-ins":
+        ship_stand_ins(*given)
+    elif arguments.what == "varied-queries":
         ship_varied_queries(*given, count=arguments.count)
     elif arguments.what in ("queries", "triples"):
         ship_queries(*given, count=arguments.count, trajectories=3 if arguments.what == "triples" else 2)

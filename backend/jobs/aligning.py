@@ -15,9 +15,11 @@ from typing import Any
 from backend.jobs.alignment_algorithms import aligned
 from backend.jobs.answers import described, fit_of, keep_reward_model, prediction_of, preferences_of, snapshot_of
 from backend.jobs.context import JobContext
-from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_policy
-from backend.jobs.kinds import AlignParams
+from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
+from backend.jobs.kinds import AlignParams, ConditionedAlignParams
 from backend.learning.policies.policy import Policy
+from backend.learning.policies.stand_ins import stand_in_name, stand_in_policy
+from backend.learning.preferences.objectives import preference_weights
 from backend.learning.queries.queries import QueryConfig, flaw, look_alike
 from backend.learning.rewards.held_out import accuracy, predicted_in_new_scenes
 from backend.learning.scene_sets import Purpose, describe, scene_set
@@ -41,7 +43,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
 
     The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
     `scene` a hash, `base` and `own` ids of stored trajectories; empty where the policy may not be shown. `yoked`: the
-    same with `other` instead of `base`, in other scenes, where another participant's policy is named.
+    same with `other` instead of `base`, in other scenes, where another participant's policy or a stand-in is named;
+    `neutral`: with the conditioned policy without preferences, where that is asked for.
     """
     began = time.monotonic()
     answers = snapshot_of(context, params.snapshot)
@@ -84,13 +87,14 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     )
     context.progress(0.93)
     comparisons: list[dict[str, Any]] = []
-    yoked: list[dict[str, Any]] = []
+    further: dict[str, list[dict[str, Any]]] = {}
     if made.may_be_shown and params.comparisons:
         comparisons = _comparisons(context, params, "base", (base, base_artefact.id), (made.policy, policy))
-        if params.other is not None:
-            lent_artefact, lent = load_policy(context, params.other)
-            seen = {one["scene_seed"] for one in comparisons}
-            yoked = _comparisons(context, params, "other", (lent, lent_artefact.id), (made.policy, policy), seen)
+        seen = {one["scene_seed"] for one in comparisons}
+        for against, rival in _rivals(context, params, setup).items():
+            count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
+            further[against] = _comparisons(context, params, against, rival, (made.policy, policy), seen, count)
+            seen |= {one["scene_seed"] for one in further[against]}
     return {
         "policy": policy,
         "reward_model": reward_model,
@@ -101,9 +105,25 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "gate": gate,
         **made.beside,
         "comparisons": comparisons,
-        "yoked": yoked,
+        "yoked": further.get("other", []),
+        **({"neutral": further["neutral"]} if "neutral" in further else {}),
         "seconds": round(time.monotonic() - began, 2),
     }
+
+
+def _rivals(context: JobContext, params: AlignParams, setup: str) -> dict[str, tuple[Policy, str]]:
+    """What the own policy is compared with beside the base policy, each with what it is called."""
+    rivals: dict[str, tuple[Policy, str]] = {}
+    if params.other is not None:
+        artefact, lent = load_policy(context, params.other)
+        rivals["other"] = (lent, artefact.id)
+    if isinstance(params, ConditionedAlignParams):
+        if params.other is None and params.stand_in is not None:
+            rivals["other"] = (stand_in_policy(setup, params.stand_in), stand_in_name(setup, params.stand_in))
+        if params.neutral:
+            artefact, conditioned = load_conditioned(context, params.conditioned or f"{setup}/conditioned")
+            rivals["neutral"] = (conditioned.at(preference_weights({})).without_critic(), artefact.id)
+    return rivals
 
 
 def _comparisons(
@@ -113,10 +133,11 @@ def _comparisons(
     rival: tuple[Policy, str],
     own: tuple[Policy, str],
     seen: Collection[int] = (),
+    count: int | None = None,
 ) -> list[dict[str, Any]]:
     """Trajectories of both policies in fresh scenes in which both arrive soon; pairs that look different come first.
 
-    against: what the rival is called. seen: seeds of scenes that are shown already.
+    against: what the rival is called. seen: seeds of scenes that are shown already. count: default as with the base.
     """
     setup = get_setup(require_same(rival=rival[0].setup, own=own[0].setup))
     candidates = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
@@ -128,7 +149,7 @@ def _comparisons(
     for of_rival, of_own in zip(*rollouts, strict=True):
         if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
             (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
-    chosen = (different + alike)[: params.comparisons]
+    chosen = (different + alike)[: params.comparisons if count is None else count]
     return [
         {
             "scene": of_rival.scene.digest(),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.jobs.context import JobContext
-from backend.jobs.kept_artefacts import Parent, find_artefact
+from backend.jobs.kept_artefacts import Parent, load_conditioned
 from backend.jobs.kinds import (
     AlignParams,
     ConditionedAlignParams,
@@ -147,9 +147,7 @@ def _conditioned(
     if not isinstance(model, WeightsRewardModel):
         raise LearningError(f"model = {params.model!r}: a conditioned policy needs preference weights: model = weights")
     reference = params.conditioned or f"{base.setup}/conditioned"
-    with context.database.session() as s:
-        artefact = find_artefact(s, reference, "conditioned_policy")
-    conditioned = ConditionedPolicy.from_bytes(context.files.get(artefact.id))
+    artefact, conditioned = load_conditioned(context, reference)
     require_same(base=base.setup, conditioned=conditioned.setup)
     return artefact, conditioned, model.preference_weights()
 

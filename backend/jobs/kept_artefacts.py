@@ -12,6 +12,7 @@ from sqlalchemy.orm import Session as DbSession
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 from backend.learning.cards import source_commit
+from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
@@ -41,6 +42,13 @@ def load_policy(context: JobContext, reference: str) -> tuple[Artefact, Policy]:
     with context.database.session() as s:
         artefact = find_artefact(s, reference, "policy")
     return artefact, Policy.from_bytes(context.files.get(artefact.id))
+
+
+def load_conditioned(context: JobContext, reference: str) -> tuple[Artefact, ConditionedPolicy]:
+    """A conditioned policy and its artefact. Raises ArtefactError as `find_artefact` does."""
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "conditioned_policy")
+    return artefact, ConditionedPolicy.from_bytes(context.files.get(artefact.id))
 
 
 def keep(

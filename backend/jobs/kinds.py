@@ -127,12 +127,18 @@ class AlignParams(Params):
 
 
 class ConditionedAlignParams(AlignParams):
-    """What is asked where a conditioned policy is used as it is: nothing is trained."""
+    """What is asked where a conditioned policy is used as it is: nothing is trained.
+
+    neutral: in so many further scenes it is compared with itself without preferences. stand_in: number on the setup's
+    card of the simulated person whose policy is compared with, where `other` names none.
+    """
 
     conditioned: str | None = Field(
         None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
     )
     model: Literal["weights"] = _from("preference_weights_only", "weights", advanced=True)
+    neutral: int = _from("ours", 0, ge=0, le=10, advanced=True)
+    stand_in: int | None = _from("ours", None, ge=0, le=1_000, advanced=True)
 
 
 class InstantParams(ConditionedAlignParams):

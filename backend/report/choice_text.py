@@ -129,6 +129,12 @@ def personalised_section(found: Findings) -> Section:
     alike = sum(one.look_alike for one in found.personalised)
     if alike:
         told.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
+    lent = sum(one.stand_ins for one in found.personalised)
+    if lent:
+        told.append(
+            f"{lent} of the people who were lent another's policy were lent one made from a simulated person's answers "
+            "(a stand-in), because no other participant's was ready that nobody had been lent."
+        )
     shared = next((one for one in found.personalised if one.clusters < one.people), None)
     if shared is not None:
         told.append(
@@ -154,6 +160,12 @@ def personalised_section(found: Findings) -> Section:
 def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:
     """What the comparison with another person's policy shows, no more than its test."""
     other = against["other"]
+    if other.preferred(alpha) and other.stand_ins == other.people:
+        return (
+            "People preferred the policy made from their own answers to one made from a simulated person's. "
+            "Nobody compared it with a policy that another participant's answers made, so this does not show that "
+            "it is personal."
+        )
     if other.preferred(alpha):
         return (
             "People preferred the policy made from their own answers to one made from another participant's: what they "
@@ -161,11 +173,8 @@ def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:
         )
     if other.test.significant(alpha):
         return "People preferred the policy that another participant's answers made to their own one."
-    begun = (
-        "The own policy is preferred to the base policy, but"
-        if any(one.preferred(alpha) for name, one in against.items() if name != "other")
-        else "The own policy"
-    )
+    better = [ARMS[name] for name, one in against.items() if name != "other" and one.preferred(alpha)]
+    begun = f"The own policy is preferred to {' and to '.join(better)}, but" if better else "The own policy"
     return (
         f"{begun} was not shown to be preferred to one that another participant's answers made: this does not show "
         "that it is personal."

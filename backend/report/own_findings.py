@@ -32,7 +32,8 @@ class Personalised:
 
     test: the one that the plan declares, corrected; beside: the other of sign test and signed ranks, uncorrected and
     for reading only. clusters: independent units; people who were lent the same policy are one. answers: comparisons,
-    look_alike: of them those whose rollouts look alike; they are counted.
+    look_alike: of them those whose rollouts look alike; they are counted. stand_ins: people whose opponent was made
+    from a simulated person's answers, because no other participant's was ready.
     """
 
     against: str
@@ -43,6 +44,7 @@ class Personalised:
     clusters: int
     answers: int
     look_alike: int
+    stand_ins: int = 0
 
     def preferred(self, alpha: float) -> bool:
         """Whether the own policy was shown to be preferred: a significant test in its favour."""
@@ -72,6 +74,7 @@ def personalised(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[
             clusters=len(_units(asked, against)),
             answers=len(asked),
             look_alike=sum(one.look_alike for one in asked),
+            stand_ins=len({one.person for one in asked if one.stand_in}),
         )
         for (against, asked), test, (_, beside) in zip(found, tests, raw, strict=True)
     ]

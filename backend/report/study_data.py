@@ -72,14 +72,16 @@ class Rating:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral). opponent: the policy
-    that stood against the own one, where the data set tells."""
+    """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral). opponent: what is the
+    same for equal policies that stood against the own one, where the data set tells. stand_in: it was made from a
+    simulated person's answers."""
 
     person: str
     chosen: str
     rejected: str
     look_alike: bool
     opponent: str | None = None
+    stand_in: bool = False
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,8 @@ def _comparison(trial: Row, answer: Row) -> Comparison | None:
         trial["participant"],
         *chosen_and_rejected(answer["choice"], *shown),
         look_alike=bool(arms.get("look_alike")),
-        opponent=opponent,
+        opponent=arms.get("lent") or opponent,
+        stand_in=bool(arms.get("stand_in")),
     )
 
 

@@ -16,10 +16,14 @@ from backend.jobs.context import JobContext, Progress
 from backend.jobs.kept_artefacts import ArtefactError
 from backend.jobs.kinds import ConditioningSearchParams, FineTuningParams, InstantParams, RewardModelParams
 from backend.jobs.reward_models import learn_reward_model
+from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_conditioned
-from backend.learning.preferences.objectives import NAMES
+from backend.learning.policies.shipped import load_conditioned, load_policy
+from backend.learning.policies.stand_ins import load_stand_ins
+from backend.learning.preferences.objectives import NAMES, preference_weights
 from backend.settings import Settings
+from backend.simulation.fast import rollout
+from backend.simulation.setups import get_setup
 from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
 from backend.store.database import Database
 from backend.store.erasure import erase_participant
@@ -113,6 +117,41 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     expected = load_conditioned("study_room/conditioned").at(weights)
     assert np.allclose(made.actor[1], expected.actor[1], atol=1e-3)  # the card rounds the weights
     assert not made.critic
+
+
+def test_the_own_policy_is_compared_with_a_stand_in_and_with_no_preferences_in_scenes_of_their_own(services):
+    _, database, files = services
+    snapshot = snapshot_of(services, answers=15)
+    params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2, neutral=2, stand_in=1)
+    result = align(begin(services, "align", params.model_dump()), params)
+    conditioned = load_conditioned("study_room/conditioned")
+    person = load_stand_ins("study_room").people[1]
+    with database.session() as s:
+        neutral_id = policy_artefact(s, "study_room/conditioned").id
+    rivals = {
+        "base": (result["comparisons"], load_policy("study_room/base"), None),
+        "neutral": (result["neutral"], conditioned.at(preference_weights({})), neutral_id),
+        "other": (result["yoked"], conditioned.at(preference_weights(person["weights"])), "study_room/stand_ins/1"),
+    }
+    for against, (pairs, policy, made_by) in rivals.items():
+        assert len(pairs) == 2
+        for pair in pairs:
+            with database.session() as s:
+                row = s.get_one(TrajectoryRow, pair[against])
+                shown = load_trajectory(files, row.id)
+            assert made_by in (None, row.made_by)
+            (again,) = rollout(get_setup("study_room"), policy.rollout_policy, [shown.scene])
+            np.testing.assert_allclose(again.poses, shown.poses, atol=1e-3)  # driven alone, not among many
+    seeds = [pair["scene_seed"] for pairs, _, _ in rivals.values() for pair in pairs]
+    assert len(set(seeds)) == 6
+    with pytest.raises(LearningError, match="stand_in = 999: setup study_room has 0 to 23"):
+        align(begin(services, "align", {}), params.model_copy(update={"stand_in": 999}))
+
+
+def test_no_two_stand_ins_drive_alike():
+    people = load_stand_ins("study_room").people
+    assert len({str(one["weights"]) for one in people}) == len(people) == 24
+    assert all(one["gate_success"] >= 0.9 for one in people)
 
 
 def test_people_who_want_the_same_have_a_policy_each(services):

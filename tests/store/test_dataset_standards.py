@@ -98,7 +98,7 @@ def opened_by(script: str, *told: str, folder: Path, **environment: str) -> dict
 
 
 def test_the_pairs_open_as_they_are_and_trl_learns_from_them(data_sets: Path, tmp_path: Path):
-    """`datasets.load_dataset` of the folder; its split `train`, unchanged, is what TRL's DPO trainer takes a step on."""
+    """`datasets.load_dataset` of the folder; on its split `train`, unchanged, TRL's DPO trainer takes a step."""
     pairs = data_sets / "Interface" / "preference_pairs"
     told = opened_by("with_trl.py", str(pairs), folder=tmp_path)
     assert set(told["splits"]) == {"train", "practice", "probes"}

@@ -7,7 +7,12 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select
 
+from backend.jobs.kinds import InstantParams
+from backend.report.tidy_tables import read_study
 from backend.store.models import Artefact, Event, Job, Response, Session, Study, TrajectoryRow, Trial, utc_now
+from backend.study.grammar.source import ProtocolError
+from backend.study.kinds import read_step
+from backend.study.personalising.lending import policy_key
 from backend.study.protocol.freezing import freeze_text
 from backend.study.refusals import Refused
 from backend.study.session import machine
@@ -311,3 +316,130 @@ def test_who_withdrew_lends_no_policy(database, files, twenty_queries):
     first.do(machine.withdraw, now=first.now)
     second.walk_to("train.wait")
     assert end_alignments(database, files, study, second, "second-policy", yoked=False)["other"] is None
+
+
+# ---- who is lent whose policy ----
+
+
+def lending_study(database, files, twenty_queries, arms="[base, neutral, own, other], stand_ins: true, scenes: 1"):
+    text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries))
+    text = text.replace("choose: information", "choose: random").replace("count: 15", "count: 3")
+    text = text.replace("arms: [base, own], scenes: 3", f"arms: {arms}")
+    with database.transaction() as s:
+        return create_study(s, files, freeze_text(text), name="Lending", created_by=None)
+
+
+def asked_of(walker):
+    """What the walker's alignment was asked to compare with."""
+    with walker.database.session() as s:
+        jobs = s.scalars(select(Job).where(Job.session_id == walker.session.id, Job.kind == "align"))
+        (told,) = {(job.params["other"], job.params.get("stand_in")) for job in jobs}
+    return told
+
+
+def has_ready(walker, policy, weights=None):
+    """The walker's policy is ready: an instant one conditioned on these weights."""
+    with walker.database.transaction() as s:
+        config = {"recipe": "instant", "preference_weights": weights} if weights else {}
+        s.add(Artefact(id=policy, kind="policy", name=policy, setup="study_room", card={"config": config}))
+        for job in s.scalars(select(Job).where(Job.session_id == walker.session.id)):
+            job.state, job.finished_at = "succeeded", utc_now()
+            job.result = {"policy": policy, "passed": True, "comparisons": [{}], "yoked": []}
+
+
+def waiting_walkers(database, files, study, count):
+    walkers = [Walker(database, files, study) for _ in range(count)]
+    for walker in walkers:
+        walker.walk_to("train.wait")
+    return walkers
+
+
+def test_people_who_finish_together_are_lent_different_policies(database, files, twenty_queries):
+    study = lending_study(database, files, twenty_queries, "[base, own, other], scenes: 1")
+    first = waiting_walkers(database, files, study, 2)
+    assert {asked_of(one) for one in first} == {(None, None)}  # nobody's is ready, and there are no stand-ins
+    for number, walker in enumerate(first):
+        has_ready(walker, f"policy-{number}", {"farther": 1.0 - number / 2})
+    second = waiting_walkers(database, files, study, 2)
+    assert sorted(asked_of(one) for one in second) == [("policy-0", None), ("policy-1", None)]
+    third = waiting_walkers(database, files, study, 3)
+    counted = [other for other, _ in map(asked_of, [*second, *third])]
+    assert {counted.count(policy) for policy in ("policy-0", "policy-1")} == {2, 3}  # again whose was lent least
+
+
+def test_the_first_group_is_lent_stand_ins_each_another_one(database, files, twenty_queries):
+    study = lending_study(database, files, twenty_queries)
+    first = waiting_walkers(database, files, study, 3)
+    assert [asked_of(one) for one in first] == [(None, 0), (None, 1), (None, 2)]
+    has_ready(first[0], "policy-0", {"farther": 1.0})
+    later = waiting_walkers(database, files, study, 2)
+    assert [asked_of(one) for one in later] == [("policy-0", None), (None, 3)]
+
+
+def test_policies_that_drive_alike_count_as_one(database, files, twenty_queries):
+    study = lending_study(database, files, twenty_queries)
+    first = waiting_walkers(database, files, study, 2)
+    for number, walker in enumerate(first):
+        has_ready(walker, f"policy-{number}", {"farther": 1.0})
+    later = waiting_walkers(database, files, study, 2)
+    assert asked_of(later[0])[0] in ("policy-0", "policy-1")
+    assert asked_of(later[1]) == (None, 2)  # the other one would be the same policy again
+    with database.session() as s:
+        assert policy_key(s, "policy-0") == policy_key(s, "policy-1") != policy_key(s, "unknown")
+
+
+def test_neutral_and_stand_in_are_arms_that_the_report_tells_apart(database, files, twenty_queries):
+    study = lending_study(database, files, twenty_queries)
+    (walker,) = waiting_walkers(database, files, study, 1)
+    with database.transaction() as s:
+        queries = queries_of_study(s, files, study)[:3]
+        s.get_one(TrajectoryRow, queries[1].trajectory_a).made_by = "conditioned"
+        s.get_one(TrajectoryRow, queries[2].trajectory_a).made_by = "study_room/stand_ins/0"
+        pairs = [{"own": q.trajectory_b, "look_alike": False} for q in queries]
+        rivals = [q.trajectory_a for q in queries]
+        for job in s.scalars(select(Job).where(Job.session_id == walker.session.id)):
+            assert job.params["neutral"] == 1
+            assert InstantParams.model_validate({**job.params, "recipe": "instant"}).stand_in == 0
+            job.state = "succeeded"
+            job.result = {
+                "policy": "own-policy",
+                "passed": True,
+                "comparisons": [pairs[0] | {"base": rivals[0]}],
+                "neutral": [pairs[1] | {"neutral": rivals[1]}],
+                "yoked": [pairs[2] | {"other": rivals[2]}],
+            }
+    settle(walker)
+    walker.walk_to("comparison.guess")
+    with database.session() as s:
+        data, _ = read_study(s, files, study)
+    compared = {next(arm for arm in (one.chosen, one.rejected) if arm != "own"): one for one in data.comparisons}
+    assert set(compared) == {"base", "neutral", "other"}
+    assert {against: (one.opponent, one.stand_in) for against, one in compared.items()} == {
+        "base": (None, False),
+        "neutral": ("conditioned", False),
+        "other": ("study_room/stand_ins/0", True),
+    }
+
+
+@pytest.mark.parametrize(
+    ("comparison", "recipe", "field", "told"),
+    [
+        ("arms: [base, neutral, own], scenes: 3", "fine_tuning", "arms", "needs recipe instant"),
+        ("arms: [base, own, other], stand_ins: true, scenes: 3", "thesis", "stand_ins", "needs recipe instant"),
+        ("arms: [base, own], stand_ins: true, scenes: 3", "instant", "stand_ins", "add other to the arms"),
+        ("arms: [own, base], scenes: 3", "instant", "arms", "some of the others of"),
+        ("arms: [dwa, own], scenes: 3", "instant", "arms", "own with some of base, neutral and other"),
+    ],
+)
+def test_arms_that_there_cannot_be_are_refused(comparison, recipe, field, told):
+    text = QUICK.read_text().replace("arms: [base, own], scenes: 3", comparison)
+    text = text.replace("recipe: instant", f"recipe: {recipe}")
+    with pytest.raises(ProtocolError) as refused:
+        freeze_text(text)
+    assert any(field in problem.field and told in problem.message for problem in refused.value.problems)
+
+
+def test_plans_of_before_have_a_base_arm_only():
+    """A step as it was stored before there were other arms."""
+    step = read_step({"kind": "comparison", "key": "c.1", "stage": "c", "number": 1, "of": 1, "turned": True})
+    assert (step.against, step.sides_swapped) == ("base", True)

@@ -63,12 +63,12 @@ class Answer:
     @property
     def own_chosen(self) -> bool | None:
         """Whether a comparison with the base policy, or a guess, named the trajectory made from the participant's own
-        answers; None for others. Comparisons with another participant's policy are the whole report's."""
+        answers; None for others. Comparisons with other policies are the whole report's."""
         if self.response.kind == "guess":
             right: bool | None = self.response.value.get("right")
             return right
         arms = (self.trial.arms or {}) if self.trial else {}
-        own = None if "other" in arms else arms.get("own")
+        own = None if {"other", "neutral"} & arms.keys() else arms.get("own")
         return None if own is None else self.response.value.get("choice") == own
 
     @property

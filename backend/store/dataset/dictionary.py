@@ -58,7 +58,7 @@ def data_dictionary() -> str:
         "`speed_knots`, `speed_coefficients`; `commands` (T, 2: m/s, rad/s); `trajectory`: bytes of its NPZ |",
         f"| `{PAIRS_FOLDER}/` | the pairs that may be learned from as JSON lines `prompt`, `chosen`, `rejected`: "
         "`train`, `practice` and `probes` apart; `datasets.load_dataset` opens the folder, TRL takes its columns |",
-        f"| `{MINARI_FOLDER}/` | the trajectories as episodes with spaces of observations and actions, a Minari dataset "
+        f"| `{MINARI_FOLDER}/` | the trajectories as episodes with observation and action spaces, a Minari dataset "
         f"per setup: with `MINARI_DATASETS_PATH` set to this folder `minari.load_dataset('{NAMESPACE}/SETUP-v0')` |",
         f"| `{DATA_PACKAGE}` | Frictionless Data Package of the CSV tables: types, keys, what refers to what |",
         f"| `{CROISSANT}` | Croissant description of the Parquet tables |",

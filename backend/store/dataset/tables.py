@@ -147,7 +147,8 @@ TRIALS = Table(
             "arms",
             TEXT,
             "comparison only: which policy (artefact id) rolled out a and b, which is their own, and which another "
-            "participant's (other), where that was compared; else the one that is not their own is the base policy",
+            "participant's (other; lent: the same for equal policies; stand_in: a simulated person's) or the "
+            "conditioned policy without preferences (neutral), where that was compared; else the other is the base one",
             True,
         ),
         Column(

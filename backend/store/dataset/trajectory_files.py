@@ -1,4 +1,4 @@
-"""The trajectories of a data set: NPZ files, episodes, rows, metrics and control steps. Which ones is decided in `writing.py`."""
+"""The trajectories of a data set: NPZ files, episodes, rows, metrics, control steps. Which: `writing.py` decides."""
 
 from __future__ import annotations
 

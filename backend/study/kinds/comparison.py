@@ -22,15 +22,19 @@ class ComparisonStage(Stage):
     trajectory of the last pair came from the participant's own answers. Who drew paths sees `dwa`, the dynamic window
     approach (spec 02), in place of `base`.
 
-    `other` as a third arm: in `scenes` further scenes the own policy against that of another participant, the one whose
-    alignment was ready last (yoked). Who prefers the own one there does not merely like what everybody likes.
+    `other`: in `scenes` further scenes the own policy against that of another participant (yoked): one that is ready
+    and was lent to nobody else yet, where there is one, so that people who finish together are lent different ones. Who
+    prefers the own one there does not merely like what everybody likes. `stand_ins`: before there is one, a simulated
+    person's is lent, from the setup's card. `neutral`: likewise against the conditioned policy without preferences,
+    which is of the own one's kind (own against base compares two kinds of policy, too).
     """
 
     once = True
     for_everybody = True
 
-    arms: tuple[Literal["base", "dwa", "own", "other"], ...] = ("base", "own")
+    arms: tuple[Literal["base", "dwa", "neutral", "own", "other"], ...] = ("base", "own")
     scenes: int = Field(3, ge=1, le=10)
+    stand_ins: bool = False
     blind: Literal[True] = True
     view: View | None = Field(None, description="default: the view of the block before")
     guess: bool = True
@@ -38,8 +42,10 @@ class ComparisonStage(Stage):
     @field_validator("arms")
     @classmethod
     def _can_be(cls, arms: tuple[str, ...]) -> tuple[str, ...]:
-        if arms not in (("base", "own"), ("base", "own", "other"), ("dwa", "own")):
-            raise ValueError("must be [base, own], [base, own, other] or [dwa, own]")
+        if arms != ("dwa", "own"):
+            in_order = tuple(arm for arm in ("base", "neutral", "own", "other") if arm in arms)
+            if arms != in_order or "own" not in arms or len(arms) < 2:
+                raise ValueError("must be [dwa, own], or own and some of the others of [base, neutral, own, other]")
         return arms
 
     @property
@@ -66,7 +72,7 @@ class ComparisonStage(Stage):
                     "number": number,
                     "of": len(against),
                     "sides_swapped": bool(at.random.integers(2)),
-                    **({"against": opponent} if opponent == "other" else {}),
+                    **({"against": opponent} if opponent in ("neutral", "other") else {}),
                 }
             )
             for number, opponent in enumerate(against, 1)
@@ -81,13 +87,13 @@ class ComparisonStage(Stage):
 
 
 class ComparisonStep(Step):
-    """sides_swapped: the own policy's trajectory is shown as A. against: base (also where it is DWA) or other."""
+    """sides_swapped: the own policy's trajectory is shown as A. against: base (also DWA), neutral or other."""
 
     kind: Literal["comparison"]
     number: int
     of: int
     sides_swapped: bool = Field(validation_alias=AliasChoices("sides_swapped", "turned"))
-    against: Literal["base", "other"] = "base"
+    against: Literal["base", "neutral", "other"] = "base"
 
 
 class Comparison(Kind[ComparisonStep, ChoiceAnswer]):

@@ -15,10 +15,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.demonstration_snapshots import StrokeError, take_demonstrations
 from backend.store.events import log_event
-from backend.store.models import Artefact, Job, Participant, Response, Session, TrajectoryRow, Trial
+from backend.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
-from backend.store.who_counts import not_left_out
+from backend.study.personalising.lending import Lent, lent_policy, policy_key
+from backend.study.personalising.verdicts import verdict
 
 if TYPE_CHECKING:
     from backend.study.kinds.base import Acting, Moment
@@ -31,6 +32,8 @@ UPDATES_WHILE_ONE_WAITS = 16_000
 """Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
 somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
 EVERY_PAIR = 4  # spec 02: situations of an environment
+MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
+"""Opponent -> where a job's result has the rollouts against it."""
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
 
@@ -38,8 +41,8 @@ LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene set
 class Training:
     """What a protocol says about learning from its own answers, gathered from the stages that say it.
 
-    scenes: of the comparison, 0 where there is none; opponents: of the own policy in it. rated: rollouts are rated one
-    by one. environments: that paths are drawn in, in the order of the stages.
+    scenes: of the comparison, 0 where there is none; opponents: of the own policy in it; stand_ins: lend while nobody's
+    is ready. rated: rollouts are rated one by one. environments: that paths are drawn in, in the order of the stages.
     """
 
     job: Literal["align", "demonstrations"]
@@ -47,6 +50,7 @@ class Training:
     give_up_after_s: int
     scenes: int
     opponents: tuple[str, ...]
+    stand_ins: bool
     rated: bool
     environments: tuple[str, ...]
 
@@ -76,7 +80,10 @@ def start_training(acting: Acting) -> None:
         session.personalisation = "too_few_answers"
         log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
         return
-    other = _policy_of_another(s, session) if "other" in training.opponents else None
+    lent: Lent = {}
+    if "other" in training.opponents:
+        lent = lent_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
+    neutral = {"neutral": training.scenes} if "neutral" in training.opponents else {}
     recipes: list[dict[str, str]] = [{"recipe": training.recipe}]
     if training.recipe == "instant":
         recipes.append({"recipe": "conditioning_search"})
@@ -88,7 +95,9 @@ def start_training(acting: Acting) -> None:
                 "snapshot": snapshot.id,
                 "setup": snapshot.setup,
                 "comparisons": training.scenes,
-                "other": other,
+                "other": None,
+                **lent,
+                **neutral,
                 "symmetry": acting.frozen.protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
                 **recipe,
@@ -101,31 +110,6 @@ def start_training(acting: Acting) -> None:
         log_event(
             s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id, recipe=recipe["recipe"]
         )
-
-
-def _policy_of_another(s: DatabaseSession, session: Session) -> str | None:
-    """The policy of the participant of the same study whose alignment was ready last; None where nobody's was yet.
-
-    People are compared with people's, simulated participants with simulated ones'. Who withdrew or was excluded lends
-    nothing.
-    """
-    lent = s.scalars(
-        select(Job)
-        .join(Session, Session.id == Job.session_id)
-        .join(Participant, Participant.id == Session.participant_id)
-        .where(
-            Session.study_id == session.study_id,
-            Session.participant_id != session.participant_id,
-            Session.simulated == session.simulated,
-            not_left_out(),
-            Job.kind == "align",
-            Job.state == "succeeded",
-        )
-        .order_by(Job.finished_at.desc(), Job.id)
-    )
-    ready = (str((job.result or {})["policy"]) for job in lent if _verdict(job) == "shown")
-    here = (one for one in ready if (kept := s.get(Artefact, one)) is not None and kept.quarantined_at is None)
-    return next(here, None)
 
 
 def _learn_from_paths(acting: Acting, training: Training) -> None:
@@ -169,18 +153,7 @@ def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
 
 def ready_job(s: DatabaseSession, session: Session) -> Job | None:
     """The alignment whose policy may be shown now."""
-    return next((job for job in jobs_of(s, session) if _verdict(job) == "shown"), None)
-
-
-def _verdict(job: Job, *, rated: bool = False) -> str | None:
-    """What became of one alignment, None while it goes on. rated: its trajectories are rated one by one, arrived or
-    not."""
-    if job.state == "succeeded":
-        result = job.result or {}
-        if not result.get("passed"):
-            return "gate_not_passed"
-        return "shown" if result.get("comparisons") or (rated and result.get("situations")) else "no_scenes"
-    return "job_failed" if job.state in ("failed", "cancelled", "cancelling") else None
+    return next((job for job in jobs_of(s, session) if verdict(job) == "shown"), None)
 
 
 def progress_of(s: DatabaseSession, session: Session) -> float:
@@ -207,7 +180,7 @@ def outcome_of(moment: Moment) -> str | None:
         return "too_few_answers"
     of_snapshot: dict[str, list[str | None]] = {}
     for job in jobs:
-        of_snapshot.setdefault(job.params["snapshot"], []).append(_verdict(job, rated=training.rated))
+        of_snapshot.setdefault(job.params["snapshot"], []).append(verdict(job, rated=training.rated))
     verdicts = ["shown" if "shown" in each else None if None in each else each[-1] for each in of_snapshot.values()]
     if None not in verdicts:
         return "shown" if "shown" in verdicts else verdicts[-1]
@@ -228,7 +201,7 @@ def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep
     s, session = acting.s, acting.session
     job = ready_job(s, session)
     result: dict[str, Any] = (job.result or {}) if job is not None else {}
-    made = {"base": iter(result.get("comparisons", [])), "other": iter(result.get("yoked", []))}
+    made = {against: iter(result.get(there, [])) for against, there in MADE_FOR.items()}
     count = 0
     for index, step in planned:
         against = step.against
@@ -242,8 +215,12 @@ def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep
             policies["base"] = "dwa"  # which is no artefact
         a, b = ("own", against) if step.sides_swapped else (against, "own")
         arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
-        if against == "other":
-            arms["other"] = "b" if a == "own" else "a"
+        if against != "base":
+            arms[against] = "b" if a == "own" else "a"
+        if against == "other" and policies["other"] is not None:
+            arms["lent"] = policy_key(s, policies["other"])
+            if job is not None and job.params.get("other") is None:
+                arms["stand_in"] = True
         s.add(
             Trial(
                 session_id=session.id,

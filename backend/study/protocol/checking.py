@@ -8,7 +8,7 @@ from backend.study.grammar import source as yaml_source
 from backend.study.grammar.error_words import meant
 from backend.study.grammar.questionnaires import Questionnaire
 from backend.study.grammar.skipping import ItemWhen, When, problems_with
-from backend.study.grammar.source import Problem, Source
+from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.comprehension import ComprehensionStage
 from backend.study.kinds.wait import TrainStage
@@ -80,16 +80,26 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             if kind in (*taught_by, "comparison") and kinds[:index].count("appointment") != own:
                 yield at(index, "stands in another appointment than train, which learns from and shows its own only")
         compared = protocol.stage_of(ComparisonStage)
-        other = "base" if learning.job == "align" else "dwa"
-        if compared is not None and compared.arms[0] != other:
-            here = ("stages", first("comparison"), "comparison", "arms")
-            third = ", or [base, own, other]," if learning.job == "align" else ""
-            yield source.problem(here, f"must be [{other}, own]{third} after a train stage with job {learning.job}")
+        if compared is not None:
+            yield from _arms(compared, learning, ("stages", first("comparison"), "comparison"), source)
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
     for index, entry in enumerate(protocol.stages):
         if entry.when is not None and entry.stage.for_everybody:
             yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")
+
+
+def _arms(compared: ComparisonStage, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:
+    """Opponents that there cannot be after that training."""
+    if (learning.job == "align") == ("dwa" in compared.arms):
+        told = "own with some of base, neutral and other" if learning.job == "align" else "[dwa, own]"
+        yield source.problem((*here, "arms"), f"must be {told} after a train stage with job {learning.job}")
+    elif learning.recipe != "instant" and ("neutral" in compared.arms or compared.stand_ins):
+        what = "arms" if "neutral" in compared.arms else "stand_ins"
+        told = "needs recipe instant: it is the conditioned policy, and the own one would be of another kind"
+        yield source.problem((*here, what), told)
+    elif compared.stand_ins and "other" not in compared.arms:
+        yield source.problem((*here, "stand_ins"), "lend policies of others; add other to the arms, or remove it")
 
 
 def _met_by_everybody(protocol: Protocol, begins: int) -> bool:

@@ -97,6 +97,7 @@ class FrozenProtocol:
             give_up_after_s=train.give_up_after_s,
             scenes=comparison.scenes if comparison else 0,
             opponents=comparison.opponents if comparison else (),
+            stand_ins=comparison is not None and comparison.stand_ins,
             rated=self.protocol.stage_of(EvaluationStage) is not None,
             environments=tuple(dict.fromkeys(one.environment for one in drawn)),
         )

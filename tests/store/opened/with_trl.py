@@ -5,10 +5,11 @@ import json
 import sys
 from pathlib import Path
 
-import datasets
 from tokenizers import Tokenizer, models, pre_tokenizers
 from transformers import GPT2Config, GPT2LMHeadModel, PreTrainedTokenizerFast
 from trl import DPOConfig, DPOTrainer
+
+import datasets
 
 opened = datasets.load_dataset(sys.argv[1], cache_dir="cache")
 letters = sorted({letter for split in opened.values() for row in split for letter in row["prompt"] + row["chosen"]})

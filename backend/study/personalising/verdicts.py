@@ -1,0 +1,16 @@
+"""What became of one alignment: whether its policy may be shown. What a session makes of it is `training.py`'s."""
+
+from __future__ import annotations
+
+from backend.store.models import Job
+
+
+def verdict(job: Job, *, rated: bool = False) -> str | None:
+    """What became of one alignment, None while it goes on. rated: its trajectories are rated one by one, arrived or
+    not."""
+    if job.state == "succeeded":
+        result = job.result or {}
+        if not result.get("passed"):
+            return "gate_not_passed"
+        return "shown" if result.get("comparisons") or (rated and result.get("situations")) else "no_scenes"
+    return "job_failed" if job.state in ("failed", "cancelled", "cancelling") else None
