@@ -1,5 +1,5 @@
 # Desire Path: pages, stage and worker share one image.
-FROM python:3.11-slim-bookworm
+FROM python:3.11.13-slim-bookworm
 ENV PYTHONUNBUFFERED=1
 WORKDIR /desirepath
 COPY requirements.lock pyproject.toml Makefile README.md ./
@@ -10,6 +10,7 @@ COPY backend backend
 ARG DESIREPATH_TORCH_INDEX
 RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
  && scripts/setup.sh \
+ && .venv/bin/python -m compileall -q app backend \
  && apt-get purge -y g++ && apt-get autoremove -y && rm -rf /var/lib/apt/lists/* /root/.cache
 COPY frontend frontend
 COPY study_protocols study_protocols

@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from backend.simulation.scene import Obstacle
 
@@ -29,6 +28,8 @@ Image2D = NDArray[np.float32]
 
 def _noise(rng: np.random.Generator, rows: int, columns: int, size: int) -> Image2D:
     """Smooth periodic noise in [-1, 1] of `size` x `size` pixels from a coarse grid, tileable."""
+    from PIL import Image  # a tenth of a second that a restart need not wait
+
     coarse = rng.uniform(-1, 1, (rows, columns)).astype(np.float32)
     padded = np.pad(coarse, ((2, 2), (2, 2)), mode="wrap")
     picture = Image.fromarray(padded).resize(
@@ -48,6 +49,8 @@ def _grid_lines(size: int, strength: float) -> Image2D:
 
 
 def _jpeg(picture: NDArray[np.float32]) -> bytes:
+    from PIL import Image
+
     out = io.BytesIO()
     Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(out, "JPEG", quality=88)
     return out.getvalue()
@@ -111,6 +114,8 @@ def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, f
 
     One opaque picture, because a second, blended layer over the whole floor costs software rendering as much again.
     """
+    from PIL import Image
+
     x_min, y_min, x_max, y_max = bounds
     tile = _wood() if material == "wood" else _concrete()
     columns, rows = (max(8, round(side * _PIXELS_PER_M)) for side in (x_max - x_min, y_max - y_min))

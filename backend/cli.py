@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-from backend.commands import benchmark, data, jobs, plots, report, reproduce, science, serve, study, study_protocols
+from backend.collecting import without_collecting
+
+with without_collecting():
+    from backend.commands import benchmark, data, jobs, plots, report, reproduce, science, serve, study, study_protocols
 
 app = typer.Typer(
     name="desirepath",

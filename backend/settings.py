@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from functools import lru_cache
 from pathlib import Path
+from urllib.parse import quote
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class SettingsError(ValueError):
+    """A setting that cannot be used; names it and says what would work."""
 
 
 class Settings(BaseSettings):
@@ -16,6 +22,10 @@ class Settings(BaseSettings):
 
     data: Path = Field(Path("data"), description="folder for the database, artefacts, logs and the secret key")
     database_url: str | None = Field(None, description="SQLAlchemy URL; default SQLite inside the data folder")
+    database_password_file: Path | None = Field(
+        None,
+        description="file whose one line is the password of database_url, where that has none; a container's secret",
+    )
     artefacts_url: str | None = Field(
         None, description="fsspec URL of the artefact store; default inside the data folder"
     )
@@ -41,18 +51,42 @@ class Settings(BaseSettings):
 
     @property
     def database(self) -> str:
-        return self.database_url or f"sqlite:///{(self.data / 'desirepath.sqlite').resolve()}"
+        return self._database_server or f"sqlite:///{(self.data / 'desirepath.sqlite').resolve()}"
 
     @property
     def jobs_database(self) -> str:
         """DBOS keeps its own tables: in a file of its own, or in a schema of its own on the database server."""
         if self.database_url and not self.database_url.startswith("sqlite"):
-            return self.database_url
+            return str(self._database_server)
         return f"sqlite:///{(self.data / 'jobs.sqlite').resolve()}"
+
+    @property
+    def _database_server(self) -> str | None:
+        """`database_url` with its password. Raises SettingsError if the file that should hold it does not."""
+        if not self.database_url or self.database_password_file is None:
+            return self.database_url
+        scheme, _, rest = self.database_url.partition("://")
+        user, at, where = rest.rpartition("@")
+        if not at or ":" in user:
+            return self.database_url
+        return f"{scheme}://{user}:{quote(_password(self.database_password_file), safe='')}@{where}"
 
     @property
     def artefacts(self) -> str:
         return self.artefacts_url or (self.data / "artefacts").resolve().as_uri()
+
+
+def _password(file: Path) -> str:
+    try:
+        password = file.read_text(encoding="utf-8").strip()
+    except OSError as problem:
+        raise SettingsError(
+            f"database_password_file = {file}: cannot be read by user {os.getuid()} ({problem.strerror}); let others "
+            "read the file (chmod 644) in a folder that only its owner may enter (chmod 700), or give it to that user"
+        ) from problem
+    if len(password.splitlines()) != 1:
+        raise SettingsError(f"database_password_file = {file}: must hold one line, the password")
+    return password
 
 
 @lru_cache

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 
 import structlog
@@ -16,10 +17,12 @@ import uvicorn
 from app.stage_server import StageServer
 from backend.api.application import create_application, create_stage_application
 from backend.api.core.dependencies import Services
+from backend.collecting import without_collecting
 from backend.jobs.process import start_worker
 from backend.settings import Settings
 from backend.study.personalising import next_query
 
+PREPARE_AFTER_S = 1.0  # ours
 log = structlog.get_logger("desirepath.server")
 
 
@@ -54,24 +57,34 @@ def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> No
     settings = services.settings
     check_ports(settings)
     stages = services.presenter.server = StageServer(port=0, on_connect=services.presenter.on_connect)
-    pages = create_application(services)
-    door = create_stage_application(services)
-    threading.Thread(target=_prepare, args=(services,), daemon=True).start()
+    with without_collecting():
+        pages = create_application(services)
+        door = create_stage_application(services)
+
+    def ready() -> None:
+        threading.Thread(target=_prepare, args=(services,), daemon=True).start()
+        if on_ready is not None:
+            on_ready()
+
     try:
         with asyncio.Runner(loop_factory=uvicorn.Config(pages).get_loop_factory()) as runner:
-            runner.run(_serve(settings, pages, door, on_ready))
+            runner.run(_serve(settings, pages, door, ready))
     finally:
         stages.stop()
 
 
 def _prepare(services: Services) -> None:
+    """What somebody would have to wait for later, loaded once the first page has had its time."""
+    time.sleep(PREPARE_AFTER_S)
     try:
+        import backend.learning.policies.shipped  # noqa: F401  with the simulator, half a second of a core
+
         next_query.prepare(services.database, services.files)
     except Exception:
         log.exception("the open studies' queries could not be measured; their sessions will say why")
 
 
-async def _serve(settings: Settings, pages: object, stage: object, on_ready: Callable[[], None] | None) -> None:
+async def _serve(settings: Settings, pages: object, stage: object, on_ready: Callable[[], None]) -> None:
     def server(application: object, port: int) -> _Server:
         return _Server(
             uvicorn.Config(
@@ -95,11 +108,12 @@ async def _serve(settings: Settings, pages: object, stage: object, on_ready: Cal
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopping.set)
     tasks = [asyncio.create_task(one.serve()) for one in servers]
-    worker = asyncio.create_task(_keep_worker(settings, stopping)) if settings.worker else None
     while not all(one.started for one in servers) and not any(task.done() for task in tasks):
-        await asyncio.sleep(0.05)
-    if on_ready and all(one.started for one in servers):
+        await asyncio.sleep(0.01)
+    if all(one.started for one in servers):
         on_ready()
+    # Loading takes the worker and the queries' preparation some seconds of a core: not while nobody has seen a page.
+    worker = asyncio.create_task(_keep_worker(settings, stopping)) if settings.worker else None
     waiting = asyncio.create_task(stopping.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
     stopping.set()

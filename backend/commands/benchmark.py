@@ -199,8 +199,9 @@ def preferences_command(
 ) -> None:
     """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
     from backend.experiments.benchmarks.preferences import PreferencesConfig, benchmark_preferences
-    from backend.learning.policies.shipped import load_card, load_conditioned
+    from backend.learning.policies.shipped import load_conditioned
     from backend.learning.preferences.oracles import ORACLE_PREFERENCES
+    from backend.learning.shipped_files import load_card
 
     first, _, last = seeds.partition("-")
     if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
@@ -281,6 +282,35 @@ def serve(
     from backend.experiments.benchmarks.serving import benchmark_serve
 
     say(benchmark_serve(sessions=sessions, answers=answers, pace_s=pace, during_alignment=during_alignment), as_json)
+
+
+@commands.command()
+@plain_errors
+def pages(
+    studies: Annotated[int, typer.Option(min=1, help="Studies in the installation.")] = 20,
+    participants: Annotated[int, typer.Option(min=1, help="Simulated people in each of them.")] = 31,
+    restarts: Annotated[int, typer.Option(min=1, help="Starts of the server that are timed.")] = 5,
+    joining: Annotated[int, typer.Option(min=1, help="People who join at once.")] = 40,
+    data: Annotated[
+        Path | None, typer.Option(help="Keep the installation in this folder, or take the one that is there.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """What people wait for: restart to the first page, every page of the lab, joining all at once."""
+    from backend.experiments.benchmarks.pages import benchmark_pages
+
+    result = benchmark_pages(
+        studies=studies,
+        participants=participants,
+        restarts=restarts,
+        joining=joining,
+        data=data,
+        tell=lambda words: typer.echo(words, err=True),
+    )
+    if out is not None:
+        _write(out, result)
+    say(result, as_json)
 
 
 @commands.command()

@@ -212,7 +212,8 @@ def find_policy(reference: str) -> Policy:
     """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its wants
     (`ID@farther=1`). Raises LookupError.
     """
-    from backend.learning.policies.shipped import load_policy, names_policy, policy_conditioned_on, shipped_names
+    from backend.learning.policies.shipped import load_policy, names_policy, policy_conditioned_on
+    from backend.learning.shipped_files import shipped_names
     from backend.store.artefacts import ArtefactError, load_artefact
     from backend.store.models import Artefact
     from backend.store.shipped import REGISTERED

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from backend.collecting import without_collecting
 from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 from backend.settings import get_settings
 
@@ -33,10 +34,11 @@ def serve(
     data: Annotated[Path | None, typer.Option(help="Folder for everything that is kept.")] = None,
 ) -> None:
     """Run the pages, the 3D stage and a background worker."""
-    from backend.api.application import build_services
-    from backend.api.core.auth import ensure_first_user
-    from backend.api.server import check_ports, run
-    from backend.store.shipped import register_shipped
+    with without_collecting():
+        from backend.api.application import build_services
+        from backend.api.core.auth import ensure_first_user
+        from backend.api.server import check_ports, run
+        from backend.store.shipped import register_shipped
 
     given = {"port": port, "host": host, "data": data}
     settings = get_settings().model_copy(update={k: v for k, v in given.items() if v is not None})

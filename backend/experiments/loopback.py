@@ -85,7 +85,7 @@ def _await_answer(url: str, process: subprocess.Popen[bytes], log: Path) -> None
                 raise RuntimeError(
                     f"the server at {url} did not answer within {START_PATIENCE_S:.0f} s: {_end_of(log)}"
                 )
-            time.sleep(0.1)
+            time.sleep(0.02)
     raise RuntimeError(f"the server did not start: {_end_of(log)}")
 
 

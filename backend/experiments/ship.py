@@ -12,7 +12,7 @@ from pathlib import Path
 from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble
 from backend.experiments.shipping.query_sets import SHIPPED_QUERIES, ship_queries, ship_varied_queries
 from backend.experiments.shipping.stand_ins import ship_stand_ins
-from backend.learning.policies.shipped import DATASETS
+from backend.learning.shipped_files import DATASETS
 from backend.simulation.setups import SETUPS
 
 

@@ -5,19 +5,21 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy.orm import Session as DbSession
 
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 from backend.learning.cards import source_commit
-from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
 from backend.store.models import Artefact, Job
 from backend.store.shipped import policy_artefact
+
+if TYPE_CHECKING:  # brings the simulator, and pages ask this file for names only
+    from backend.learning.policies.conditioned import ConditionedPolicy
 
 Parent = tuple[Artefact, str]  # the artefact and its role in what is made from it
 
@@ -46,6 +48,8 @@ def load_policy(context: JobContext, reference: str) -> tuple[Artefact, Policy]:
 
 def load_conditioned(context: JobContext, reference: str) -> tuple[Artefact, ConditionedPolicy]:
     """A conditioned policy and its artefact. Raises ArtefactError as `find_artefact` does."""
+    from backend.learning.policies.conditioned import ConditionedPolicy
+
     with context.database.session() as s:
         artefact = find_artefact(s, reference, "conditioned_policy")
     return artefact, ConditionedPolicy.from_bytes(context.files.get(artefact.id))

@@ -18,6 +18,7 @@ import structlog
 from sqlalchemy import select
 
 from backend.jobs.engine import Engine, EngineState, Queue
+from backend.jobs.heartbeat import beat
 from backend.jobs.process import FINAL_STATES, Standing, conclude, end_group, finish, is_instant, patiently, run_attempt
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
@@ -73,6 +74,7 @@ class Worker:
             self.submit_queued()
             until_check -= OUTBOX_POLL_S
             if until_check <= 0:
+                beat(self._settings.data)
                 self.revive_stale()
                 until_check = STALE_CHECK_S
             stopping.wait(OUTBOX_POLL_S)

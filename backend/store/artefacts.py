@@ -93,7 +93,10 @@ class ArtefactStore:
         return content
 
     def exists(self, sha: str) -> bool:
-        return bool(self._fs.exists(self._path(sha)))
+        path = self._path(sha)
+        if isinstance(self._fs, LocalFileSystem):
+            return os.path.exists(path)  # noqa: PTH110  of hundreds at a time; fsspec takes five times as long
+        return bool(self._fs.exists(path))
 
     def delete(self, sha: str) -> None:
         """Remove the file; nothing happens if there is none."""

@@ -15,17 +15,17 @@ import time
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from alembic import command
-from alembic.config import Config
-from alembic.util import CommandError
-from sqlalchemy import Connection, create_engine, event, make_url, text
+from sqlalchemy import Connection, create_engine, event, inspect, make_url, text
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
 from backend.store.models import Setting
 from backend.store.plain_data import load_json
+
+if TYPE_CHECKING:
+    from alembic.config import Config
 
 MIGRATIONS = Path(__file__).with_name("migrations")
 BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for other processes
@@ -168,17 +168,24 @@ class Database:
             with self.engine.begin() as connection:
                 if not self.is_sqlite:
                     connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
-                try:
-                    command.upgrade(migration_config(connection), "head")
-                except CommandError as problem:
-                    raise StorageError(
-                        f"database {self.file or self.url.render_as_string(hide_password=True)} was written by another "
-                        f"version of desirepath ({problem}); install that version or restore an older backup"
-                    ) from problem
+                if _revision_of(connection) != newest_revision():
+                    self._upgrade(connection)
             with self.session() as s:
                 pending = s.get(Setting, COMPACT_PENDING) is not None
         if pending:
             self.compact()
+
+    def _upgrade(self, connection: Connection) -> None:
+        from alembic import command  # a third of a second that a restart need not wait
+        from alembic.util import CommandError
+
+        try:
+            command.upgrade(migration_config(connection), "head")
+        except CommandError as problem:
+            raise StorageError(
+                f"database {self.file or self.url.render_as_string(hide_password=True)} was written by another "
+                f"version of desirepath ({problem}); install that version or restore an older backup"
+            ) from problem
 
     @contextlib.contextmanager
     def transaction(self, *, durable: bool = True) -> Iterator[Session]:
@@ -295,8 +302,23 @@ class Database:
             raise StorageError(f"database {where}: {said} ({message})") from problem
 
 
+def newest_revision() -> str:
+    """The revision that `migrate` leads to: the last of the scripts, whose names begin with it."""
+    return max(script.name[1:].partition("_")[0] for script in (MIGRATIONS / "versions").glob("v*.py"))
+
+
+def _revision_of(connection: Connection) -> str | None:
+    """The revision that the tables have; None for a database without tables of ours."""
+    if not inspect(connection).has_table("alembic_version"):
+        return None
+    revision: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
+    return revision
+
+
 def migration_config(connection: Connection) -> Config:
     """Alembic's configuration for our scripts, running inside `connection`'s transaction."""
+    from alembic.config import Config
+
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
     config.set_main_option("file_template", "v%%(rev)s_%%(slug)s")

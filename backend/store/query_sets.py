@@ -7,11 +7,13 @@ A study protocol names a set by a shipped name, the path of a file, or the id of
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer
 
 from backend.store.artefact_upkeep import offered
 from backend.store.artefacts import (
@@ -60,8 +62,8 @@ def import_query_set(s: Session, files: ArtefactStore, reference: str) -> Artefa
     if SHA256.fullmatch(reference):
         return load_artefact(s, files, reference, kind="query_set")[0]
     from backend.learning.cards import Card, card_path
-    from backend.learning.policies.shipped import resolve
     from backend.learning.queries.queries import QuerySet
+    from backend.learning.shipped_files import resolve
 
     path = resolve(reference)
     content = path.read_bytes()
@@ -127,16 +129,29 @@ def save_query_set(
     )
 
 
-def queries_of(s: Session, files: ArtefactStore, artefact_id: str) -> list[StoredQuery]:
-    """The queries of a stored set, in its order. Raises ArtefactError if it is none or a trajectory's file is gone."""
-    artefact = s.get(Artefact, artefact_id)
+def queries_of(s: Session, files: ArtefactStore, artefact_id: str, *, whole: bool = True) -> list[StoredQuery]:
+    """The queries of a stored set, in its order. Raises ArtefactError if it is none or a trajectory's file is gone.
+
+    whole=False: whoever asks looks after the files of those that are used (`require_files`).
+    """
+    artefact = s.get(Artefact, artefact_id, options=[defer(Artefact.card)])
     if artefact is None or artefact.kind != "query_set":
         raise ArtefactError(f"{artefact_id!r} is not a query set in this store")
-    queries = [StoredQuery(**entry) for entry in artefact.card["stored_queries"]]
-    for query in queries:
-        for trajectory_id in (query.trajectory_a, query.trajectory_b):
-            if not files.exists(trajectory_id):
-                raise ArtefactError(
-                    f"query set {artefact.name!r}: the file of trajectory {trajectory_id} is missing; restore a backup"
-                )
-    return queries
+    row = (artefact.id, artefact.created_at)
+    queries = _listed.get(row)
+    if queries is None:
+        queries = _listed[row] = tuple(StoredQuery(**entry) for entry in artefact.card["stored_queries"])
+    if whole:
+        require_files(files, (t for query in queries for t in (query.trajectory_a, query.trajectory_b)))
+    return list(queries)
+
+
+# By the artefact's row, which never changes: a card holds hundreds of queries, and everybody who joins needs them.
+_listed: dict[tuple[str, datetime], tuple[StoredQuery, ...]] = {}
+
+
+def require_files(files: ArtefactStore, trajectories: Iterable[str]) -> None:
+    """Raises ArtefactError if the file of one of these trajectories is gone."""
+    for trajectory_id in trajectories:
+        if not files.exists(trajectory_id):
+            raise ArtefactError(f"the file of trajectory {trajectory_id} is missing; restore a backup")

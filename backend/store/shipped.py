@@ -1,6 +1,6 @@
 """Makes the policies that come with the product known to the database, with their cards and lineage.
 
-Finding and checking the shipped files lives in `learning/policies/shipped.py`.
+Finding the shipped files lives in `learning/shipped_files.py`, checking them in `learning/policies/shipped.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ REGISTERED = ("policy", "conditioned_policy")
 
 def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
     """Store every shipped policy that is not stored yet; returns all. Raises LearningError for a damaged file."""
-    from backend.learning.policies.shipped import load_card, shipped_names
+    from backend.learning.shipped_files import load_card, shipped_names
 
     names = [name for name in shipped_names() if load_card(name).kind in REGISTERED]
     return [_register(s, files, name) for name in names]
@@ -30,7 +30,7 @@ def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
 
 def policy_artefact(s: Session, name: str) -> Artefact:
     """The artefact of a shipped policy, e.g. `study_room/base`. Raises ArtefactError if it is not registered."""
-    from backend.learning.policies.shipped import load_card
+    from backend.learning.shipped_files import load_card
 
     sha = load_card(name).sha256
     artefact = s.get(Artefact, sha)
@@ -45,7 +45,7 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
 
     A parent that is neither stored nor shipped stays on the card only.
     """
-    from backend.learning.policies.shipped import load_card, shipped_names
+    from backend.learning.shipped_files import load_card, shipped_names
 
     found = []
     for name, sha in card.parents.items():
@@ -57,12 +57,14 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
 
 
 def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:
-    from backend.learning.policies.shipped import load_card, load_shipped, resolve
+    from backend.learning.shipped_files import load_card, resolve
 
     card = load_card(name)
     artefact = s.get(Artefact, card.sha256)
     if artefact is not None:
         return artefact
+    from backend.learning.policies.shipped import load_shipped  # brings the simulator: not where all is known
+
     load_shipped(name)  # checks the file against its card
     return save_artefact(
         s,

@@ -91,7 +91,10 @@ def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:
     return study
 
 
-def queries_of_study(s: DatabaseSession, files: ArtefactStore, study: Study, number: int = FIRST) -> list[StoredQuery]:
-    """The queries that the study draws from, none where only paths are drawn; number: of its protocol."""
+def queries_of_study(
+    s: DatabaseSession, files: ArtefactStore, study: Study, number: int = FIRST, *, whole: bool = True
+) -> list[StoredQuery]:
+    """The queries that the study draws from, none where only paths are drawn; number: of its protocol; whole: every
+    file is looked for, as in `queries_of`."""
     query_set = protocol_row(s, study, number).protocol["materials"]["query_set"]
-    return queries_of(s, files, query_set) if query_set is not None else []
+    return queries_of(s, files, query_set, whole=whole) if query_set is not None else []

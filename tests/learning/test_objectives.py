@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from backend.learning.policies.shipped import load_card, load_conditioned
+from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.measures import MEASURES, TABLE, typical_differences
 from backend.learning.preferences.objectives import (
     MIRRORED,
@@ -20,6 +20,7 @@ from backend.learning.preferences.objectives import (
     scales,
     step_terms_of,
 )
+from backend.learning.shipped_files import load_card
 from backend.learning.td3.conditioned_training import REWARD_WEIGHTS
 from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import PREFERENCE_SETUPS, get_setup

@@ -14,20 +14,12 @@ from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import (
-    DATASETS,
-    load_card,
-    load_ensemble,
-    load_policy,
-    load_queries,
-    load_shipped,
-    resolve,
-    shipped_names,
-)
+from backend.learning.policies.shipped import load_ensemble, load_policy, load_queries, load_shipped
 from backend.learning.policies.steerability import steerability_of
 from backend.learning.preferences.objectives import NAMES
 from backend.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
 from backend.learning.scene_sets import Purpose, first_seed, scene_set
+from backend.learning.shipped_files import DATASETS, load_card, resolve, shipped_names
 from backend.learning.td3.conditioned_training import CONFIGS
 from backend.simulation.scenes import check_scene, draw_scene
 
@@ -160,7 +152,7 @@ def test_a_changed_file_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     folder.mkdir()
     for path in (DATASETS / "open_field/base.npz", DATASETS / "open_field/base.card.json"):
         (folder / path.name).write_bytes(path.read_bytes())
-    monkeypatch.setattr("backend.learning.policies.shipped.DATASETS", tmp_path)
+    monkeypatch.setattr("backend.learning.shipped_files.DATASETS", tmp_path)
     assert load_shipped("open_field/base")
     (folder / "base.npz").write_bytes(load_policy("open_field/base").without_critic().to_bytes())
     with pytest.raises(LearningError, match="disagree"):

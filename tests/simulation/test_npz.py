@@ -15,8 +15,8 @@ import pytest
 
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy, PolicyError
-from backend.learning.policies.shipped import DATASETS
 from backend.learning.queries.queries import QuerySet
+from backend.learning.shipped_files import DATASETS
 from backend.simulation.fast import rollout
 from backend.simulation.npz import Bounds, NpzError, from_npz, npz_header, to_npz
 from backend.simulation.scenes import draw_scenes

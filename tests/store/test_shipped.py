@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import func, select
 
-from backend.learning.policies.shipped import load_card
+from backend.learning.shipped_files import load_card
 from backend.store.artefacts import ArtefactError, ArtefactStore, lineage, load_artefact
 from backend.store.database import Database
 from backend.store.models import Artefact, TrajectoryRow

@@ -17,9 +17,6 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.svg_figures import DifferenceBins
 from backend.learning.policies.policy import Policy
-from backend.simulation.fast import rollout
-from backend.simulation.scenes import draw_scene
-from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.models import Artefact
@@ -110,4 +107,8 @@ def rollouts_in(
 @lru_cache(maxsize=KEPT_ROLLOUTS)
 def _rolled_out(files: ArtefactStore, policy: str, setup: str, seed: int) -> Trajectory:
     played = Policy.from_bytes(files.get(policy)).rollout_policy
+    from backend.simulation.fast import rollout  # the simulator: not while a server starts
+    from backend.simulation.scenes import draw_scene
+    from backend.simulation.setups import get_setup
+
     return rollout(get_setup(setup), played, [draw_scene(setup, seed)])[0]

@@ -40,9 +40,7 @@ from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
 from backend.api.stage.replay_stages import Replay
-from backend.demonstrations import demonstration_quality
 from backend.jobs.kinds import get_kind
-from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -56,13 +54,6 @@ LONGEST_REASON = 500
 EVERYBODY, EACH = "", "each"  # of the form that starts a training, beside a participant's code
 MOST_AT_ONCE = 150  # paths on one page; more take seconds to read, and nobody looks at them all
 TOLD_APART = 3  # people whose paths have colours of their own; of more, colours would say nothing
-LIMITS = {
-    "jerk": (demonstration_quality.JERKY_M_S2, 2),
-    "clearance": (100 * demonstration_quality.TIGHT_M, 0),
-    "duplicate": (100 * demonstration_quality.SAME_M, 0),
-    "outlier": (100 * demonstration_quality.OUTLYING_M, 0),
-}
-"""What the page says of the flags: m/s^2, then cm, with the digits that are shown."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +89,8 @@ class Place:
     def figure(self, t: Catalogue) -> str:
         drawn, learned = self.groups(t)
         title = t("paths.place", environment=t(f"paths.environments.{self.environment}"), number=self.pair + 1)
+        from backend.simulation.demonstration_scenes import demonstration_scene
+
         scene = demonstration_scene(self.environment, self.pair)
         return svg_figures.paths(scene, drawn, learned=learned, walked=self.walked(t), title=title)
 
@@ -210,7 +203,7 @@ def paths_page(
             people=[row["code"] for row in attempts],
             environments=sorted({environment for environment, _ in counts}),
             controllers=[one for one in controllers if not participant or participant in one.people],
-            limits={flag: t.number(limit, digits) for flag, (limit, digits) in LIMITS.items()},
+            limits={flag: t.number(limit, digits) for flag, (limit, digits) in _limits().items()},
             watch=watch,
             stage=stage,
         )
@@ -367,3 +360,15 @@ def _stroke(s: DatabaseSession, study_id: str, stroke_id: str) -> StrokeRow:
     if stroke is None or s.get_one(Session, stroke.session_id).study_id != study_id:
         raise LabRefusal(404, "no_path")
     return stroke
+
+
+def _limits() -> dict[str, tuple[float, int]]:
+    """What the page says of the flags: m/s^2, then cm, with the digits that are shown."""
+    from backend.demonstrations import demonstration_quality as quality
+
+    return {
+        "jerk": (quality.JERKY_M_S2, 2),
+        "clearance": (100 * quality.TIGHT_M, 0),
+        "duplicate": (100 * quality.SAME_M, 0),
+        "outlier": (100 * quality.OUTLYING_M, 0),
+    }

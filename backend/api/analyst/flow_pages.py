@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Request
@@ -23,27 +24,21 @@ from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, right
 from backend.api.core.permits import may_with, seen_artefacts
 from backend.api.core.roles import Right, Rights
 from backend.api.stage.replay_stages import Replay
-from backend.explain.flow_field import CELL_M
-from backend.explain.flow_files import FigureFiles
 from backend.explain.flow_words import Words
 from backend.learning.errors import LearningError
-from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.policies.policy import Policy
-from backend.learning.preferences.objectives import NAMES, preference_weights
-from backend.learning.scene_sets import Purpose, first_seed
-from backend.simulation.fast import rollout
-from backend.simulation.scenes import LARGEST_SEED, draw_scene
-from backend.simulation.setups import get_setup
 from backend.store.artefact_upkeep import offered
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Artefact
+
+if TYPE_CHECKING:  # the simulator comes with these; a server that starts need not wait for it
+    from backend.explain.flow_files import FigureFiles
+    from backend.learning.policies.policy import Policy
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
 SIDES = ("a", "b")
 CONDITIONED = "conditioned_policy"
 KINDS = ("policy", CONDITIONED)
-FIRST_SCENE = first_seed(Purpose.FIGURE, 0)
 MEDIA_TYPES = {"png": "image/png", "svg": "image/svg+xml", "csv": "text/csv"}
 # Inline styles are how matplotlib colours an SVG; nothing else may happen in a figure that is opened by itself.
 FIGURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -73,6 +68,10 @@ class Side:
 
     def policy(self, files: ArtefactStore) -> Policy:
         """What drives. Raises LearningError for wants that cannot be told."""
+        from backend.learning.policies.conditioned import ConditionedPolicy
+        from backend.learning.policies.policy import Policy
+        from backend.learning.preferences.objectives import preference_weights
+
         content = files.get(self.artefact.id)
         if self.artefact.kind == CONDITIONED:
             return ConditionedPolicy.from_bytes(content).at(preference_weights(self.wants))
@@ -99,6 +98,9 @@ class _Problem(ValueError):
 @router.get("/lab/flow-field")
 def flow_field(request: Request, database: Db, files: Files, stage: bool = False) -> Response:
     """The form, and below it the figure, its numbers and the same scene in 3D."""
+    from backend.learning.preferences.objectives import NAMES
+    from backend.simulation.scenes import LARGEST_SEED
+
     t = services_of(request).texts.get(lab_language(request))
     asked = figure = token = problem = None
     with database.session() as s:
@@ -127,7 +129,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
         status=422 if problem else 200,
         choices=choices,
         chosen=chosen,
-        scene=given.get("scene") or str(FIRST_SCENE),
+        scene=given.get("scene") or str(_first_scene()),
         conditioned=[side for side in SIDES if kind_of.get(chosen[side]) == CONDITIONED],
         objectives=NAMES,
         given=given,
@@ -168,6 +170,12 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     return Response(figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
 
 
+def _first_scene() -> int:
+    from backend.learning.scene_sets import Purpose, first_seed
+
+    return first_seed(Purpose.FIGURE, 0)
+
+
 def _choices(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     """The policies that can be drawn: what came with the product by name, then one's own, newest first."""
     rows = select(Artefact).where(Artefact.kind.in_(KINDS), offered(), seen_artefacts(rights))
@@ -177,6 +185,8 @@ def _choices(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
 
 def _asked(request: Request, s: DatabaseSession) -> Asked | None:
     """What the address asks for, None if it names no policy. Raises _Problem, or LabRefusal for no such policy."""
+    from backend.simulation.scenes import LARGEST_SEED
+
     given = request.query_params
     if not given.get("policy_a"):
         return None
@@ -187,13 +197,15 @@ def _asked(request: Request, s: DatabaseSession) -> Asked | None:
         raise _Problem("setups", first=sides[0].artefact.setup, second=sides[1].artefact.setup)
     if len(sides) == 2 and sides[0].reference == sides[1].reference:
         raise _Problem("alike")
-    scene = given.get("scene") or str(FIRST_SCENE)
+    scene = given.get("scene") or str(_first_scene())
     if not scene.isdecimal() or not scene.isascii() or len(scene) > 16 or int(scene) > LARGEST_SEED:
         raise _Problem("scene", value=scene, largest=str(LARGEST_SEED))
     return Asked(tuple(sides), int(scene), _query(given))
 
 
 def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Rights) -> Side:
+    from backend.learning.preferences.objectives import NAMES
+
     artefact = s.get(Artefact, given[f"policy_{side}"])
     if artefact is None or artefact.kind not in KINDS or not may_with(s, rights, Right.LOOK, artefact):
         raise LabRefusal(404, "no_artefact")
@@ -215,12 +227,16 @@ def _weight(value: str, name: str) -> float:
 
 
 def _query(given: Mapping[str, str], **changed: str) -> str:
+    from backend.learning.preferences.objectives import NAMES
+
     known = ["policy_a", "policy_b", "scene", *(f"{side}_{name}" for side in SIDES for name in NAMES)]
     said = {name: changed.get(name) or given.get(name) for name in known}
     return urlencode({name: value for name, value in said.items() if value})
 
 
 def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[Policy]) -> tuple[str, FigureFiles]:
+    from backend.explain.flow_field import CELL_M
+
     order = FlowOrder(
         tuple((side.name, one.without_critic().to_bytes()) for side, one in zip(asked.sides, policies, strict=True)),
         asked.scene_seed,
@@ -231,6 +247,10 @@ def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[Poli
 
 
 def _replay(asked: Asked, policies: Sequence[Policy]) -> Replay:
+    from backend.simulation.fast import rollout
+    from backend.simulation.scenes import draw_scene
+    from backend.simulation.setups import get_setup
+
     setup = get_setup(policies[0].setup)
     scene = draw_scene(setup, asked.scene_seed)
     drives = tuple(rollout(setup, one.rollout_policy, [scene])[0] for one in policies)

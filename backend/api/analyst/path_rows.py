@@ -8,19 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from sqlalchemy import Select, func, select, tuple_
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.demonstrations.demonstration import Demonstration
-from backend.demonstrations.demonstration_quality import DemonstrationQuality, qualities
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.demonstration_snapshots import KEPT, read_demonstrations
 from backend.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
 from backend.store.who_counts import asked_for, not_withdrawn, reason_not_to_learn
 from backend.study.personalising.training import PATHS_JOB
+
+if TYPE_CHECKING:  # the simulator comes with these; a server that starts need not wait for it
+    from backend.demonstrations.demonstration import Demonstration
+    from backend.demonstrations.demonstration_quality import DemonstrationQuality
 
 Who = Literal["people", "simulated"]
 Placed = tuple[str, int]
@@ -87,6 +89,9 @@ def drawn_paths(
     """The kept paths that `places_of` counts in some of the places, in their order; flags compare within one
     participant and place. About 5 ms each.
     """
+    from backend.demonstrations.demonstration import Demonstration
+    from backend.demonstrations.demonstration_quality import qualities
+
     asked = _kept(select(StrokeRow, Participant), study, who, person)
     asked = asked.where(tuple_(StrokeRow.environment, StrokeRow.pair).in_(list(places)))
     asked = asked.order_by(StrokeRow.environment, StrokeRow.pair, Participant.code, StrokeRow.created_at)

@@ -24,8 +24,9 @@ from sqlalchemy import delete, select
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
+from backend.api.core.addresses import public_url
 from backend.api.core.auditing import audited
-from backend.api.core.dependencies import Db, public_url, route_of, services_of
+from backend.api.core.dependencies import Db, route_of, services_of
 from backend.api.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
 from backend.api.core.permits import allows
 from backend.api.core.roles import ROLES, rights_of, rule_of

@@ -88,13 +88,13 @@ def route_of(request: Request) -> str:
     return getattr(request.scope.get("route"), "path", "(no route)")
 
 
-def public_url(request: Request) -> str:
-    """Address of the pages without a trailing slash: the setting, else the environment's, else as the browser asked."""
+def configured_url(request: Request) -> str:
+    """Address of the pages as it is set in the browser, else in the environment; empty where it is not."""
     services = services_of(request)
     with services.database.session() as s:
         row = s.get(Setting, "public_url")
         stored = str(row.value.get("url", "")) if row else ""
-    return (stored or services.settings.public_url or str(request.base_url)).rstrip("/")
+    return stored or services.settings.public_url or ""
 
 
 def contact(request: Request) -> str:

@@ -19,6 +19,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.core import auditing, auth
+from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls
 from backend.api.core.contract import DEEPEST, Refusal, Trouble, is_deeper
 from backend.api.core.dependencies import page, route_of, services_of, stage_origin
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
@@ -136,6 +137,8 @@ def _finish(request: Request, start: Message, began: float) -> None:
         "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'self'",
     )
     headers.setdefault("X-Content-Type-Options", "nosniff")
+    if insists_on_tls(request):
+        headers.setdefault(*STRICT_TRANSPORT)
     headers.setdefault("Referrer-Policy", "no-referrer")
     headers.setdefault("Permissions-Policy", "camera=(), microphone=(), geolocation=()")
     if request.url.path.startswith("/static"):

@@ -11,9 +11,10 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
+from backend.api.core.addresses import public_url
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import AccountError, CheckedCsrf, add_user, checked_csrf, reset_password, set_role
-from backend.api.core.dependencies import Db, contact, public_url
+from backend.api.core.dependencies import Db, contact
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.roles import ROLES
 from backend.store.events import log_event

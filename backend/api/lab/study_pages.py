@@ -15,9 +15,10 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, RedirectResponse, Response
 
+from backend.api.core.addresses import public_url
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, SignedIn, checked_csrf
-from backend.api.core.dependencies import Db, Files, contact, public_url
+from backend.api.core.dependencies import Db, Files, contact
 from backend.api.core.lab_frame import LabRefusal, lab_page, rights_in
 from backend.api.core.permits import in_studies
 from backend.api.lab import (

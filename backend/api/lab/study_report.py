@@ -18,7 +18,6 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.lab import people_rows
 from backend.api.lab.answer_rows import Answer, AnswerFilter, agreement, answers
 from backend.api.lab.people_rows import Person
-from backend.learning.policies.evaluate import wilson
 from backend.store.models import MARKS, Study
 from backend.study.protocol.freezing import thaw
 
@@ -132,6 +131,8 @@ def _share_of_people(hits: int, n: int) -> Share:
     """A share whose n are different people, so that an interval means something."""
     if not n:
         return Share(0, 0)
+    from backend.learning.policies.evaluate import wilson  # brings the simulator, which a start need not wait for
+
     interval = wilson(hits, n)
     return Share(hits, n, interval.low, interval.high)
 

@@ -9,7 +9,8 @@ from typing import Any
 from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.api.core.dependencies import Services, contact, public_url, stage_origin
+from backend.api.core.addresses import public_url
+from backend.api.core.dependencies import Services, contact, stage_origin
 from backend.api.stage.admission import stage_token
 from backend.store.models import Participant, Session, utc_now
 from backend.study.grammar.texts import local

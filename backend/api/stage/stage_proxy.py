@@ -25,6 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from app import viser_hooks
 from app.page import stage_page
+from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls
 
 MESSAGES_PER_S = 20.0  # a page of ours sends one message per connection; the rest is room for reconnects
 MESSAGES_BURST = 40.0
@@ -160,6 +161,7 @@ class StageDoor:
                 "X-Content-Type-Options": "nosniff",
                 "Cross-Origin-Resource-Policy": "same-site",
                 "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+                **(dict([STRICT_TRANSPORT]) if insists_on_tls(request) else {}),
             },
         )
 

@@ -1,1 +1,1 @@
-"""Making the shipped artefacts, each with a card that says how. Finding them: `learning/policies/shipped.py`."""
+"""Making the shipped artefacts, each with a card that says how. Finding them: `learning/shipped_files.py`."""

@@ -10,9 +10,9 @@ from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, sou
 from backend.learning.policies.conditioned import settings
 from backend.learning.policies.evaluate import evaluate_policy
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import DATASETS
 from backend.learning.policies.steerability import steerability_of
 from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.learning.shipped_files import DATASETS
 from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble

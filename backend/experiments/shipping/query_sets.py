@@ -10,10 +10,10 @@ import numpy as np
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import DATASETS
 from backend.learning.queries.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from backend.learning.queries.varied_queries import VariedConfig, describe_differences, generate_varied_queries
 from backend.learning.scene_sets import Purpose, describe
+from backend.learning.shipped_files import DATASETS
 from backend.learning.td3.base import OnProgress, no_progress
 
 SHIPPED_QUERIES = 200

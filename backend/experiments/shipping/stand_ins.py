@@ -13,12 +13,12 @@ from backend.learning.alignment.gate import GateRule, at_gate
 from backend.learning.cards import file_sha256, source_commit
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import DATASETS
 from backend.learning.policies.stand_ins import StandInCard, card_file
 from backend.learning.preferences.objectives import NAMES
 from backend.learning.preferences.posterior import Posterior
 from backend.learning.preferences.spans import seen_in
 from backend.learning.queries.queries import QuerySet
+from backend.learning.shipped_files import DATASETS
 from backend.learning.td3.base import OnProgress, no_progress
 
 PEOPLE = 24  # as many can finish together before anybody's policy is ready

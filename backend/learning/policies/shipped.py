@@ -1,36 +1,20 @@
-"""Finding shipped artefacts by name (`study_room/base`, `open_field/ensemble/0`, `study_room/queries_200`) or path.
+"""Opening artefacts by shipped name (`study_room/base`, `open_field/ensemble/0`, `study_room/queries_200`) or path.
 
-Making them lives in `experiments/ship.py`, what their cards say in `cards.py`.
+Where their files lie is `shipped_files.py`'s, making them `experiments/ship.py`'s.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from backend.learning.cards import ROOT, Card, card_path, file_sha256
+from backend.learning.cards import file_sha256
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import FORMAT as CONDITIONED
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy, stored_format
 from backend.learning.preferences.objectives import parsed_weights
 from backend.learning.queries.queries import QuerySet
-
-DATASETS = ROOT / "datasets"
-
-
-def shipped_names() -> list[str]:
-    """Names of everything shipped, sorted."""
-    return sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/**/*.npz"))
-
-
-def resolve(name_or_path: str) -> Path:
-    """The file behind a shipped name or a path. Raises LearningError naming what is shipped."""
-    path = Path(name_or_path)
-    if path.is_file():
-        return path
-    if name_or_path in shipped_names():
-        return DATASETS / f"{name_or_path}.npz"
-    raise LearningError(f"{name_or_path!r} is neither a file nor shipped; shipped are: {', '.join(shipped_names())}")
+from backend.learning.shipped_files import load_card, resolve, shipped_names
 
 
 def names_policy(reference: str) -> bool:
@@ -78,11 +62,6 @@ def load_ensemble(setup: str) -> list[Policy]:
 def load_queries(name_or_path: str) -> QuerySet:
     """A query set by shipped name or path. Raises LearningError."""
     return QuerySet.load(resolve(name_or_path))
-
-
-def load_card(name_or_path: str) -> Card:
-    """The card beside an artefact."""
-    return Card.load(card_path(resolve(name_or_path)))
 
 
 def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet:

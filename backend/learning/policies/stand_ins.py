@@ -13,8 +13,9 @@ from typing import Any
 
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import DATASETS, load_conditioned
+from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.objectives import preference_weights
+from backend.learning.shipped_files import DATASETS
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from backend.analysis.metrics import measure
 from backend.simulation.setups import ROBOT_RADIUS_M
 from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import ArtefactStore
@@ -95,6 +94,8 @@ def _row(row: TrajectoryRow, trajectory: Trajectory) -> Row:
 
 
 def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
+    from backend.analysis.metrics import measure  # brings the simulator, which a start need not wait for
+
     found = measure([trajectory])
     values = {column: float(getattr(found, name)[0]) for column, name in MEASURED.items()}
     return {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 from pydantic import Field, create_model, model_validator
@@ -30,7 +31,7 @@ class OneOf(Part):
     def _of(self, key: str) -> Any:
         return getattr(self, _field(key))
 
-    @property
+    @cached_property
     def kind(self) -> str:
         """The key that is given."""
         return next(key for key in self.keys if self._of(key) is not None)

@@ -65,8 +65,9 @@ _known: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
 
 
 def _drives(setup: str, told: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:
-    from backend.learning.policies.shipped import load_conditioned, load_policy, shipped_names
+    from backend.learning.policies.shipped import load_conditioned, load_policy
     from backend.learning.scene_sets import Purpose, scene_set
+    from backend.learning.shipped_files import shipped_names
     from backend.simulation.fast import rollout
     from backend.simulation.setups import get_setup
 

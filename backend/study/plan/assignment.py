@@ -55,10 +55,11 @@ def assign(
         place = design.place_by_lot(np.random.default_rng([seed, 13]))
         return place, design.described(place, None)
     held = [0] * len(design.rows)
-    for person in _people(s, study, simulated=simulated, pilot=study.pilot):
-        given = person.assignment or {}
-        if given.get("design") == design.digest and _holds(_standing(person, protocol.assignment, now), protocol):
-            held[given["row"]] += 1
+    given = Session.assignment["design"].as_string(), Session.assignment["row"].as_integer()
+    columns = (given[0].label("design"), given[1].label("row"))  # of a hundred people, not a hundred whole objects
+    for person in _people(s, study, *columns, simulated=simulated, pilot=study.pilot):
+        if person.design == design.digest and _holds(_standing(person, protocol.assignment, now), protocol):
+            held[person.row] += 1
     row = next_row(held, study.seed)
     return design.rows[row], design.described(design.rows[row], row)
 
@@ -76,7 +77,7 @@ def assignment_table(
     lines: dict[tuple[Any, ...], Counter[str]] = {}
     for row, place in enumerate(design.rows):
         lines[_key(design.described(place, row))] = Counter()
-    for person in _people(s, study, simulated=simulated, pilot=study.pilot):
+    for person in _people(s, study, Session.assignment, simulated=simulated, pilot=study.pilot):
         if person.assignment and person.assignment.get("blocks"):
             standing = _standing(person, protocol.assignment, now)
             lines.setdefault(_key(person.assignment), Counter())[standing] += 1
@@ -128,17 +129,17 @@ def _holds(standing: str, protocol: Protocol) -> bool:
     return standing in ("completed", "active")
 
 
-def _people(s: DatabaseSession, study: Study, *, simulated: bool, pilot: bool) -> list[Row[Any]]:
-    """Participants with their newest appointment, in the order in which they joined."""
+def _people(s: DatabaseSession, study: Study, *columns: Any, simulated: bool, pilot: bool) -> list[Row[Any]]:
+    """Participants with their newest appointment, in the order in which they joined; columns: what else of them."""
     found = s.execute(
         select(
             Participant.id,
             Participant.withdrawn_at,
             Participant.excluded_at,
             Session.state,
-            Session.assignment,
             Session.last_seen_at,
             Session.expires_at,
+            *columns,
         )
         .join(Session, Session.participant_id == Participant.id)
         .where(Participant.study_id == study.id, same_kind(simulated=simulated, pilot=pilot))

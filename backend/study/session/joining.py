@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Mapping
 from datetime import timedelta
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
@@ -13,6 +13,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
+from backend.store.query_sets import require_files
 from backend.study.kinds import stored
 from backend.study.links import CODE_LETTERS, token_hash
 from backend.study.plan.assignment import assign, people_taken
@@ -22,15 +23,22 @@ from backend.study.session.devices import fitted
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError, queries_of_study
 
+if TYPE_CHECKING:
+    from backend.study.protocol.schema import Protocol
+
 CODE_LENGTH = 5
 TOKEN_BYTES = 24
+SHOWN = ("trajectory", "trajectory_a", "trajectory_b")  # where a step says what it shows
 
 
 def check_open(s: DatabaseSession, study: Study) -> None:
     """Raises Refused if nobody is taken in: 403 `closed`, 403 `full`."""
+    _check_open(s, study, newest_protocol(s, study)[1].protocol)
+
+
+def _check_open(s: DatabaseSession, study: Study, protocol: Protocol) -> None:
     if study.state != "open":
         raise Refused(403, "closed", "This study does not take anybody in at the moment.", study_id=study.id)
-    protocol = newest_protocol(s, study)[1].protocol
     if protocol.participants is not None and people_taken(s, study, protocol) >= protocol.participants:
         raise Refused(403, "full", "This study has all the participants it needs.", study_id=study.id)
 
@@ -52,11 +60,10 @@ def join_study(
     refused. simulated and oracle mark a bot, for good. Raises Refused: closed, full, already_joined,
     device (with `reasons`).
     """
-    study = s.scalars(
-        select(Study).where(Study.id == study.id).with_for_update().execution_options(populate_existing=True)
-    ).one()
-    check_open(s, study)
+    study = s.get_one(Study, study.id)
+    s.refresh(study, ["state", "pilot", "seed"], with_for_update=True)  # its protocol never changes, and is large
     number, frozen = newest_protocol(s, study)
+    _check_open(s, study, frozen.protocol)
     now = utc_now()
     fit = fitted(frozen.protocol.device, device or {}, study_id=study.id, simulated=simulated)
     code = _new_code(s, study, simulated)
@@ -75,7 +82,10 @@ def join_study(
     seed = session_seed(study.seed, code)
     place, assignment = assign(s, study, frozen.protocol, seed=seed, simulated=simulated, now=now)
     try:
-        plan = make_plan(frozen.protocol, seed, queries_of_study(s, files, study, number), place)
+        queries = queries_of_study(s, files, study, number, whole=False)
+        plan = make_plan(frozen.protocol, seed, queries, place)
+        kept = stored(plan)
+        require_files(files, {step[name] for step in kept for name in SHOWN if step.get(name)})
     except (PlanError, ValueError) as problem:
         raise StudyError(f"study {study.name!r}: {problem}") from problem
     token = secrets.token_urlsafe(TOKEN_BYTES)
@@ -86,7 +96,7 @@ def join_study(
         language=language if language in frozen.protocol.languages else frozen.protocol.languages[0],
         simulated=simulated,
         seed=seed,
-        plan=stored(plan),
+        plan=kept,
         device=fit,
         assignment=assignment,
         protocol_number=number,

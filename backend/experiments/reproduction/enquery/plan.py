@@ -26,7 +26,8 @@ from backend.learning.alignment.relabelling import RelabellingConfig
 from backend.learning.alignment.thesis import thesis_config
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shape import FAST_HEADS
-from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy, shipped_names
+from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
+from backend.learning.shipped_files import shipped_names
 from backend.learning.td3.base import BaseConfig
 from backend.learning.td3.ensemble import PolicyEnsembleConfig
 
