@@ -13,6 +13,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
  && .venv/bin/python -m compileall -q app backend \
  && apt-get purge -y g++ && apt-get autoremove -y && rm -rf /var/lib/apt/lists/* /root/.cache
 COPY frontend frontend
+COPY docs docs
 COPY study_protocols study_protocols
 COPY datasets datasets
 RUN useradd --create-home desirepath && mkdir data && chown desirepath data

@@ -22,6 +22,7 @@ from backend.api.core.disk import is_full, room_left
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.prose import prose
 from backend.api.core.throttle import TooLarge, memory_limiter
+from backend.api.lab.power_runs import PowerRuns
 from backend.api.lab.whole_reports import Reports
 from backend.api.participant.requests import refusal_page
 from backend.api.stage.admission import Admission
@@ -65,6 +66,7 @@ def build_services(settings: Settings) -> Services:
         replays=replays,
         figures=FigureProcess(),
         reports=Reports(settings),
+        power=PowerRuns(settings),
         presenter=Presenter(database, files, replays, listeners),
         listeners=listeners,
         admission=Admission(settings, database, replays),

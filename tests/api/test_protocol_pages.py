@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import re
 from pathlib import Path
 
 import pytest
@@ -116,3 +118,18 @@ def test_nor_does_the_preview_of_the_last_page_tell_the_way_back(
     viewer = as_role("viewer")
     assert "https://removed.invalid/" in viewer.get(page).text
     assert not any("BACK-88" in viewer.get(shown).text for shown in (page, f"/lab/studies/{study.id}/protocol"))
+
+
+NEUTRAL = "Own against the conditioned policy without preferences"
+
+
+def test_check_it_says_what_the_own_policy_is_compared_with(lab: TestClient):
+    for shipped, told in (
+        ("personalisation_study", ("Own against base policy", NEUTRAL, "Own against another participant’s policy")),
+        ("quick_preference_study", ("Own against base policy",)),
+        ("quick_demonstration_study", ("Own against dynamic window approach",)),
+    ):
+        made = lab.post("/lab/new", data={"csrf": csrf(lab, "/lab/new"), "source": f"shipped:{shipped}"})
+        page = html.unescape(lab.get(made.headers["location"]).text)
+        assert tuple(re.findall(r"<dt>(Own against [^<]+)</dt>", page)) == told
+        assert ("a simulated person’s policy stands in" in page) == (len(told) == 3)

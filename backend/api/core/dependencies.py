@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from backend.api.core.catalogues import Texts
     from backend.api.core.figure_process import FigureProcess
+    from backend.api.lab.power_runs import PowerRuns
     from backend.api.lab.whole_reports import Reports
     from backend.api.stage.admission import Admission
     from backend.api.stage.listening import Listeners
@@ -40,6 +41,7 @@ class Services:
     replays: ReplayStages
     figures: FigureProcess
     reports: Reports
+    power: PowerRuns
     presenter: Presenter
     listeners: Listeners
     admission: Admission

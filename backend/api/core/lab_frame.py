@@ -11,8 +11,9 @@ from typing import Any
 from fastapi import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
-from backend.api.core.dependencies import page, services_of
+from backend.api.core.dependencies import page, route_of, services_of
 from backend.api.core.disk import room_left
+from backend.api.core.guides import fitting_guide
 from backend.api.core.roles import Rights
 
 LANGUAGES = ("en", "de")
@@ -60,6 +61,7 @@ def lab_page(request: Request, template: str, *, status: int = 200, **context: A
     """Render a signed-in page; its templates have `sign_in` (None on the sign-in page) and `languages` besides."""
     context.setdefault("sign_in", getattr(request.state, "sign_in", None))
     if context["sign_in"] is not None:
+        context["guide_here"] = fitting_guide(route_of(request))
         context["room"] = room_left(services_of(request).settings)
     return page(request, template, language=lab_language(request), status=status, languages=LANGUAGES, **context)
 

@@ -25,11 +25,13 @@ from backend.api.lab import (
     analysis_pages,
     answer_replay,
     audit_pages,
+    guide_pages,
     monitoring,
     new_study,
     payments,
     people_pages,
     people_rows,
+    power_pages,
     preview,
     protocol_pages,
     settings_pages,
@@ -55,9 +57,11 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(answer_replay.router)
 router.include_router(audit_pages.router)
+router.include_router(guide_pages.router)
 router.include_router(new_study.router)
 router.include_router(payments.router)
 router.include_router(people_pages.router)
+router.include_router(power_pages.router)
 router.include_router(preview.router)
 router.include_router(protocol_pages.router)
 router.include_router(settings_pages.router)

@@ -1,0 +1,195 @@
+"""How many people a study needs, asked from the page: of a draft before it is opened, and of a study that is there.
+
+A form, and below it what was found or how far it is. The runs themselves are `power_runs.py`'s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Depends, Form, Request
+from pydantic import BaseModel, Field
+from starlette.responses import RedirectResponse, Response
+
+from backend.api.analyst.flow_pages import FIGURE_POLICY, MEDIA_TYPES
+from backend.api.core.auth import CheckedCsrf, checked_csrf
+from backend.api.core.dependencies import TheServices, services_of
+from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.lab import power_runs
+from backend.api.lab.new_study import TheDraft
+from backend.api.lab.power_runs import NUMBERS, PowerAsked, PowerAskedError, TooManyError
+from backend.api.lab.study_tabs import the_study
+from backend.store.query_sets import query_sets_here
+from backend.study.kinds.comparison import ComparisonStage
+from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
+from backend.study.session.versions import newest_protocol
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["power"])
+MORE = ("items_alike", "drop_out", "cohorts")  # fields that few will change
+
+
+Written = Annotated[str, Field("", max_length=60)]
+
+
+class PowerForm(BaseModel):
+    """The form as it comes; what its fields can be is `power_runs.py`'s. Empty: left open."""
+
+    participants: Written
+    effect: Written
+    first_choice: Written
+    consistency: Written
+    own: Written
+    own_against_other: Written
+    items_alike: Written
+    drop_out: Written
+    cohorts: Written
+
+
+@dataclass(frozen=True)
+class _Subject:
+    """What is asked about. here: the page's address; back: where it was come from; source: as `PowerRuns.begin` takes
+    it; named: how the command names it."""
+
+    frozen: FrozenProtocol
+    here: str
+    back: str
+    source: str | Path
+    named: str
+
+
+def _of_draft(services: TheServices, draft: TheDraft) -> _Subject:
+    try:
+        with services.database.session() as s:
+            frozen = draft.freeze(query_sets_here(s))
+    except ProtocolError:
+        raise LabRefusal(422, "not_valid") from None
+    here = f"/lab/new/{draft.id}"
+    return _Subject(frozen, f"{here}/power", here, draft.folder, f"{frozen.protocol.protocol}.yaml")
+
+
+def _of_study(services: TheServices, study_id: str) -> _Subject:
+    with services.database.session() as s:
+        study = the_study(s, study_id)
+        frozen = newest_protocol(s, study)[1]
+    here = f"/lab/studies/{study.id}"
+    return _Subject(frozen, f"{here}/power", f"{here}/protocol", study.id, study.id)
+
+
+@router.get("/lab/new/{draft_id}/power")
+def draft_power(request: Request, services: TheServices, draft: TheDraft) -> Response:
+    """The form; with numbers in the address also what was found with them. A fragment when asked for one."""
+    return _power_page(request, _of_draft(services, draft))
+
+
+@router.post("/lab/new/{draft_id}/power")
+def begin_of_draft(
+    request: Request, services: TheServices, draft: TheDraft, user: CheckedCsrf, form: Annotated[PowerForm, Form()]
+) -> Response:
+    return _begin(request, _of_draft(services, draft), form)
+
+
+@router.get("/lab/new/{draft_id}/power/{name}")
+def draft_power_file(request: Request, services: TheServices, draft: TheDraft, name: str) -> Response:
+    """The figure, or its rows."""
+    return _file(request, _of_draft(services, draft), name)
+
+
+@router.get("/lab/studies/{study_id}/power")
+def study_power(request: Request, services: TheServices, study_id: str) -> Response:
+    """The same of a study: of the protocol that whoever joins now gets."""
+    return _power_page(request, _of_study(services, study_id))
+
+
+@router.post("/lab/studies/{study_id}/power")
+def begin_of_study(
+    request: Request, services: TheServices, study_id: str, user: CheckedCsrf, form: Annotated[PowerForm, Form()]
+) -> Response:
+    return _begin(request, _of_study(services, study_id), form)
+
+
+@router.get("/lab/studies/{study_id}/power/{name}")
+def study_power_file(request: Request, services: TheServices, study_id: str, name: str) -> Response:
+    """The figure, or its rows."""
+    return _file(request, _of_study(services, study_id), name)
+
+
+def _power_page(
+    request: Request,
+    subject: _Subject,
+    *,
+    given: dict[str, str] | None = None,
+    problem: PowerAskedError | None = None,
+    busy: bool = False,
+) -> Response:
+    asked, run = PowerAsked(), None
+    if given is None:
+        given = dict(request.query_params)
+        try:
+            asked = PowerAsked.of(given)
+        except PowerAskedError as wrong:
+            problem = wrong
+        run = _runs(request).find(subject.frozen.hash, asked) if given and problem is None else None
+    shown: dict[str, Any] = {
+        "subject": subject,
+        "run": run,
+        "files": f"{subject.here}/{{}}?{urlencode(asked.query)}",
+        "command": asked.command(subject.named),
+    }
+    if request.headers.get("X-Fragment"):
+        return lab_page(request, "lab/power_part.html", **shown)
+    return lab_page(
+        request,
+        "lab/power.html",
+        status=422 if problem else 503 if busy else 200,
+        given=asked.query | given,
+        fields={name: NUMBERS[name] for name in _fields(subject.frozen)},
+        more=MORE,
+        problem=problem,
+        busy=busy,
+        live=f"{subject.here}?{urlencode(asked.query)}",
+        fewest=power_runs.FEWEST,
+        most=power_runs.MOST,
+        **shown,
+    )
+
+
+def _fields(frozen: FrozenProtocol) -> list[str]:
+    """Which numbers matter for this protocol."""
+    comparison = frozen.protocol.stage_of(ComparisonStage)
+    left_out = set() if comparison is not None else {"own"}
+    if comparison is None or "other" not in comparison.opponents:
+        left_out.add("own_against_other")
+    return [name for name in NUMBERS if name not in left_out]
+
+
+def _begin(request: Request, subject: _Subject, form: PowerForm) -> Response:
+    given = form.model_dump()
+    try:
+        asked = PowerAsked.of(given)
+        _runs(request).begin(subject.frozen.hash, asked, subject.source)
+    except PowerAskedError as wrong:
+        return _power_page(request, subject, given=given, problem=wrong)
+    except TooManyError:
+        return _power_page(request, subject, given=given, busy=True)
+    return RedirectResponse(f"{subject.here}?{urlencode(asked.query)}#result", status_code=303)
+
+
+def _file(request: Request, subject: _Subject, name: str) -> Response:
+    try:
+        run = _runs(request).find(subject.frozen.hash, PowerAsked.of(request.query_params))
+    except PowerAskedError:
+        run = None
+    if run is None or name not in run.files:
+        raise LabRefusal(404, "no_figure")
+    headers = {"Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
+    ending = name.rpartition(".")[2]
+    if ending == "csv":
+        headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    return Response(run.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
+
+
+def _runs(request: Request) -> power_runs.PowerRuns:
+    return services_of(request).power
