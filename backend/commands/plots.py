@@ -88,8 +88,8 @@ def explain(
     as_json: JsonFlag = False,
 ) -> None:
     """Show what a policy's lidar saw and how much each thing moved its command (PNG, SVG, CSV)."""
-    from backend.explain.attribution import checked
     from backend.explain.explanation_files import explanation_files
+    from backend.explain.methods import checked
     from backend.learning.policies.torch_actor import actor_of
 
     which, what = checked(method, command)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, cast, get_args
 
 import numpy as np
 import torch
@@ -16,32 +15,17 @@ from captum.attr import IntegratedGradients, NoiseTunnel, Saliency
 from numpy.typing import NDArray
 from torch import Tensor
 
+from backend.explain.methods import COMMANDS, Command, Method, checked
 from backend.explain.sight import AHEAD, FAR, GOAL, PERSON, Sight
 from backend.simulation.fast import Floats
 
 Doubles = NDArray[np.float64]
-Method = Literal["saliency", "integrated_gradients", "smooth_grad"]
-Command = Literal["speed", "turning"]
-METHODS: tuple[Method, ...] = get_args(Method)
-COMMANDS: tuple[Command, ...] = get_args(Command)
 Actor = Callable[[Tensor], Tensor]
 """(n, obs) -> (n, 2) actions in [-1, 1], differentiable; `learning/policies/torch_actor.py` makes them."""
 
 IG_STEPS = 128  # points on the way from the baseline; ours: sums are right to 0.05 of a command in [-1, 1]
 NOISE, SAMPLES = 0.05, 25  # SmoothGrad: standard deviation in scaled inputs, draws per moment; ours
 GOAL_INPUTS, PERSON_INPUTS = (0, 1), (2, 3)  # distance and bearing, as every lidar setup lays them out
-
-
-class AttributionError(ValueError):
-    """An explanation that cannot be made; names the field, the value and what would work."""
-
-
-def checked(method: str, command: str) -> tuple[Method, Command]:
-    """The same, if they are known. Raises AttributionError that names those that are."""
-    for field, value, known in (("method", method, METHODS), ("command", command, COMMANDS)):
-        if value not in known:
-            raise AttributionError(f"{field} = {value!r}: must be one of {', '.join(known)}")
-    return cast("Method", method), cast("Command", command)
 
 
 @dataclass(frozen=True)

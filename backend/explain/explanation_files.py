@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.explain.attribution import COMMANDS, Actor, AttributionError, Command, Explanation, Method, explain
+from backend.explain.attribution import Actor, Explanation, explain
 from backend.explain.flow_files import FigureFiles, table_bytes
+from backend.explain.flow_words import ENGLISH_EXPLANATION, ExplanationWords
+from backend.explain.methods import COMMANDS, AttributionError, Command, Method
 from backend.explain.sight import Sight, sight_of
 from backend.simulation.acting import ActFunction, EpisodicPolicy
 from backend.simulation.fast import rollout
@@ -29,6 +31,7 @@ Told = NDArray[np.float64]
 COLUMNS = ("step", "time_s", "x_m", "y_m", "yaw_rad", "command", "thing", "seen", "score", "attribution")
 THICKEST_PT = 5.0  # outline of a thing with score 1, points
 LEAST_CHANGE = 0.05  # ours: slower by less than this share of the speed range, and there is little to explain
+NOTE = "the robot hardly slowed down here: little is explained"
 SHOWN_LINES = 5  # things with a line of their own in the chart; the others are in the table
 
 
@@ -41,6 +44,7 @@ def explanation_files(
     method: Method = "integrated_gradients",
     command: Command = "speed",
     at_s: float | None = None,
+    words: ExplanationWords = ENGLISH_EXPLANATION,
 ) -> FigureFiles:
     """Let a policy drive a scene and explain it: explanation.png, .svg and .csv. actor: what `act` usually drives by.
 
@@ -54,7 +58,7 @@ def explanation_files(
     explained = explain(actor, sight, method=method, command=command)
     step = moment(trajectory, command) if at_s is None else _step_at(trajectory, at_s)
     told = command_of(trajectory, command)
-    figure = _figure(trajectory, sight, explained, told, step, name)
+    figure = _figure(trajectory, sight, explained, told, step, name, words)
     slowest, fastest = reach(scene.setup, command)
     about = f"{method} of {name}'s {command}, {scene.setup} scene {scene.seed}, at {step * trajectory.dt:.1f} s"
     order = np.argsort(-explained.scores[step], kind="stable")
@@ -75,7 +79,7 @@ def explanation_files(
         ],
     }
     if command == "speed" and told[max(step - 1, 0)] - told[step] < LEAST_CHANGE * (fastest - slowest):
-        numbers["note"] = "the robot hardly slowed down here: little is explained"
+        numbers["note"] = NOTE
     files = {
         "explanation.png": encoded(figure, "png", about),
         "explanation.svg": encoded(figure, "svg", about),
@@ -135,33 +139,38 @@ def _figure(
     told: Told,
     step: int,
     name: str,
+    words: ExplanationWords,
 ) -> Figure:
     import matplotlib as mpl
 
     from backend.explain import scene_plots as plots
     from backend.explain.pictures import blank, quiet
 
-    unit = "speed (m/s)" if explained.command == "speed" else "turning (rad/s)"
     with mpl.rc_context(plots.STYLE):
         figure, (room, chart) = blank(2, 7.6, 3.6)
         _room(room, trajectory, sight, explained, step)
+        room.set(xlabel=words.x, ylabel=words.y)
         room.set_title(f"{name}, {step * trajectory.dt:.1f} s")
         times = np.arange(len(told)) * trajectory.dt
         quiet(chart)
         order = np.argsort(-explained.scores.max(axis=0), kind="stable")[:SHOWN_LINES]
         styles = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
         for k, colour, style in zip(order, plots.DATA, styles, strict=False):
-            chart.plot(times, explained.scores[:, k], color=colour, linestyle=style, label=explained.things[k])
+            chart.plot(
+                times, explained.scores[:, k], color=colour, linestyle=style, label=words.thing(explained.things[k])
+            )
         chart.axvline(step * trajectory.dt, color=plots.INK, linewidth=0.8)
-        chart.set(xlabel="time (s)", ylabel="score (0-1)", ylim=(-0.02, 1.05))
+        chart.set(xlabel=words.time, ylabel=words.score, ylim=(-0.02, 1.05))
         drives = chart.twinx()
         drives.plot(times, told, color=plots.LINE, linewidth=2.4, zorder=0)
         low, high = reach(trajectory.scene.setup, explained.command)
-        drives.set(ylabel=f"{unit}, light line", ylim=(low - 0.02 * (high - low), high + 0.05 * (high - low)))
+        drives.set(
+            ylabel=getattr(words, explained.command), ylim=(low - 0.02 * (high - low), high + 0.05 * (high - low))
+        )
         drives.spines["top"].set_visible(False)
         chart.set_zorder(drives.get_zorder() + 1)
         chart.patch.set_visible(False)
-        chart.set_title(f"{explained.method.replace('_', ' ')} of {explained.command}")
+        chart.set_title(words.title.format(method=explained.method.replace("_", " "), command=explained.command))
         figure.legend(loc="outside lower center", ncols=SHOWN_LINES, frameon=False)
     return figure
 
@@ -219,4 +228,4 @@ def _room(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Explanation
     ax.plot(path[step:, 0], path[step:, 1], color=plots.FIRST, linewidth=0.8, linestyle="--", zorder=4)
     ax.add_patch(Circle((x, y), ROBOT_RADIUS_M, facecolor=plots.FIRST, linewidth=0, zorder=7))
     left, right, bottom, top = grid_of(scene).extent
-    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x (m)", ylabel="y (m)")
+    ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")

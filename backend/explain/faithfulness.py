@@ -14,7 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from backend.explain.attribution import COMMANDS, Actor, Command, Explanation
+from backend.explain.attribution import Actor, Explanation
+from backend.explain.methods import COMMANDS, Command
 from backend.explain.sight import Sight
 
 Doubles = NDArray[np.float64]

@@ -14,8 +14,9 @@ from torch import Tensor
 from typer.testing import CliRunner
 
 from backend.cli import app
-from backend.explain.attribution import METHODS, AttributionError, attribute, baseline, explain
+from backend.explain.attribution import attribute, baseline, explain
 from backend.explain.faithfulness import faithfulness, gain_over_chance
+from backend.explain.methods import METHODS, AttributionError
 from backend.explain.sight import Sight, sight_of
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.sb3 import sb3_model_of

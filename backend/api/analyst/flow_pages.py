@@ -87,7 +87,7 @@ class Asked:
     query: str
 
 
-class _Problem(ValueError):
+class Undrawable(ValueError):
     """What was asked cannot be drawn: a key below `flow.problems` and its values."""
 
     def __init__(self, key: str, **values: object) -> None:
@@ -104,16 +104,16 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
     t = services_of(request).texts.get(lab_language(request))
     asked = figure = token = problem = None
     with database.session() as s:
-        choices = _choices(s, rights_in(request))
+        choices = choices_of(s, rights_in(request))
     try:
         with database.session() as s:
-            asked = _asked(request, s)
+            asked = asked_of(request, s)
         if asked is not None:
             policies = [side.policy(files) for side in asked.sides]
             figure = _drawn(request, t, asked, policies)[1]
             if stage:
                 token = services_of(request).replays.grant(_replay(asked, policies))
-    except _Problem as wrong:
+    except Undrawable as wrong:
         problem = t(f"flow.problems.{wrong.key}", **wrong.values)
     except LearningError as wrong:
         problem = t("flow.problems.wants", message=str(wrong))
@@ -129,7 +129,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
         status=422 if problem else 200,
         choices=choices,
         chosen=chosen,
-        scene=given.get("scene") or str(_first_scene()),
+        scene=given.get("scene") or str(first_scene()),
         conditioned=[side for side in SIDES if kind_of.get(chosen[side]) == CONDITIONED],
         objectives=NAMES,
         given=given,
@@ -148,7 +148,7 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     t = services_of(request).texts.get(lab_language(request))
     try:
         with database.session() as s:
-            asked = _asked(request, s)
+            asked = asked_of(request, s)
         if asked is None:
             raise LabRefusal(404, "no_figure")
         mark, figure = _drawn(request, t, asked, [side.policy(files) for side in asked.sides])
@@ -156,7 +156,7 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
         if wrong.busy:
             return Response(status_code=503, headers={"Retry-After": "5"})
         raise LabRefusal(404, "no_figure") from None
-    except (LearningError, _Problem):
+    except (LearningError, Undrawable):
         raise LabRefusal(404, "no_figure") from None
     if name not in figure.files:
         raise LabRefusal(404, "no_figure")
@@ -170,21 +170,22 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     return Response(figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
 
 
-def _first_scene() -> int:
+def first_scene() -> int:
+    """The first scene that is kept for figures."""
     from backend.learning.scene_sets import Purpose, first_seed
 
     return first_seed(Purpose.FIGURE, 0)
 
 
-def _choices(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
+def choices_of(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     """The policies that can be drawn: what came with the product by name, then one's own, newest first."""
     rows = select(Artefact).where(Artefact.kind.in_(KINDS), offered(), seen_artefacts(rights))
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 
 
-def _asked(request: Request, s: DatabaseSession) -> Asked | None:
-    """What the address asks for, None if it names no policy. Raises _Problem, or LabRefusal for no such policy."""
+def asked_of(request: Request, s: DatabaseSession) -> Asked | None:
+    """What the address asks for, None if it names no policy. Raises Undrawable, or LabRefusal for no such policy."""
     from backend.simulation.scenes import LARGEST_SEED
 
     given = request.query_params
@@ -194,12 +195,12 @@ def _asked(request: Request, s: DatabaseSession) -> Asked | None:
     sides = [_side(given, s, side, rights) for side in SIDES if given.get(f"policy_{side}")]
     setups = sorted({side.artefact.setup or "" for side in sides})
     if len(setups) > 1:
-        raise _Problem("setups", first=sides[0].artefact.setup, second=sides[1].artefact.setup)
+        raise Undrawable("setups", first=sides[0].artefact.setup, second=sides[1].artefact.setup)
     if len(sides) == 2 and sides[0].reference == sides[1].reference:
-        raise _Problem("alike")
-    scene = given.get("scene") or str(_first_scene())
+        raise Undrawable("alike")
+    scene = given.get("scene") or str(first_scene())
     if not scene.isdecimal() or not scene.isascii() or len(scene) > 16 or int(scene) > LARGEST_SEED:
-        raise _Problem("scene", value=scene, largest=str(LARGEST_SEED))
+        raise Undrawable("scene", value=scene, largest=str(LARGEST_SEED))
     return Asked(tuple(sides), int(scene), _query(given))
 
 
@@ -222,7 +223,7 @@ def _weight(value: str, name: str) -> float:
     except ValueError:
         weight = math.nan
     if not 0 <= weight <= 1:
-        raise _Problem("weight", name=name, value=value)
+        raise Undrawable("weight", name=name, value=value)
     return weight
 
 

@@ -7,8 +7,15 @@ from __future__ import annotations
 
 from fastapi import APIRouter
 
-from backend.api.analyst import artefact_pages, compare_pages, demonstration_pages, flow_pages, job_pages
+from backend.api.analyst import (
+    artefact_pages,
+    compare_pages,
+    demonstration_pages,
+    explanation_pages,
+    flow_pages,
+    job_pages,
+)
 
 router = APIRouter()
-for part in (job_pages, artefact_pages, compare_pages, flow_pages, demonstration_pages):
+for part in (job_pages, artefact_pages, compare_pages, flow_pages, explanation_pages, demonstration_pages):
     router.include_router(part.router)

@@ -1,7 +1,7 @@
 """A process of its own that draws figures for the pages, so that no participant's request waits for matplotlib.
 
 It starts with the first figure, draws one after the other at low priority, goes when it has nothing to do for a while,
-and ends by itself when the server is gone. What it draws is decided in `explain/flow_files.py`.
+and ends by itself when the server is gone. What it draws is decided in `backend/explain`.
 
 Orders and answers are lines of JSON, files in base64. Figures are kept in memory only: what was drawn from somebody's
 answers lies in no file that an erasure would have to find.
@@ -17,7 +17,8 @@ import subprocess
 import sys
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -57,6 +58,23 @@ class FlowOrder:
         return json.dumps(told, sort_keys=True).encode() + b"\n"
 
 
+@dataclass(frozen=True)
+class ExplanationOrder:
+    """What moved one policy in one scene (`desirepath explain`). words: texts by name, `things` among them by kind."""
+
+    name: str
+    policy: bytes
+    scene_seed: int
+    method: str
+    command: str
+    at_s: float | None
+    words: Mapping[str, Any]
+
+    def as_line(self) -> bytes:
+        told = {**asdict(self), "explains": True, "policy": base64.b64encode(self.policy).decode()}
+        return json.dumps(told, sort_keys=True).encode() + b"\n"
+
+
 class FigureProcess:
     """Draws figures on order and keeps the latest. Methods may be called from any thread and wait for the figure."""
 
@@ -67,7 +85,7 @@ class FigureProcess:
         self._child: subprocess.Popen[bytes] | None = None
         self._idle: threading.Timer | None = None
 
-    def draw(self, order: FlowOrder) -> tuple[str, FigureFiles]:
+    def draw(self, order: FlowOrder | ExplanationOrder) -> tuple[str, FigureFiles]:
         """The figure's files and their mark (changes with their content). Raises FigureError."""
         line = order.as_line()
         mark = hashlib.sha256(line).hexdigest()
@@ -142,6 +160,12 @@ class FigureProcess:
 
 def _draw(told: dict[str, Any]) -> dict[str, Any]:
     """One order carried out, in the process."""
+    made = _explained(told) if told.get("explains") else _flow(told)
+    files = {name: base64.b64encode(content).decode() for name, content in made.files.items()}
+    return {"files": files, "numbers": dict(made.numbers)}
+
+
+def _flow(told: dict[str, Any]) -> FigureFiles:
     from backend.explain.flow_files import flow_files
     from backend.explain.flow_words import Words
     from backend.learning.policies.policy import Policy
@@ -150,15 +174,35 @@ def _draw(told: dict[str, Any]) -> dict[str, Any]:
 
     policies = [(name, Policy.from_bytes(base64.b64decode(content))) for name, content in told["policies"]]
     setup = require_same(**{name: policy.setup for name, policy in policies})
-    made = flow_files(
+    return flow_files(
         [(name, policy.rollout_policy) for name, policy in policies],
         get_setup(setup),
         draw_scene(setup, told["scene_seed"]),
         cell_m=told["cell_m"],
         words=Words(**told["words"]),
     )
-    files = {name: base64.b64encode(content).decode() for name, content in made.files.items()}
-    return {"files": files, "numbers": dict(made.numbers)}
+
+
+def _explained(told: dict[str, Any]) -> FigureFiles:
+    from backend.explain.explanation_files import explanation_files
+    from backend.explain.flow_words import ExplanationWords
+    from backend.explain.methods import checked
+    from backend.learning.policies.policy import Policy
+    from backend.learning.policies.torch_actor import actor_of
+    from backend.simulation.scenes import draw_scene
+
+    policy = Policy.from_bytes(base64.b64decode(told["policy"]))
+    method, command = checked(told["method"], told["command"])
+    return explanation_files(
+        actor_of(policy),
+        policy.rollout_policy,
+        draw_scene(policy.setup, told["scene_seed"]),
+        name=told["name"],
+        method=method,
+        command=command,
+        at_s=told["at_s"],
+        words=ExplanationWords(**told["words"]),
+    )
 
 
 def _serve() -> None:

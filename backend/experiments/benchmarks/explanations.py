@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from backend.explain.attribution import COMMANDS, METHODS, explain
+from backend.explain.attribution import explain
 from backend.explain.faithfulness import faithfulness, gain_over_chance
+from backend.explain.methods import COMMANDS, METHODS
 from backend.explain.sight import sight_of
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy

@@ -1,0 +1,194 @@
+"""The analysts' page of what moved the robot: one policy in a scene, or two side by side, thing by thing.
+
+Which policies and which scene an address asks for is `flow_pages.py`'s; the figures are drawn by `figure_process.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import Response
+
+from backend.api.analyst.flow_pages import (
+    CONDITIONED,
+    FIGURE_POLICY,
+    MEDIA_TYPES,
+    SIDES,
+    Asked,
+    Side,
+    Undrawable,
+    asked_of,
+    choices_of,
+    first_scene,
+)
+from backend.api.core.auth import checked_csrf
+from backend.api.core.catalogues import Catalogue
+from backend.api.core.dependencies import Db, Files, services_of
+from backend.api.core.figure_process import ExplanationOrder, FigureError
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, checked
+from backend.learning.errors import LearningError
+from backend.store.artefacts import ArtefactStore
+
+if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
+    from backend.explain.flow_files import FigureFiles
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+
+LONGEST_S = 1000.0  # no trajectory is longer; a later moment is a mistyped one
+
+
+@dataclass(frozen=True)
+class Explained:
+    """One side's figure. mark: changes with its content."""
+
+    side: Side
+    letter: str
+    mark: str
+    figure: FigureFiles
+
+
+@dataclass(frozen=True)
+class Way:
+    """How is explained, as the address says. at_s: None: where the robot slowed down or turned most."""
+
+    method: Method
+    command: Command
+    at_s: float | None
+
+    @property
+    def query(self) -> str:
+        at = {} if self.at_s is None else {"at": f"{self.at_s:g}"}
+        return urlencode({"method": self.method, "command": self.command, **at})
+
+
+@router.get("/lab/explain")
+def explanation(request: Request, database: Db, files: Files) -> Response:
+    """The form, and below it a figure and the most important things for each policy."""
+    from backend.learning.preferences.objectives import NAMES
+
+    t = services_of(request).texts.get(lab_language(request))
+    given = request.query_params
+    asked = way = problem = None
+    shown: list[Explained] = []
+    with database.session() as s:
+        choices = choices_of(s, rights_in(request))
+    try:
+        with database.session() as s:
+            asked = asked_of(request, s)
+        way = _way(given)
+        if asked is not None:
+            shown = [_drawn(request, t, files, asked, way, side) for side in asked.sides]
+    except Undrawable as wrong:
+        problem = t(f"flow.problems.{wrong.key}", **wrong.values)
+    except LearningError as wrong:
+        problem = t("flow.problems.wants", message=str(wrong))
+    except AttributionError as wrong:
+        problem = t("explanation.problem", message=str(wrong))
+    except FigureError as wrong:
+        problem = t("flow.problems.busy" if wrong.busy else "flow.problems.failed", message=str(wrong))
+    chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
+    kind_of = {one.id: one.kind for one in choices}
+    return lab_page(
+        request,
+        "analyst/explanation.html",
+        status=422 if problem else 200,
+        choices=choices,
+        chosen=chosen,
+        scene=given.get("scene") or str(first_scene()),
+        conditioned=[side for side in SIDES if kind_of.get(chosen[side]) == CONDITIONED],
+        objectives=NAMES,
+        given=given,
+        methods=METHODS,
+        commands=COMMANDS,
+        problem=problem,
+        asked=asked,
+        way=way,
+        shown=shown,
+        thing=lambda name: _thing(t, name),
+        command_line=command_line,
+    )
+
+
+@router.get("/lab/explain/{letter}/{name}")
+def explanation_file(request: Request, letter: str, name: str, database: Db, files: Files) -> Response:
+    """One file of one side's figure that the rest of the address asks for."""
+    t = services_of(request).texts.get(lab_language(request))
+    try:
+        with database.session() as s:
+            asked = asked_of(request, s)
+        if asked is None or letter not in SIDES[: len(asked.sides)]:
+            raise LabRefusal(404, "no_figure")
+        side = asked.sides[SIDES.index(letter)]
+        made = _drawn(request, t, files, asked, _way(request.query_params), side)
+    except FigureError as wrong:
+        if wrong.busy:
+            return Response(status_code=503, headers={"Retry-After": "5"})
+        raise LabRefusal(404, "no_figure") from None
+    except (LearningError, Undrawable, AttributionError):
+        raise LabRefusal(404, "no_figure") from None
+    if name not in made.figure.files:
+        raise LabRefusal(404, "no_figure")
+    tag = f'"{made.mark}"'
+    headers = {"ETag": tag, "Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
+    if request.headers.get("If-None-Match") == tag:
+        return Response(status_code=304, headers=headers)
+    ending = name.rpartition(".")[2]
+    if ending != "png":
+        headers["Content-Disposition"] = f'attachment; filename="{name}"'
+    return Response(made.figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
+
+
+def _way(given: Mapping[str, str]) -> Way:
+    """Raises AttributionError for an unknown method or command, or a moment that is no number of seconds."""
+    method, command = checked(given.get("method") or METHODS[0], given.get("command") or COMMANDS[0])
+    said = given.get("at", "").strip().replace(",", ".")
+    if not said:
+        return Way(method, command, None)
+    try:
+        at_s = float(said)
+    except ValueError:
+        at_s = math.nan
+    if not 0 <= at_s <= LONGEST_S:
+        raise AttributionError(f"at = {said[:20]!r}: must be seconds since the start, such as 1.4")
+    return Way(method, command, at_s)
+
+
+def _drawn(request: Request, t: Catalogue, files: ArtefactStore, asked: Asked, way: Way, side: Side) -> Explained:
+    words: dict[str, Any] = {
+        **{name: t(f"explanation.words.{name}") for name in ("x", "y", "time", "score", "speed", "turning")},
+        "title": t(f"explanation.titles.{way.command}", method=t(f"explanation.methods.{way.method}")),
+        "things": t.table("explanation.things"),
+    }
+    order = ExplanationOrder(
+        side.name,
+        side.policy(files).without_critic().to_bytes(),
+        asked.scene_seed,
+        way.method,
+        way.command,
+        way.at_s,
+        words,
+    )
+    mark, figure = services_of(request).figures.draw(order)
+    return Explained(side, SIDES[asked.sides.index(side)], mark, figure)
+
+
+def _thing(t: Catalogue, name: str) -> str:
+    """`box 3` in the page's language."""
+    kind, _, number = name.rpartition(" ")
+    kind, number = (kind, f" {number}") if number.isdigit() else (name, "")
+    return t(f"explanation.things.{kind}") + number
+
+
+def command_line(asked: Asked, way: Way, side: Side) -> str:
+    """What draws the same from the command line."""
+    at = "" if way.at_s is None else f" --at {way.at_s:g}"
+    return (
+        f"desirepath explain {side.reference} --scene {asked.scene_seed} --method {way.method} "
+        f"--command {way.command}{at} --out explanation"
+    )
