@@ -20,7 +20,7 @@ app = typer.Typer(
 )
 
 
-def _told_version(wanted: bool) -> None:
+def _say_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"desirepath {version_of('desirepath')}")
         raise typer.Exit
@@ -29,7 +29,7 @@ def _told_version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[
-        bool, typer.Option("--version", help="Say which version this is.", callback=_told_version, is_eager=True)
+        bool, typer.Option("--version", help="Say which version this is.", callback=_say_version, is_eager=True)
     ] = False,
 ) -> None:
     """Human-in-the-loop platform for personalised robot navigation."""

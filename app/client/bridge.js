@@ -21,7 +21,7 @@
   window.addEventListener("message", (event) => {
     if (event.source !== window.parent || event.origin !== pageOrigin) return;
     if (event.data?.type === "hello") post("state", state);
-    else if (event.data?.type === "draw") window.desirePath.draw?.told(event.data);
+    else if (event.data?.type === "draw") window.desirePath.draw?.obey(event.data);
   });
 
   document.addEventListener("visibilitychange", () => {

@@ -82,7 +82,7 @@
       watched = next.target.slice(0, 2);
       this.recentre();
     },
-    /** The gaze of the immersive view back to where the robot starts, the same for every drive in a scene. */
+    /** The gaze of the immersive view back to where the robot starts, the same for every trajectory in a scene. */
     recentre() {
       if (!camera) return;
       const { eye, target } = camera;

@@ -4,7 +4,7 @@
  *
  * Sections are drawn one after the other (sections.js). When the last one ends at the goal, or the page says so, the whole
  * stroke goes to the page as `stroke`. How it looks is ink.js's, whether it can be driven the server's. Orders of the
- * page: `{type: "draw", do, ...}`, see `told`.
+ * page: `{type: "draw", do, ...}`, see `obey`.
  */
 (() => {
   "use strict";
@@ -40,15 +40,15 @@
   let faded = false;
   let lastFrame = 0;
   let shownSince = 0;
-  let lastTold = 0;
+  let lastSent = 0;
 
   const atGoal = () => order !== null && sections.any() && apart(end(), order.goal) <= order.goal[2];
 
   /** Tells the page how it stands. @param {boolean} [now] */
   function tell(now = true) {
     const time = performance.now();
-    if (!order || (!now && time - lastTold < TELL_EVERY_MS)) return;
-    lastTold = time;
+    if (!order || (!now && time - lastSent < TELL_EVERY_MS)) return;
+    lastSent = time;
     const { points, nears, tight, length, seconds } = measure();
     const place = cursor ?? (points.length ? points[points.length - 1] : null);
     const near = place && (cursor ? nearAt(cursor) : nears[nears.length - 1]);
@@ -105,8 +105,8 @@
   /** Pens, and fingers on some screens, tell how hard they press: harder is faster. @param {PointerEvent} event */
   function speedByPressure(event) {
     if (!order || event.pointerType === "mouse") return;
-    const told = event.pressure > 0 && event.pressure < 1 && (event.pointerType === "pen" || event.pressure !== 0.5);
-    if (told) setSpeed(order.speeds[0] + event.pressure * (order.speeds[1] - order.speeds[0]));
+    const felt = event.pressure > 0 && event.pressure < 1 && (event.pointerType === "pen" || event.pressure !== 0.5);
+    if (felt) setSpeed(order.speeds[0] + event.pressure * (order.speeds[1] - order.speeds[0]));
   }
 
   /** @param {number} x @param {number} y pixels @param {number} time ms */
@@ -228,8 +228,8 @@
   const { element } = window.desirePath.sheet;
   element.addEventListener("pointermove", (/** @type {PointerEvent} */ event) => {
     if (!sections.isOpen() || event.pointerId !== pointerId) return;
-    const told = event.getCoalescedEvents?.() ?? [];
-    for (const one of told.length ? told : [event]) {
+    const events = event.getCoalescedEvents?.() ?? [];
+    for (const one of events.length ? events : [event]) {
       speedByPressure(one);
       addAt(one.clientX, one.clientY, one.timeStamp);
     }
@@ -289,7 +289,7 @@
     },
 
     /** What the page orders. @param {any} message */
-    told(message) {
+    obey(message) {
       if (message.do === "words") ink.use(message.words);
       else if (message.do === "look") window.desirePath.camera[message.from === "side" ? "release" : "hold"]();
       else if (message.do === "step") window.desirePath.walk.key({ key: String(message.key) }, Boolean(message.down));

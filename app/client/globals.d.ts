@@ -114,7 +114,7 @@ interface DesirePath {
     begin(given: Orders["draw"]): void;
     rest(): void;
     stop(): void;
-    told(message: any): void;
+    obey(message: any): void;
     press(event: PointerEvent): boolean;
     key(event: KeyPressed): boolean;
   };

@@ -74,7 +74,7 @@
 
     /** @param {Orders["play"]} order */
     play(order) {
-      this.interrupt("another-drive");
+      this.interrupt("another-trajectory");
       const mine = ++turn;
       const { tracks, label_s: labelS, hold_s: holdS, playback_id: id, person: walked, walk: ground } = order;
       const { walk } = window.desirePath;
@@ -146,7 +146,7 @@
 
     /** @param {Orders["replay"]} order */
     replay({ tracks, person: walked, speed, loop }) {
-      this.interrupt("another-drive");
+      this.interrupt("another-trajectory");
       const mine = ++turn;
       const motionS = length(tracks);
       const restS = 1.0;
@@ -160,7 +160,7 @@
       requestAnimationFrame(step);
     },
 
-    /** @param {string} reason stops whatever moves; a drive that was being watched is reported */
+    /** @param {string} reason stops whatever moves; a trajectory that was being watched is reported */
     interrupt(reason) {
       turn += 1;
       window.desirePath.sheet?.label("");

@@ -107,7 +107,7 @@ def spread_distribution(doubled: tuple[tuple[int, ...], ...]) -> tuple[Doubles, 
     """How far totals of ranks can lie from equal ones (sums of squares, ascending), and the chance of at least that.
 
     doubled: each person's ranks in ascending order, times two and less two, so that tied ones are whole numbers and
-    begin at 0. The chances of the totals of all conditions but the last are those of a sum of independent vectors: the
+    begin at 0. The totals of all conditions but the last are distributed as a sum of independent vectors: the
     product of their Fourier transforms.
     """
     n, k = len(doubled), len(doubled[0])
@@ -124,8 +124,8 @@ def spread_distribution(doubled: tuple[tuple[int, ...], ...]) -> tuple[Doubles, 
     away = _spread(np.concatenate([totals, last], axis=-1) / 2)
     real = chance > NOISE
     values, place = np.unique(np.round(away[real], 6), return_inverse=True)
-    chances = np.bincount(place.ravel(), weights=chance[real])
-    return values, np.minimum(1.0, np.cumsum(chances[::-1])[::-1])
+    probabilities = np.bincount(place.ravel(), weights=chance[real])
+    return values, np.minimum(1.0, np.cumsum(probabilities[::-1])[::-1])
 
 
 def group_ranks(ranks: ArrayLike, sizes: tuple[int, ...], *, seed: int = 0) -> NullP:

@@ -121,8 +121,8 @@ def f_test(design: Factorial, effect: tuple[str, ...]) -> tuple[float, float, fl
     left = scores - means[design.groups]
     between = _contrast(design.between, outer).T
     spread = np.diag(1 / np.bincount(design.groups, minlength=groups))
-    told = between @ means
-    hypothesis = float(np.trace(told.T @ np.linalg.solve(between @ spread @ between.T, told)))
+    contrast_means = between @ means
+    hypothesis = float(np.trace(contrast_means.T @ np.linalg.solve(between @ spread @ between.T, contrast_means)))
     df, df_error = len(between) * d, (len(design.values) - groups) * d
     error = float((left**2).sum())
     if error <= 1e-12:

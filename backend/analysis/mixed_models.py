@@ -104,7 +104,7 @@ def cumulative_logit(
         thresholds, beta, sd = unpacked(theta)
         z = centre[:, None] + math.sqrt(2) * scale[:, None] * points
         own = _by_person(log_chance(thresholds, (x @ beta)[:, None] + sd * z[who]), who, count)
-        told = (
+        exponents = (
             own
             - z**2 / 2
             - 0.5 * math.log(2 * math.pi)
@@ -112,7 +112,7 @@ def cumulative_logit(
             + np.log(weights * math.sqrt(2))
             + np.log(scale)[:, None]
         )
-        return -float(special.logsumexp(told, axis=1).sum())
+        return -float(special.logsumexp(exponents, axis=1).sum())
 
     shares = np.cumsum(np.bincount(y))[:-1] / len(y)
     first = special.logit(shares)

@@ -63,9 +63,9 @@ class Scale:
 
 def frozen_scale(frozen: str) -> Scale:
     """A scale from a study's copy of it: a `Scale` as JSON."""
-    told = json.loads(frozen)
-    items = tuple(ScaleItem(**item) for item in told.pop("items"))
-    return Scale(items=items, **{**told, "names": tuple(told["names"])})
+    stored = json.loads(frozen)
+    items = tuple(ScaleItem(**item) for item in stored.pop("items"))
+    return Scale(items=items, **{**stored, "names": tuple(stored["names"])})
 
 
 def frozen_items(frozen: str) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from backend.analysis.tested import stars, told_p
+from backend.analysis.tested import p_in_words, stars
 
 
 @dataclass(frozen=True)
@@ -43,9 +43,9 @@ class TTest:
     def sentence(self, first: str, second: str, unit: str) -> str:
         """The result in words: who differs from whom by how much, t, p and d."""
         direction = "higher than" if self.difference > 0 else "lower than"
-        told = f"{first} is {abs(self.difference):.2f} {unit} {direction} {second}"
+        sentence = f"{first} is {abs(self.difference):.2f} {unit} {direction} {second}"
         return (
-            f"{told}, t({self.df:g}) = {self.statistic:.2f}, {told_p(self.p_corrected)} (Holm), d = "
+            f"{sentence}, t({self.df:g}) = {self.statistic:.2f}, {p_in_words(self.p_corrected)} (Holm), d = "
             f"{self.effect_size:.2f}."
         )
 

@@ -80,13 +80,13 @@ class Tested:
         """`chi2(2, N = 31) = 12.34, p = 0.002 (Holm), Kendall's W = 0.20`."""
         df = "" if self.df is None else f"{self.df:.4g}, "
         df += "" if self.df_error is None else f"{self.df_error:.4g}, "
-        told_n = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} used"
+        n_in_words = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} used"
         p = f" ({', '.join(w for w in (self.method, self.correction) if w not in ('approximate', 'uncorrected'))})"
         p = "" if p == " ()" else p
         interval = "" if math.isnan(self.effect_low) else f" [{self.effect_low:.2f}, {self.effect_high:.2f}]"
         z = "" if self.z is None else f"z = {self.z:.2f}, "
         return (
-            f"{self.symbol}({df}{told_n}) = {self.statistic:.2f}, {z}{told_p(self.p_corrected)}{p}, "
+            f"{self.symbol}({df}{n_in_words}) = {self.statistic:.2f}, {z}{p_in_words(self.p_corrected)}{p}, "
             f"{self.effect_name} = {self.effect:.2f}{interval}"
         )
 
@@ -101,7 +101,7 @@ def stars(p: float, alpha: float = 0.05) -> str:
     return "".join("*" for bound in star_bounds(alpha) if p <= bound)
 
 
-def told_p(p: float) -> str:
+def p_in_words(p: float) -> str:
     """p as papers write it."""
     return "p < 0.001" if p < 0.001 else f"p = {p:.3f}"
 

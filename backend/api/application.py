@@ -16,7 +16,7 @@ from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
 from backend.api.core.catalogues import Texts
-from backend.api.core.contract import Told, trouble_in
+from backend.api.core.contract import Reply, trouble_in
 from backend.api.core.dependencies import Application, Services, route_of
 from backend.api.core.disk import is_full, room_left
 from backend.api.core.figure_process import FigureProcess
@@ -36,11 +36,11 @@ from backend.store.database import Database, DatabaseBusy, check_writable
 from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
-RETRY_AFTER_S = 2  # ours: told with a 503; the pages, bots and benchmarks wait as long and ask again
+RETRY_AFTER_S = 2  # ours: sent with a 503; the pages, bots and benchmarks wait as long and ask again
 log = structlog.get_logger("desirepath.web")
 
 
-class Health(Told):
+class Health(Reply):
     """How the server is. `free_mb`: on the fullest disk of those that it writes on."""
 
     status: Literal["ok", "disk_low", "disk_full"]
@@ -112,8 +112,8 @@ def create_application(services: Services) -> Application:
 
     @application.exception_handler(RequestValidationError)
     def bad_value(request: Request, problem: RequestValidationError) -> Response:
-        told = trouble_in(problem.errors())
-        return trouble(request, 422, told.code, told.message, field=told.field, value=told.value)
+        found = trouble_in(problem.errors())
+        return trouble(request, 422, found.code, found.message, field=found.field, value=found.value)
 
     @application.exception_handler(DataError)
     def not_storable(request: Request, problem: Exception) -> Response:

@@ -66,7 +66,7 @@ def evaluate(
     episodes: Annotated[int, typer.Option(min=1)] = 2_000,
     as_json: JsonFlag = False,
 ) -> None:
-    """Seconds to drive many episodes at once, and to make one flow-field plot."""
+    """Seconds to roll out many episodes at once, and to make one flow-field plot."""
     from backend.experiments.benchmarks.evaluation import benchmark_evaluate
 
     say(benchmark_evaluate(setup=setup, episodes=episodes), as_json)
@@ -141,7 +141,7 @@ def asking(
     oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
     response_models: Annotated[
         str,
-        typer.Option("--response-models", "--habits", help="Any of right,mistakes,indifference,myopia; default all."),
+        typer.Option("--response-models", "--habits", help="Any of right,lapses,indifference,myopia; default all."),
     ] = "",
     answers: Annotated[int, typer.Option(min=1)] = 30,
     repetitions: Annotated[int, typer.Option(min=2)] = 20,
@@ -235,7 +235,7 @@ def headline_command(
     noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0,0.1",
     conditioned: Annotated[str, typer.Option(help="A conditioned policy; default the shipped one.")] = "",
     scenes: Annotated[int, typer.Option(min=1, help="Of each seed, in which success is counted.")] = 500,
-    planned: Annotated[int, typer.Option(min=1, help="Of these, in which the best drives are planned.")] = 50,
+    planned: Annotated[int, typer.Option(min=1, help="Of these, in which the best rollouts are planned.")] = 50,
     out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -321,7 +321,7 @@ def finish(
     seed: Annotated[int, typer.Option()] = 0,
     as_json: JsonFlag = False,
 ) -> None:
-    """Everybody finishes at once: seconds from the last answer to each one's policy, and to its refinement."""
+    """Everybody finishes at once: seconds from the last answer to the policy, and to the search behind it."""
     from backend.experiments.benchmarks.finishing import benchmark_finish
 
     say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)

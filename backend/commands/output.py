@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-# How a bot's answers stray from its taste (backend/learning/preferences/oracles.py, ResponseModel).
+# How a bot's answers stray from its preference (backend/learning/preferences/oracles.py, ResponseModel).
 NoiseOption = Annotated[
     float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
 ]
@@ -24,7 +24,7 @@ IndifferenceOption = Annotated[
     float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
 ]
 MyopiaOption = Annotated[
-    float | None, typer.Option(min=0.2, help="Only so many seconds of each drive are judged; default all.")
+    float | None, typer.Option(min=0.2, help="Only so many seconds of each rollout are judged; default all.")
 ]
 PeakEndOption = Annotated[
     bool,

@@ -33,10 +33,11 @@ def report(
     out: Annotated[Path, typer.Option(help="Folder for report.html, tests.csv and figures.")] = Path("report"),
     who: Annotated[str, typer.Option(help="Whose answers: people, simulated or all.")] = "people",
     plan: Annotated[
-        Path | None, typer.Option(help="Another analysis plan (YAML) than the protocol's; told as deviations.")
+        Path | None, typer.Option(help="Another analysis plan (YAML) than the protocol's; reported as deviations.")
     ] = None,
     policies: Annotated[
-        bool, typer.Option("--policies", help="Also learn a policy from each view's answers, as jobs, and drive them.")
+        bool,
+        typer.Option("--policies", help="Also align a policy with each view's answers, as jobs, and evaluate it."),
     ] = False,
     model: Annotated[
         str, typer.Option(help="Reward models of the policies, with commas: interface, linear, weights, mlp.")
@@ -44,7 +45,7 @@ def report(
     recipe: Annotated[
         str, typer.Option(help="Algorithm of the policies: fine_tuning, instant, conditioning_search or thesis.")
     ] = "fine_tuning",
-    scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy drives.")] = 1_000,
+    scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy rolls out in.")] = 1_000,
     as_json: JsonFlag = False,
 ) -> None:
     """The study's report: tests, agreement, figures; HTML that prints, PNG, SVG and CSV."""
@@ -86,7 +87,7 @@ def _learned(
     recipe: str,
     scenes: int,
 ) -> list[PolicyRow]:
-    """A policy per view and reward model, and the base policy, each driven through the same scenes; what is there
+    """A policy per view and reward model, and the base policy, each rolled out in the same scenes; what is there
     already is used."""
     from backend.commands.science import jobs_at_hand
     from backend.report.policy_table import BASE, PolicyRow

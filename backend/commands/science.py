@@ -68,7 +68,7 @@ def ensemble(
     more: SetFlag = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Train an ensemble whose members drive differently."""
+    """Train an ensemble whose members behave differently."""
     run_job("ensemble", {"base": base_policy, "seed": seed, **parsed_settings(more)}, None, as_json)
 
 
@@ -167,7 +167,7 @@ def demonstrations(
 @queries.command()
 @plain_errors
 def generate(
-    setup: Annotated[str, typer.Option(help="study_room or open_field; its shipped ensemble drives.")] = "study_room",
+    setup: Annotated[str, typer.Option(help="study_room or open_field, with its shipped ensemble.")] = "study_room",
     count: Annotated[int, typer.Option(min=1)] = 200,
     seed: SeedFlag = 1,
     out: OutFlag = None,
@@ -202,7 +202,7 @@ def evaluate(
     engine: Annotated[str, typer.Option(help="fast or pybullet.")] = "fast",
     as_json: JsonFlag = False,
 ) -> None:
-    """Drive a policy through fresh scenes and measure it."""
+    """Roll a policy out in fresh scenes and measure it."""
     from backend.learning.policies.evaluate import evaluate_policy
 
     say(evaluate_policy(find_policy(policy), n=scenes, seed=seed, engine=engine), as_json)

@@ -113,12 +113,12 @@ def simulate(
     indifference: IndifferenceOption = 0.0,
     myopia: MyopiaOption = None,
     peak_end: PeakEndOption = False,
-    seed: Annotated[int, typer.Option(help="Seed of the oracle's mistakes.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the oracle's wrong answers.")] = 0,
     cohort: Annotated[
         Path | None, typer.Option(help="YAML: what they rate and rank, and how conditions change their answers.")
     ] = None,
     browser: Annotated[
-        int, typer.Option(min=0, help="So many of them in a real Chromium, which plays every drive to its end.")
+        int, typer.Option(min=0, help="So many of them in a real Chromium, which plays every trajectory to its end.")
     ] = 0,
     language: Annotated[str, typer.Option(help="In which those in a browser read the pages.")] = "en",
     pictures: Annotated[
@@ -215,14 +215,14 @@ def power_command(
         seed=seed,
         tell=lambda words: typer.echo(words, err=True),
     )
-    told = found.as_dict()
+    result = found.as_dict()
     if out is not None:
         from backend.report.report_figures import power_picture
 
         picture = power_picture(found.power, found.assumed)
-        told["files"] = [str(path) for path in picture.save(out)]
-        told["caption"] = picture.caption
-    say(told, as_json)
+        result["files"] = [str(path) for path in picture.save(out)]
+        result["caption"] = picture.caption
+    say(result, as_json)
 
 
 def frozen_protocol(study: str) -> FrozenProtocol:
@@ -249,7 +249,7 @@ def erase(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Erase a participant: answers, drives made for them, models made from them alone. Cannot be undone."""
+    """Erase a participant: answers, trajectories made for them, models made from them alone. Cannot be undone."""
     from sqlalchemy import select
 
     from backend.store.audit import record

@@ -50,7 +50,7 @@ def preview(
         say(shown, as_json)
         return
     for number, step in enumerate(shown["steps"], 1):
-        typer.echo(f"{number:4} {step['kind']:14} {step['key']:36} {step['told']}")
+        typer.echo(f"{number:4} {step['kind']:14} {step['key']:36} {step['description']}")
     typer.echo(
         f"{len(shown['steps'])} steps, about {shown['minutes']:g} minutes; orders: {shown['orders'] or 'by lot'}"
     )

@@ -103,7 +103,7 @@ def likeness(trajectory: Trajectory, demonstrations: Sequence[Demonstration]) ->
 
 
 def judge(controller: str | Policy, demonstrations: Sequence[Demonstration]) -> Judgement:
-    """Drive once from every demonstrated start and compare with the demonstrations of the same pair."""
+    """Roll out once from every demonstrated start and compare with the demonstrations of the same pair."""
     return judge_rollouts(roll_out(controller, [d.scene for d in demonstrations]), demonstrations)
 
 

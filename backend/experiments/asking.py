@@ -9,13 +9,12 @@ independent repetitions.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.evaluate import wilson
 from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, ResponseModel, make_oracle
@@ -32,11 +31,12 @@ SEEDS_APART = 1_000_000  # more than a study has repetitions over all preference
 
 RESPONSE_MODELS: dict[str, ResponseModel] = {
     "right": ResponseModel(),
-    "mistakes": ResponseModel(lapse_rate=0.1),
+    "lapses": ResponseModel(lapse_rate=0.1),
     "indifference": ResponseModel(indifference=0.25),
     "myopia": ResponseModel(myopia_s=3.0),
 }
 """How answers stray: 10 % wrong; a quarter of a typical difference unnoticed; the first three seconds judged. Ours."""
+RENAMED = {"mistakes": "lapses"}  # on old command lines
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,17 @@ def asking_study(
 ) -> dict[str, Any]:
     """Accuracy on queries that were not asked and the share of repetitions in which the dominant objective was found.
 
-    Result: {"simulated": True, "config", "curves": [{oracle, held_out, habits, strategy, accuracy, low, high (95 %, of
-    the mean), dominant, dominant_low, dominant_high (Wilson)}]}, each a list by number of answers from 1 on; dominant
-    is null for a preference outside the vocabulary. Accuracy is agreement with the preference itself, without lapses.
-    The test queries and the random stream of a repetition are the same for all strategies. plain: another set of the
-    setup to compare with, such as an ensemble's: its queries are asked at random (strategy `random_plain`) and what was
-    learned is tested on those of `query_set`. Raises LearningError for unknown names or too few queries, SetupError.
+    Result: {"simulated": True, "config", "curves": [{oracle, held_out, response_model, strategy, accuracy, low, high
+    (95 %, of the mean), dominant, dominant_low, dominant_high (Wilson)}]}, each a list by number of answers from 1 on;
+    dominant is null for a preference outside the vocabulary. Accuracy is agreement with the preference itself, without
+    lapses. The test queries and the random stream of a repetition are the same for all strategies. plain: another set
+    of the setup to compare with, such as an ensemble's: its queries are asked at random (strategy `random_plain`) and
+    what was learned is tested on those of `query_set`. Raises LearningError for unknown names or too few queries,
+    SetupError.
     """
     config = config or AskingConfig()
+    models = tuple(RENAMED.get(name, name) for name in config.response_models)
+    config = replace(config, response_models=models)
     for name, known in (
         ("oracles", ORACLE_PREFERENCES),
         ("response_models", RESPONSE_MODELS),
@@ -92,7 +95,7 @@ def asking_study(
         curves += _curves_of(sets, oracle, model, config)
         if on_progress:
             on_progress((number + 1) / len(cells))
-    return {"simulated": True, "setup": query_set.setup, "config": stored_config(config), "curves": curves}
+    return {"simulated": True, "setup": query_set.setup, "config": asdict(config), "curves": curves}
 
 
 @dataclass(frozen=True)
@@ -136,7 +139,7 @@ def _curves_of(sets: Sequence[_Measured], oracle: str, model: str, config: Askin
             {
                 "oracle": oracle,
                 "held_out": oracle in HELD_OUT,
-                "habits": model,
+                "response_model": model,
                 "strategy": name,
                 **_with_intervals(accuracy),
                 **(_shares(found) if ORACLE_PREFERENCES[oracle].objectives else {"dominant": None}),
@@ -185,16 +188,16 @@ def summarise(result: dict[str, Any]) -> dict[str, Any]:
     rows = []
     last = result["config"]["answers"]
     for split, names in (("tuning", TUNING), ("held_out", HELD_OUT)):
-        for model in result["config"]["habits"]:
+        for model in result["config"]["response_models"]:
             for strategy in dict.fromkeys(curve["strategy"] for curve in result["curves"]):
                 of = [
                     curve
                     for curve in result["curves"]
-                    if curve["oracle"] in names and (curve["habits"], curve["strategy"]) == (model, strategy)
+                    if curve["oracle"] in names and (curve["response_model"], curve["strategy"]) == (model, strategy)
                 ]
                 if not of:
                     continue
-                row: dict[str, Any] = {"oracles": split, "habits": model, "strategy": strategy}
+                row: dict[str, Any] = {"oracles": split, "response_model": model, "strategy": strategy}
                 for n in sorted({min(8, last), min(15, last), last}):
                     mean = float(np.mean([curve["accuracy"][n - 1] for curve in of]))
                     halves = np.array([curve["accuracy"][n - 1] - curve["low"][n - 1] for curve in of])

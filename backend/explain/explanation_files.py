@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Told = NDArray[np.float64]
+Commands = NDArray[np.float64]
 COLUMNS = ("step", "time_s", "x_m", "y_m", "yaw_rad", "command", "thing", "seen", "score", "attribution")
 THICKEST_PT = 5.0  # outline of a thing with score 1, points
 LEAST_CHANGE = 0.05  # ours: slower by less than this share of the speed range, and there is little to explain
@@ -57,8 +57,8 @@ def explanation_files(
     sight = sight_of(trajectory)
     explained = explain(actor, sight, method=method, command=command)
     step = moment(trajectory, command) if at_s is None else _step_at(trajectory, at_s)
-    told = command_of(trajectory, command)
-    figure = _figure(trajectory, sight, explained, told, step, name, words)
+    commands = command_of(trajectory, command)
+    figure = _figure(trajectory, sight, explained, commands, step, name, words)
     slowest, fastest = reach(scene.setup, command)
     about = f"{method} of {name}'s {command}, {scene.setup} scene {scene.seed}, at {step * trajectory.dt:.1f} s"
     order = np.argsort(-explained.scores[step], kind="stable")
@@ -70,20 +70,20 @@ def explanation_files(
         "command": command,
         "outcome": trajectory.outcome.name.lower(),
         "at_s": round(step * trajectory.dt, 2),
-        "command_at": round(float(told[step]), 3),
-        "command_before": round(float(told[max(step - 1, 0)]), 3),
+        "command_at": round(float(commands[step]), 3),
+        "command_before": round(float(commands[max(step - 1, 0)]), 3),
         "most_important": [
             {"thing": explained.things[k], "score": round(float(explained.scores[step, k]), 3)}
             for k in order
             if explained.scores[step, k] > 0
         ],
     }
-    if command == "speed" and told[max(step - 1, 0)] - told[step] < LEAST_CHANGE * (fastest - slowest):
+    if command == "speed" and commands[max(step - 1, 0)] - commands[step] < LEAST_CHANGE * (fastest - slowest):
         numbers["note"] = NOTE
     files = {
         "explanation.png": encoded(figure, "png", about),
         "explanation.svg": encoded(figure, "svg", about),
-        "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, sight, explained, told)),
+        "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, sight, explained, commands)),
     }
     return FigureFiles(files, numbers)
 
@@ -94,7 +94,7 @@ def reach(setup: str, command: Command) -> tuple[float, float]:
     return (limits.v_min, limits.v_max) if command == "speed" else (-limits.w_max, limits.w_max)
 
 
-def command_of(trajectory: Trajectory, command: Command) -> Told:
+def command_of(trajectory: Trajectory, command: Command) -> Commands:
     """(T,) the command at each step, m/s or rad/s."""
     low, high = reach(trajectory.scene.setup, command)
     return low + (trajectory.actions[:, COMMANDS.index(command)].astype(np.float64) + 1) / 2 * (high - low)
@@ -115,7 +115,9 @@ def _step_at(trajectory: Trajectory, at_s: float) -> int:
     return round(at_s / trajectory.dt)
 
 
-def _rows(trajectory: Trajectory, sight: Sight, explained: Explanation, told: Told) -> Iterator[tuple[object, ...]]:
+def _rows(
+    trajectory: Trajectory, sight: Sight, explained: Explanation, commands: Commands
+) -> Iterator[tuple[object, ...]]:
     """One row per moment and thing. attribution: signed, of the ray or position with the greatest one."""
     rays = explained.inputs[:, sight.first_ray :]
     for step in range(len(trajectory.actions)):
@@ -129,14 +131,23 @@ def _rows(trajectory: Trajectory, sight: Sight, explained: Explanation, told: To
             signed = max(mine, key=abs, default=0.0)
             seen = thing == "goal" or bool(sight.seen[step, k])
             score = round(float(explained.scores[step, k]), 4)
-            yield (step, round(step * trajectory.dt, 2), *pose, round(float(told[step]), 4), thing, seen, score, signed)
+            yield (
+                step,
+                round(step * trajectory.dt, 2),
+                *pose,
+                round(float(commands[step]), 4),
+                thing,
+                seen,
+                score,
+                signed,
+            )
 
 
 def _figure(
     trajectory: Trajectory,
     sight: Sight,
     explained: Explanation,
-    told: Told,
+    commands: Commands,
     step: int,
     name: str,
     words: ExplanationWords,
@@ -151,7 +162,7 @@ def _figure(
         _room(room, trajectory, sight, explained, step)
         room.set(xlabel=words.x, ylabel=words.y)
         room.set_title(f"{name}, {step * trajectory.dt:.1f} s")
-        times = np.arange(len(told)) * trajectory.dt
+        times = np.arange(len(commands)) * trajectory.dt
         quiet(chart)
         order = np.argsort(-explained.scores.max(axis=0), kind="stable")[:SHOWN_LINES]
         styles = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
@@ -161,14 +172,12 @@ def _figure(
             )
         chart.axvline(step * trajectory.dt, color=plots.INK, linewidth=0.8)
         chart.set(xlabel=words.time, ylabel=words.score, ylim=(-0.02, 1.05))
-        drives = chart.twinx()
-        drives.plot(times, told, color=plots.LINE, linewidth=2.4, zorder=0)
+        twin = chart.twinx()
+        twin.plot(times, commands, color=plots.LINE, linewidth=2.4, zorder=0)
         low, high = reach(trajectory.scene.setup, explained.command)
-        drives.set(
-            ylabel=getattr(words, explained.command), ylim=(low - 0.02 * (high - low), high + 0.05 * (high - low))
-        )
-        drives.spines["top"].set_visible(False)
-        chart.set_zorder(drives.get_zorder() + 1)
+        twin.set(ylabel=getattr(words, explained.command), ylim=(low - 0.02 * (high - low), high + 0.05 * (high - low)))
+        twin.spines["top"].set_visible(False)
+        chart.set_zorder(twin.get_zorder() + 1)
         chart.patch.set_visible(False)
         chart.set_title(words.title.format(method=explained.method.replace("_", " "), command=explained.command))
         figure.legend(loc="outside lower center", ncols=SHOWN_LINES, frameon=False)

@@ -1,4 +1,4 @@
-"""The flow field of a policy in one scene (spec 06, thesis 6.4.6): where it would head, and drive, from everywhere.
+"""The flow field of a policy in one scene (spec 06, thesis 6.4.6): where it would head, and roll out, from everywhere.
 
 Here live the grid, the settled headings, the roll-outs from every cell and the difference of two fields, as numbers.
 Pictures of them are drawn in `scene_plots.py`. A policy is anything that acts on observations.
@@ -32,7 +32,7 @@ WINDOW_STEPS = 30  # ours: an oscillation's range is taken over the last 6 s
 STILL_STEPS, STILL_RAD = 10, 0.01  # ours: turned less than this within 2 s: settled, no need to wait any longer
 PATH_POINTS_PER_CELL = 5  # ours: a rollout is looked at this often per cell, so that it jumps over no cell
 NOTHING = -1
-"""`outcome` of a cell that nobody drove from."""
+"""`outcome` of a cell that nothing was rolled out from."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class FlowField:
             yield (
                 *_place(self.grid, row, column),
                 int(free),
-                *(_told(values.item(row, column)) for values in (self.heading, self.speed, self.oscillation)),
+                *(_rounded(values.item(row, column)) for values in (self.heading, self.speed, self.oscillation)),
                 "" if outcome == NOTHING else Outcome(outcome).name.lower(),
                 int(self.traversals[row, column]),
             )
@@ -139,14 +139,14 @@ class FlowDifference:
         """One row per cell, in the order of DIFFERENCE_COLUMNS."""
         for (row, column), angle in np.ndenumerate(self.heading):
             place = _place(self.first.grid, row, column)
-            yield (*place, _told(float(angle)), int(self.traversals[row, column]))
+            yield (*place, _rounded(float(angle)), int(self.traversals[row, column]))
 
 
 def _place(grid: Grid, row: int, column: int) -> tuple[object, ...]:
     return row, column, round(float(grid.xs[column]), 6), round(float(grid.ys[row]), 6)
 
 
-def _told(value: float) -> object:
+def _rounded(value: float) -> object:
     return round(float(value), 6) if math.isfinite(value) else ""
 
 
@@ -280,7 +280,7 @@ def _settled(
 def _rolled_out(
     act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, grid: Grid, poses: Doubles
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
-    """Drive from every pose (n, 3) to the end: outcomes (n,) and how often each cell was entered (rows, columns)."""
+    """Roll out from every pose (n, 3) to the end: outcomes (n,) and how often each cell was entered (rows, columns)."""
     counts = np.zeros(grid.shape[0] * grid.shape[1], dtype=np.int64)
     n = len(poses)
     if n == 0:

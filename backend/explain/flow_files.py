@@ -110,8 +110,8 @@ def _poses(rollouts: Mapping[str, Sequence[Trajectory]]) -> Iterable[tuple[objec
     for name, of_one in rollouts.items():
         for start, one in enumerate(of_one):
             for time, pose in zip(one.times, one.poses, strict=True):
-                told = (round(float(value), 4) for value in pose)
-                yield (name, start, round(float(time), 1), *told, one.outcome.name.lower())
+                rounded = (round(float(value), 4) for value in pose)
+                yield (name, start, round(float(time), 1), *rounded, one.outcome.name.lower())
 
 
 def _describe(name: str, field: flow.FlowField) -> dict[str, Any]:

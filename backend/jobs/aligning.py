@@ -31,7 +31,7 @@ COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fe
 COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
 NAMED = {
     "instant": "instant policy for",
-    "conditioning_search": "refined policy for",
+    "conditioning_search": "conditioning searched for",
     "fine_tuning": "aligned with",
     "thesis": "aligned with",
 }

@@ -104,7 +104,7 @@ def _search(context: JobContext, params: ConditioningSearchParams, base: Policy,
     found = search_conditioning(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
     judged = {
         "better_than_instant": found.score.as_dict(),
-        "wanted_better_than_instant": found.wanted.as_dict(),
+        "preferred_better_than_instant": found.preferred.as_dict(),
         "takes_over": found.takes_over,
     }
     return Aligned(
@@ -114,7 +114,7 @@ def _search(context: JobContext, params: ConditioningSearchParams, base: Policy,
         config={"recipe": params.recipe, **config.as_dict(), "preference_weights": _by_name(weights)},
         results={
             **judged,
-            "told": dict(zip(PLACES, map(_by_name, found.offsets), strict=True)),
+            "offsets": dict(zip(PLACES, map(_by_name, found.offsets), strict=True)),
             "chosen": found.chosen,
             "history": found.history,
         },

@@ -45,7 +45,7 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     policy = trained.policy.without_critic()
     made = roll_out(policy, [d.scene for d in demonstrations])
     judged = judge_rollouts(made, demonstrations)
-    # From the demonstrated starts; nothing else has driven there, so there is nothing to compare it with.
+    # From the demonstrated starts; nothing else was rolled out there, so there is nothing to compare it with.
     rule = GateRule(scenes=len(demonstrations), min_success=params.gate_min_success, max_loss=None)
     gate = verdict(rule, judged.success_rate, scenes=rule.scenes)
     policy_id = keep(
@@ -97,7 +97,7 @@ def _demonstrations(
 def _situations(
     context: JobContext, pairs: Sequence[int], policy: Policy, policy_id: str
 ) -> tuple[list[dict[str, Any]], list[bool]]:
-    """Drives of all three controllers in the demonstrated pairs, and where own and dynamic window both arrive."""
+    """Rollouts of all three controllers in the demonstrated pairs, and where own and dynamic window both arrive."""
     scenes = [demonstration_scene(policy.setup, pair) for pair in pairs]
     own, dwa, social = (roll_out(controller, scenes) for controller in (policy, DWA, SOCIAL_COST))
     found = zip(

@@ -24,8 +24,8 @@ class JobParamsError(ValueError):
 
     def __init__(self, kind: str, problems: list[dict[str, Any]]) -> None:
         self.kind, self.problems = kind, problems
-        told = "; ".join(f"{p['field']} = {p['value']!r}: {p['message']}" for p in problems)
-        super().__init__(f"job kind {kind!r}: {told}")
+        message = "; ".join(f"{p['field']} = {p['value']!r}: {p['message']}" for p in problems)
+        super().__init__(f"job kind {kind!r}: {message}")
 
 
 class Params(BaseModel):
@@ -150,7 +150,7 @@ class InstantParams(ConditionedAlignParams):
 class ConditioningSearchParams(ConditionedAlignParams):
     """Searches what else to condition the policy on, and where; shown only where it is better than the instant one.
 
-    tried: candidates that the search drives, in rounds of 16.
+    tried: candidates that the search rolls out, in rounds of 16.
     """
 
     recipe: Literal["conditioning_search"] = _from("ours_conditioning_search", "conditioning_search")

@@ -247,8 +247,8 @@ def _ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
         return None
     if not select.select([process.stdout], [], [], wait_s)[0]:
         return None
-    told = process.stdout.readline()
-    return int(told) if told else process.wait()  # an end of output: it died
+    line = process.stdout.readline()
+    return int(line) if line else process.wait()  # an end of output: it died
 
 
 def end_group(process: subprocess.Popen[bytes]) -> None:

@@ -69,8 +69,8 @@ class AnalysisPlan(BaseModel):
     def digest(self) -> str:
         """sha256 of the plan as canonical JSON, defaults filled in; of what plans could not always say (`LATER`) only
         what is declared, so that the hash of a plan of before stays."""
-        told = self.model_dump(mode="json")
-        kept = {name: value for name, value in told.items() if name not in LATER or value != _default(name)}
+        stored = self.model_dump(mode="json")
+        kept = {name: value for name, value in stored.items() if name not in LATER or value != _default(name)}
         return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
 
 
@@ -94,13 +94,13 @@ def deviations(declared: AnalysisPlan | None, used: AnalysisPlan) -> list[str]:
         return ["No analysis plan was declared in the protocol; everything here is exploratory."]
     before, now = declared.model_dump(mode="json"), used.model_dump(mode="json")
     return [
-        f"{name}: declared {_told(before[name])}, used {_told(now[name])}."
+        f"{name}: declared {_in_words(before[name])}, used {_in_words(now[name])}."
         for name in before
         if before[name] != now[name]
     ]
 
 
-def _told(value: object) -> str:
+def _in_words(value: object) -> str:
     if value is None:
         return "the default"
     return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
@@ -113,5 +113,5 @@ def read_plan(file: Path) -> AnalysisPlan:
     except (OSError, yaml.YAMLError) as problem:
         raise ValueError(f"plan = {file.name!r}: cannot be read ({problem})") from None
     except ValidationError as wrong:
-        told = "; ".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in wrong.errors())
-        raise ValueError(f"plan = {file.name!r}: {told}; known: {', '.join(AnalysisPlan.model_fields)}") from None
+        message = "; ".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in wrong.errors())
+        raise ValueError(f"plan = {file.name!r}: {message}; known: {', '.join(AnalysisPlan.model_fields)}") from None

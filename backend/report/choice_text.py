@@ -49,7 +49,7 @@ def agreement_section(found: Findings) -> Section:
     ]
     position = "Position: an answer that follows the order of showing looks like agreement."
     if found.triads:
-        told = [
+        triad_rows = [
             [name.replace("_", " "), str(of.triads), str(of.circular), share_words(of.share), str(of.share.n)]
             for name, of in found.triads.items()
         ]
@@ -58,7 +58,7 @@ def agreement_section(found: Findings) -> Section:
             f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, an order of preference none."
         )
         shares = "share of a person's, mean, 95 % interval"
-        tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], told))
+        tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], triad_rows))
     heads = ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"]
     tables.append(Table(position, heads, rows))
     sentence = (
@@ -117,32 +117,32 @@ def personalised_section(found: Findings) -> Section:
     if not found.personalised:
         return Section("Does it personalise?")
     alpha = found.plan.alpha
-    told = [personalised_sentence(found, k) for k in range(len(found.personalised))]
+    paragraphs = [personalised_sentence(found, k) for k in range(len(found.personalised))]
     against = {one.against: one for one in found.personalised}
     if "other" in against:
-        told.append(_verdict(against, alpha))
+        paragraphs.append(_verdict(against, alpha))
     else:
-        told.append(
+        paragraphs.append(
             "Whether it is the person's own answers that make the difference this does not show: nobody compared it "
             "with a policy that another participant's answers made."
         )
     alike = sum(one.look_alike for one in found.personalised)
     if alike:
-        told.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
+        paragraphs.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
     lent = sum(one.stand_ins for one in found.personalised)
     if lent:
-        told.append(
+        paragraphs.append(
             f"{lent} of the people who were lent another's policy were lent one made from a simulated person's answers "
             "(a stand-in), because no other participant's was ready that nobody had been lent."
         )
     shared = next((one for one in found.personalised if one.clusters < one.people), None)
     if shared is not None:
-        told.append(
+        paragraphs.append(
             f"{shared.people} people were lent {shared.clusters} different policies of other participants; people who "
             "were lent the same one count as one, since what is good or bad about it they share."
         )
     if found.guessed is not None:
-        told.append(
+        paragraphs.append(
             f"{found.guessed.right} of {found.guessed.people} guessed which of the last pair came from their own "
             f"answers. {found.guessed.test.sentence(alpha)}"
         )
@@ -150,11 +150,11 @@ def personalised_section(found: Findings) -> Section:
         ("Sign tests", "signed ranks") if found.plan.own == "sign" else ("Signed ranks of shares", "sign test")
     )
     beside = "; ".join(f"against {ARMS[one.against]} {one.beside.numbers()}" for one in found.personalised)
-    told.append(
+    paragraphs.append(
         f"{first} over people, as declared, {found.personalised[0].test.correction} over the comparisons: a person "
         f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
     )
-    return Section("Does it personalise?", told)
+    return Section("Does it personalise?", paragraphs)
 
 
 def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:

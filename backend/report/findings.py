@@ -103,7 +103,7 @@ def analyse(
     intervals: bool = True,
 ) -> Findings:
     """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
-    Declared is what the study began with; a plan that came with a later version is used and told as deviations.
+    Declared is what the study began with; a plan that came with a later version is used and reported as deviations.
     intervals: of effects, and all that stands beside the declared tests, which take most of the time.
 
     Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
@@ -115,10 +115,10 @@ def analyse(
     kept = [one for one in everyone if _counts(one, used)]
     if not kept:
         there = Counter("simulated participants" if one.simulated else "people" for one in data.people)
-        told = ", ".join(f"{count} {kind}" for kind, count in there.items()) or "nobody"
+        counted = ", ".join(f"{count} {kind}" for kind, count in there.items()) or "nobody"
         raise NothingToReport(
             f"who = {who!r}: none of them has a {'completed ' if used.sessions == 'completed' else ''}session that "
-            f"counts (joined: {told}; excluded or withdrawn: {sum(map(_left_out, data.people))}); choose people, "
+            f"counts (joined: {counted}; excluded or withdrawn: {sum(map(_left_out, data.people))}); choose people, "
             "simulated or all"
         )
     own = data.of({one.code for one in kept})
@@ -180,7 +180,7 @@ def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) ->
 
 
 def device_words(one: Choice, person: ParticipantRow) -> str:
-    """What an answer was given on, as far as its page told."""
+    """What an answer was given on, as far as its page reported."""
     device = one.device
     if person.simulated and "pointer" not in device:
         return "none (simulated)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from backend.analysis.tested import told_p
+from backend.analysis.tested import p_in_words
 from backend.explain.printed import Section, Table
 from backend.report.findings import Findings
 from backend.report.report_cells import NONE, effect_cell, named, number_words, p_cells, statistic_cell
@@ -121,7 +121,7 @@ def _models(found: Findings) -> Section:
     title, of = "Mixed models", found.further.models if found.further else ()
     rows = []
     for one in of:
-        test = NONE if one.test is None else f"χ²({one.test.df}) = {one.test.statistic:.2f}, {told_p(one.test.p)}"
+        test = NONE if one.test is None else f"χ²({one.test.df}) = {one.test.statistic:.2f}, {p_in_words(one.test.p)}"
         if one.problem is not None:
             rows.append([one.about, one.problem, NONE, NONE, NONE])
         for name, at, low, high in one.effects:

@@ -70,13 +70,13 @@ class Cohort:
         for name, value in steadiness.items():
             if not 0.5 <= value <= 1:
                 raise CohortError(f"{name} = {value}: the chance of the same answer lies between 0.5 (guessing) and 1")
-        chances: dict[str, float | None] = {
+        probabilities: dict[str, float | None] = {
             "second_shown": self.second_shown,
             "own": self.own,
             "own_against_other": self.own_against_other,
         }
-        chances |= {"items_alike": self.items_alike, "drop_out": self.drop_out}
-        for name, chance in chances.items():
+        probabilities |= {"items_alike": self.items_alike, "drop_out": self.drop_out}
+        for name, chance in probabilities.items():
             if chance is not None and not 0 <= chance <= 1:
                 raise CohortError(f"{name} = {chance}: a chance lies between 0 and 1")
         for ranking, shares in self.first_choice.items():

@@ -148,27 +148,27 @@ def _over(number: int, what: str) -> str:
 
 def found_tests(findings: Findings, design: PlannedDesign, assumed: Assumed, alpha: float) -> list[str]:
     """Which of `power_tests` found what was assumed."""
-    told: list[str] = []
+    tests: list[str] = []
     number = len(design.items) * len(design.effects)
     for one in findings.items:
         if one.item.key == assumed.item:
             for effect, test in zip(design.effects, one.tests, strict=True):
                 if test.significant(alpha):
-                    told.append(_omnibus(design, effect, assumed, number))
-            told += _pairs_found(one, design, assumed, alpha)
+                    tests.append(_omnibus(design, effect, assumed, number))
+            tests += _pairs_found(one, design, assumed, alpha)
     for ranking in findings.rankings:
         if ranking.item.key == assumed.ranking and ranking.test.significant(alpha):
-            told.append(f"Chi-square, {assumed.ranking} {_over(len(findings.rankings), 'ranking')}")
+            tests.append(f"Chi-square, {assumed.ranking} {_over(len(findings.rankings), 'ranking')}")
     for of in findings.personalised:
         names = ("Sign test", "Signed ranks") if of.test.test == "Sign test" else ("Signed ranks", "Sign test")
-        told += [f"{names[0]}, own against {of.against}"] if of.test.significant(alpha) else []
-        told += [f"{names[1]}, own against {of.against}"] if of.beside.p <= alpha else []
-    return told
+        tests += [f"{names[0]}, own against {of.against}"] if of.test.significant(alpha) else []
+        tests += [f"{names[1]}, own against {of.against}"] if of.beside.p <= alpha else []
+    return tests
 
 
 def _pairs_found(one: ItemResult, design: PlannedDesign, assumed: Assumed, alpha: float) -> list[str]:
     """Whether the assumed level was found to differ from every other one of its factor."""
-    told = []
+    tests = []
     for factor, levels in design.factors.items():
         if assumed.condition in levels and len(levels) > 2:
             about = one.tests[design.effects.index((factor,))].about
@@ -177,8 +177,8 @@ def _pairs_found(one: ItemResult, design: PlannedDesign, assumed: Assumed, alpha
                 pair for names, pair in zip(combinations(levels, 2), pairs, strict=False) if assumed.condition in names
             ]
             if mine and all(pair.significant(alpha) for pair in mine):
-                told += _against_others(design, factor)
-    return told
+                tests += _against_others(design, factor)
+    return tests
 
 
 def as_planned(design: StudyDesign) -> dict[str, Mapping[str, Sequence[str]]]:

@@ -52,7 +52,7 @@ class PolicyRow:
 
     def row(self) -> dict[str, object]:
         """For the CSV."""
-        told: dict[str, object] = {
+        row: dict[str, object] = {
             "name": self.name,
             "policy": self.policy,
             "model": self.model,
@@ -64,8 +64,8 @@ class PolicyRow:
         }
         for name in (*PERCENT, *MEANS):
             low, high = self.measured["intervals"][name]
-            told |= {name: self.measured[name], f"{name}_low": low, f"{name}_high": high}
-        return told
+            row |= {name: self.measured[name], f"{name}_low": low, f"{name}_high": high}
+        return row
 
 
 def policies_section(rows: Sequence[PolicyRow]) -> Section:
@@ -101,18 +101,18 @@ def _model(row: PolicyRow) -> str:
 
 def _better(rows: Sequence[PolicyRow]) -> list[str]:
     """Which reward model predicts a view's answers better, where there are several: by held-out likelihood."""
-    told = []
+    sentences = []
     for view in dict.fromkeys(row.name for row in rows):
         judged = [row for row in rows if row.name == view and row.held_out is not None]
         if len(judged) > 1:
             best = max(judged, key=_likelihood)
             others = [f"{_log_likelihood(row)} of {_model(row)}" for row in judged if row != best]
-            told.append(
+            sentences.append(
                 f"{view.replace('_', ' ').capitalize()}: {_model(best)} predicts answers about scenes it did not see "
                 f"better ({_log_likelihood(best)} per answer against {', '.join(others)}; a coin has -0.69), so its "
                 "policy is the one to take."
             )
-    return told
+    return sentences
 
 
 def _likelihood(row: PolicyRow) -> float:

@@ -66,8 +66,8 @@ def demographics(data: StudyData) -> list[Described]:
     scored = {(questionnaire, item.key) for questionnaire, scale in data.scales for item in scale.items}
     answers: dict[tuple[str, str], list[Any]] = defaultdict(list)
     for one in data.ratings:
-        told = one.condition is None and not isinstance(one.value, list)
-        if told and (one.questionnaire, one.item) not in scored:
+        single = one.condition is None and not isinstance(one.value, list)
+        if single and (one.questionnaire, one.item) not in scored:
             answers[one.questionnaire, one.item].append(one.value)
     found = []
     for (questionnaire, key), values in sorted(answers.items(), key=lambda one: data.place(*one[0])):
@@ -100,7 +100,7 @@ def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult])
         if (one.questionnaire, one.item) not in scored:
             rated_by = found[one.questionnaire, one.item].setdefault(one.person, {})
             rated_by.setdefault(one.condition, []).append(float(one.value))
-    told = [
+    measures = [
         Measure(data.item(*key), {who: {name: float(np.mean(v)) for name, v in of.items()} for who, of in by.items()})
         for key, by in sorted(found.items(), key=lambda one: data.place(*one[0]))
     ]
@@ -110,8 +110,8 @@ def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult])
             if score.condition is not None and plan.items in (None, of.questionnaire):
                 rated[score.person][score.condition] = score.score
         if rated:
-            told.append(Measure(_score(of), rated))
-    return told
+            measures.append(Measure(_score(of), rated))
+    return measures
 
 
 def _score(of: ScaleResult) -> ItemText:

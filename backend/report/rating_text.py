@@ -59,7 +59,7 @@ def _how(of: Sequence[ItemResult], design: StudyDesign, found: Findings) -> str:
     tests = FACTORIAL if design.factorial else TESTS[of[0].test.test]
     number = sum(len(one.tests) for one in of)
     family = f"p corrected over {'these' if number > 1 else 'this'} {number} test{'s' if number > 1 else ''}"
-    told = (
+    text = (
         f"{design.words[:1].upper()}{design.words[1:]}: {tests}; over the people who answered an item under every "
         f"condition that they met, {family} ({of[0].test.correction}). p is exact, or by permutations, for up to 50 "
         "people, ties or not, as the table says."
@@ -67,11 +67,11 @@ def _how(of: Sequence[ItemResult], design: StudyDesign, found: Findings) -> str:
     if any(one.pairs for one in of):
         pairs = next(pair for one in of for pair in one.pairs)
         over = "all items together" if found.plan.pairs_over == "items" else "an item's pairs, not over the items"
-        told += (
+        text += (
             f" {_which_pairs(found)} {pairs.test} tests of its pairs, corrected over {over} ({pairs.correction}); "
             "people without a difference are left out (used: how many remain), z is the normal approximation."
         )
-    return told
+    return text
 
 
 def _which_pairs(found: Findings) -> str:
@@ -170,8 +170,8 @@ def scales_section(found: Findings) -> Section:
         )
         for name, of in one.means.items():
             interval = NONE if math.isnan(of.low) else f"{of.low:.1f} to {of.high:.1f}"
-            told = [number_words(value, "{:.1f}") for value in (of.mean, of.sd)]
-            rows.append([scale.names[0], name.replace("_", " ") or "asked once", *told, interval, str(of.n)])
+            numbers = [number_words(value, "{:.1f}") for value in (of.mean, of.sd)]
+            rows.append([scale.names[0], name.replace("_", " ") or "asked once", *numbers, interval, str(of.n)])
         if one.incomplete:
             sentences.append(f"{one.incomplete} answers to {scale.names[0]} were not complete and have no score.")
     heads = ["scale", "about", "mean", "SD", "95 % interval", "people"]

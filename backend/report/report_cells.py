@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from backend.analysis.tested import Mean, Tested, told_p
+from backend.analysis.tested import Mean, Tested, p_in_words
 from backend.report.findings import Findings
 
 NONE = "–"
@@ -27,7 +27,7 @@ def statistic_cell(test: Tested) -> str:
 def p_cells(test: Tested, alpha: float) -> list[str]:
     """p as it is and corrected, the latter with its stars, and how it was found."""
     stars = f" {test.stars(alpha)}" if test.stars(alpha) else ""
-    p = [told_p(test.p).removeprefix("p "), told_p(test.p_corrected).removeprefix("p ") + stars]
+    p = [p_in_words(test.p).removeprefix("p "), p_in_words(test.p_corrected).removeprefix("p ") + stars]
     return [*(one.removeprefix("= ") for one in p), test.method]
 
 
@@ -72,5 +72,5 @@ def number_words(value: float, form: str) -> str:
     """A number that may not be known."""
     if math.isnan(value):
         return NONE
-    told = form.format(value)
-    return told.removeprefix("-") if not told.strip("-0.") else told  # no -0.00
+    text = form.format(value)
+    return text.removeprefix("-") if not text.strip("-0.") else text  # no -0.00

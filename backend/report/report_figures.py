@@ -43,14 +43,14 @@ def pictures(found: Findings) -> list[Picture]:
     return drawn
 
 
-def told(name: str) -> str:
+def labelled(name: str) -> str:
     """A key in words."""
     return name.replace("_", " ")
 
 
 def pair_words(pair: Pair, between: str = " – ") -> str:
     """Two conditions in words."""
-    return between.join(told(name) for name in pair)
+    return between.join(labelled(name) for name in pair)
 
 
 def items_picture(found: Findings) -> Picture:
@@ -105,7 +105,7 @@ def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
     lowest, top = item.item.lowest, item.item.points
     unit = (top - lowest) / 6  # of a scale from 1 to 7
     for k, (name, mean) in enumerate(item.means.items()):
-        ax.bar(k, mean.mean - lowest, bottom=lowest, width=0.7, color=DATA[k % len(DATA)], label=told(name))
+        ax.bar(k, mean.mean - lowest, bottom=lowest, width=0.7, color=DATA[k % len(DATA)], label=labelled(name))
         ax.errorbar(k, mean.mean, yerr=mean.se, color=INK, linewidth=0.9, capsize=2)
         heights.append(mean.mean + mean.se)
     level = max(top, max(heights) + 0.3 * unit)
@@ -115,7 +115,7 @@ def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
             ax.plot([i, i, j, j], [level, level + 0.12 * unit, level + 0.12 * unit, level], color=INK, linewidth=0.7)
             ax.text((i + j) / 2, level + 0.1 * unit, test.stars(found.plan.alpha), ha="center", va="bottom", fontsize=7)
             level += 0.6 * unit
-    ax.set(title=told(item.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
+    ax.set(title=labelled(item.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
     if item.item.type != "score":
         ax.set_yticks(range(round(lowest), top + 1))
     quiet(ax)
@@ -143,8 +143,8 @@ def ranking_picture(found: Findings) -> Picture:
                     label=f"place {place + 1}",
                 )  # fmt: skip
                 bottom += shares[:, place]
-            ax.set_xticks(range(len(shares)), [told(name).replace(" ", "\n") for name in ranking.places])
-            ax.set(title=told(ranking.item.key), ylim=(0, 1))
+            ax.set_xticks(range(len(shares)), [labelled(name).replace(" ", "\n") for name in ranking.places])
+            ax.set(title=labelled(ranking.item.key), ylim=(0, 1))
             ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
             quiet(ax)
         axes[0].set_ylabel("share of people")
@@ -173,7 +173,7 @@ def agreement_picture(found: Findings) -> Picture:
         for role, words in (("repeat", "asked again"), ("swap", "asked again, sides exchanged")):
             again = getattr(of_condition, role).share
             if again.n:
-                lines.append(("within", f"{told(name)}, {words}", again))
+                lines.append(("within", f"{labelled(name)}, {words}", again))
     with mpl.rc_context(STYLE):
         figure, axes = blank(1, 5.2, 0.7 + 0.3 * len(lines))
         ax = axes[0]
@@ -289,9 +289,10 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
     own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
     caption = (
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what "
-        f"was assumed, with 95 % Wilson intervals. Assumed: {told(assumed.item)} is rated {assumed.effect:g} standard "
-        f"deviations higher under {told(assumed.condition)}; {100 * assumed.first_choice:.0f} % rank it first for "
-        f"{told(assumed.ranking)}; the same query gets the same answer in {100 * assumed.consistency:.0f} %{own}. "
+        f"was assumed, with 95 % Wilson intervals. Assumed: {labelled(assumed.item)} is rated {assumed.effect:g} "
+        f"standard deviations higher under {labelled(assumed.condition)}; {100 * assumed.first_choice:.0f} % rank it "
+        f"first for {labelled(assumed.ranking)}; the same query gets the same answer in "
+        f"{100 * assumed.consistency:.0f} %{own}. "
         f"Dotted line: {100 * WANTED:.0f} %."
     )
     return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])

@@ -68,26 +68,26 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
 
 def brief(found: Findings) -> list[str]:
     """The result in a few sentences."""
-    told = [_who(found)]
+    sentences = [_who(found)]
     if found.items:
         differ = [named(one.item.key) for one in found.items if one.significant(found.plan.alpha)]
         tests = " and ".join(dict.fromkeys(test.test for one in found.items for test in one.tests))
-        told.append(
+        sentences.append(
             f"Ratings differ between the conditions in {len(differ)} of {len(found.items)} items"
             f"{': ' + ', '.join(differ) if differ else ''} ({tests}, {found.items[0].test.correction})."
         )
         if not any(test.possible(found.plan.alpha) for one in found.items for test in one.tests):
-            told.append(
+            sentences.append(
                 f"With {found.flow.analysed} people no rating can be significant, whatever they answer: the smallest "
                 "possible corrected p is above alpha."
             )
-    told += [one.test.sentence(found.plan.alpha) for one in found.rankings]
+    sentences += [one.test.sentence(found.plan.alpha) for one in found.rankings]
     if not found.tests:
-        told.append(_why_no_test(found))
+        sentences.append(_why_no_test(found))
     if found.between:
-        told.append(f"Agreement between conditions: {_agreements(found)}.")
-    told += [personalised_sentence(found, k) for k in range(len(found.personalised))]
-    return told
+        sentences.append(f"Agreement between conditions: {_agreements(found)}.")
+    sentences += [personalised_sentence(found, k) for k in range(len(found.personalised))]
+    return sentences
 
 
 def _why_no_test(found: Findings) -> str:
@@ -107,8 +107,8 @@ def _who(found: Findings) -> str:
     kind = "simulated participants" if found.simulated == n else "people"
     mixed = f", {found.simulated} of them simulated" if 0 < found.simulated < n else ""
     answers = sum(of.answers for of in found.of_condition.values())
-    told = f", {answers:,} answers to queries" if found.of_condition else ""  # an evaluation asks none
-    return f"{n} {kind}{mixed}{told}."
+    answered = f", {answers:,} answers to queries" if found.of_condition else ""  # an evaluation asks none
+    return f"{n} {kind}{mixed}{answered}."
 
 
 def _agreements(found: Findings) -> str:

@@ -35,7 +35,7 @@ class ParticipantRow:
 @dataclass(frozen=True)
 class Choice:
     """One answered query. first, second: trajectories in the order they were shown; chosen: which of these two.
-    device: what it was answered on, as far as the page told."""
+    device: what it was answered on, as far as the page reported."""
 
     person: str
     condition: str

@@ -82,8 +82,8 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
 def _met(data: StudyData) -> dict[str, set[str]]:
     """Person -> conditions that they answered something under."""
     found: dict[str, set[str]] = {}
-    told = [(one.person, one.condition) for one in data.choices]
-    for person, condition in told + [(one.person, one.condition) for one in data.ratings if one.condition]:
+    met = [(one.person, one.condition) for one in data.choices]
+    for person, condition in met + [(one.person, one.condition) for one in data.ratings if one.condition]:
         if condition in data.conditions:
             found.setdefault(person, set()).add(condition)
     return found
@@ -98,10 +98,10 @@ def _declared(data: StudyData) -> Iterator[StudyDesign]:
         names = ["-".join(cell) for cell in product(*between.values())]
         cells = ["-".join(cell) for cell in product(*within.values())] if within else names
         if not within:  # a group's one condition is called as the group
-            told = {person: next(iter(of & set(names)), "") for person, of in _met(data).items()}
+            levels = {person: next(iter(of & set(names)), "") for person, of in _met(data).items()}
         else:
-            told = {one.code: one.groups.get(key, "") for one in data.people}
-        groups = {person: names.index(name) for person, name in told.items() if between and name in names}
+            levels = {one.code: one.groups.get(key, "") for one in data.people}
+        groups = {person: names.index(name) for person, name in levels.items() if between and name in names}
         yield StudyDesign(within, between, cells, groups)
 
 

@@ -88,8 +88,8 @@ def write_study_report(
 
 
 def _row(test: Tested, alpha: float) -> dict[str, object]:
-    told = {name: None if value != value else value for name, value in test.as_dict().items()}  # nan: not known
-    return {**told, "significant": test.significant(alpha), "sentence": test.sentence(alpha)}
+    row = {name: None if value != value else value for name, value in test.as_dict().items()}  # nan: not known
+    return {**row, "significant": test.significant(alpha), "sentence": test.sentence(alpha)}
 
 
 def answer_rows(data: StudyData, found: Findings) -> list[dict[str, object]]:

@@ -277,7 +277,7 @@ class FastEngine:
 def rollout(
     setup: Setup, act: ActFunction | EpisodicPolicy, scenes: Sequence[Scene], *, max_steps: int | None = None
 ) -> list[Trajectory]:
-    """Drive every scene once with one policy: one full trajectory per scene, in order.
+    """Roll out one policy in every scene once: one full trajectory per scene, in order.
 
     max_steps: stop earlier than the setup's limit; the outcome of what is cut off is RUNNING.
     """
@@ -378,7 +378,7 @@ class EpisodeTable:
 
 
 def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
-    """Drive every scene once to its end and keep the numbers, not the trajectories."""
+    """Roll out in every scene once to its end and keep the numbers, not the trajectories."""
     if not scenes:
         raise ValueError("scenes: none given; evaluation needs at least one")
     engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)

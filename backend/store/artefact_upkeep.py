@@ -33,18 +33,18 @@ class Uses:
 
     def against_deleting(self) -> list[str]:
         """In words why it must stay; empty where it may go."""
-        told = []
+        reasons = []
         if self.shipped:
-            told.append("it came with the product and would come back at the next start")
+            reasons.append("it came with the product and would come back at the next start")
         if self.made:
-            told.append(f"{len(self.made)} were made from it: {', '.join(one.name for one in self.made[:3])}")
+            reasons.append(f"{len(self.made)} were made from it: {', '.join(one.name for one in self.made[:3])}")
         if self.studies:
-            told.append(f"studies ask from it: {', '.join(self.studies[:3])}")
+            reasons.append(f"studies ask from it: {', '.join(self.studies[:3])}")
         if self.jobs:
-            told.append(f"jobs under way need it: {', '.join(self.jobs[:3])}")
+            reasons.append(f"jobs under way need it: {', '.join(self.jobs[:3])}")
         if self.shown:
-            told.append(f"participants were shown it in {self.shown} trials")
-        return told
+            reasons.append(f"participants were shown it in {self.shown} trials")
+        return reasons
 
 
 def offered() -> ColumnElement[bool]:

@@ -320,12 +320,12 @@ def _freeze(
     )
     given: list[Answer | RatedTrajectory] = [*answers, *ratings]
     whom = given[0].participant if session_id else WHOSE_WORDS[whose]  # in lists, different people's models differ
-    told = f", {len(given)} answers of {whom}{f' in {view}' if view else ''}"
+    ending = f", {len(given)} answers of {whom}{f' in {view}' if view else ''}"
     return save_artefact(
         s,
         files,
         kind="snapshot",
-        name=study.name[: LONGEST_NAME - len(told)] + told,
+        name=study.name[: LONGEST_NAME - len(ending)] + ending,
         setup=snapshot.setup,
         content=snapshot.to_bytes(),
         card={

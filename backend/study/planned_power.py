@@ -116,13 +116,13 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
             files = ArtefactStore((Path(folder) / "artefacts").as_uri())
             with database.transaction() as s:
                 study = create_study(s, files, frozen, name="Power", created_by=None)
-            told = walk_in_process(database, files, study, walk, Character(cohort=cohort), without_jobs=True)
+            outcome = walk_in_process(database, files, study, walk, Character(cohort=cohort), without_jobs=True)
             with database.session() as s:
                 data, load = read_study(s, files, study)
             found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"), intervals=False)
         finally:
             database.close()
-    return data, found, {name: told[name] for name in ("participants", "completed", "responses")}
+    return data, found, {name: outcome[name] for name in ("participants", "completed", "responses")}
 
 
 def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
@@ -154,10 +154,10 @@ def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
     if design.between:
         return  # who is in which group the cohorts decide for themselves
 
-    def told(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
+    def answers_of(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
         return {(r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in asked}
 
-    stored, expected = told(data), told(made_up)
+    stored, expected = answers_of(data), answers_of(made_up)
     if stored != expected:
         raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
 

@@ -12,39 +12,39 @@ from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import Session
 
-TOLD_AGAIN_AFTER_S = 3600.0  # ours: a robot that goes on with a dead link fills no log
-MOST_TOLD = 1_000  # links refused within that time; what comes on top is not written down at all
+LOGGED_AGAIN_AFTER_S = 3600.0  # ours: a robot that goes on with a dead link fills no log
+MOST_LOGGED = 1_000  # links refused within that time; what comes on top is not written down at all
 MOST_OF_A_SESSION = 100  # ours: refusals of one session written down within that time; a person meets a few
 
-_told: WeakKeyDictionary[Database, dict[tuple[str, ...], float]] = WeakKeyDictionary()  # each in the order of time
+_logged: WeakKeyDictionary[Database, dict[tuple[str, ...], float]] = WeakKeyDictionary()  # each in the order of time
 _of_sessions: WeakKeyDictionary[Database, dict[str, deque[float]]] = WeakKeyDictionary()  # when each was refused
-_told_lock = threading.Lock()
+_logged_lock = threading.Lock()
 
 
 def first_this_hour(db: Database, *what: str) -> bool:
     """Whether this was not refused in the last hour, so that it belongs into the log. In memory: a restart forgets."""
     now = time.monotonic()
-    with _told_lock:
-        told = _told.setdefault(db, {})
-        for old in list(told):
-            if now - told[old] < TOLD_AGAIN_AFTER_S:
+    with _logged_lock:
+        logged = _logged.setdefault(db, {})
+        for old in list(logged):
+            if now - logged[old] < LOGGED_AGAIN_AFTER_S:
                 break
-            del told[old]
-        if what in told or len(told) >= MOST_TOLD:
+            del logged[old]
+        if what in logged or len(logged) >= MOST_LOGGED:
             return False
-        told[what] = now
+        logged[what] = now
         return True
 
 
 def _few_of(db: Database, session_id: str) -> bool:
     """Whether the session's log may take one refusal more. In memory: a restart forgets."""
     now = time.monotonic()
-    with _told_lock:
+    with _logged_lock:
         of_all = _of_sessions.setdefault(db, {})
-        for other in [one for one, times in of_all.items() if now - times[-1] >= TOLD_AGAIN_AFTER_S]:
+        for other in [one for one, times in of_all.items() if now - times[-1] >= LOGGED_AGAIN_AFTER_S]:
             del of_all[other]
         times = of_all.setdefault(session_id, deque())
-        while times and now - times[0] >= TOLD_AGAIN_AFTER_S:
+        while times and now - times[0] >= LOGGED_AGAIN_AFTER_S:
             times.popleft()
         if len(times) >= MOST_OF_A_SESSION:
             return False

@@ -78,8 +78,8 @@ def materials_of(
     try:
         make_plan(frozen.protocol, 0, queries)
     except PlanError as problem:
-        told = "generate more (`desirepath queries generate`) or ask for fewer"
-        raise StudyError(f"query_set = {wanted!r}: {problem}; {told}") from problem
+        advice = "generate more (`desirepath queries generate`) or ask for fewer"
+        raise StudyError(f"query_set = {wanted!r}: {problem}; {advice}") from problem
     return {"query_set": artefact.id, "setup": artefact.setup}
 
 

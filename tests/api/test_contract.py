@@ -143,7 +143,7 @@ def test_steps_and_answers_are_unions_by_kind_made_of_what_the_kinds_say(lab):
     for name, kind in KINDS.items():
         sent, told = (schemas[one[name].rpartition("/")[2]]["properties"] for one in (answers, steps))
         assert sent["value"]["$ref"] == f"#/components/schemas/{kind.answers.__name__}"
-        progress = kind.told_progress
+        progress = kind.progress_model
         shown = json.dumps(told["trial"])
         assert (progress.__name__ in shown) if progress else told["trial"]["type"] == "null"
         assert set(kind.besides.model_fields) <= set(told)

@@ -87,10 +87,12 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
         }
     learned = lab.get(f"{simulated}&participant=S001&watch={second}").text
     assert learned.count("<polyline") == 6
-    assert "driven by the learned controller" in learned
+    assert "learned controller, from the same starts" in learned
     assert re.search(r'<iframe class="replay" id="stage"[^>]+src="[^"]*/stage/([^/"]+)/"', learned)
     assert '<td class="number">0.12</td><td class="number">0.91</td><td class="number">–</td>' in learned
-    assert "driven by the learned controller" not in lab.get(simulated).text  # of one person, among everybody's paths
+    assert (
+        "learned controller, from the same starts" not in lab.get(simulated).text
+    )  # of one person, among everybody's paths
     rows = lab.get(f"{here}/corridor-{place_of(learned)}.csv?who=simulated&participant=S001").text.splitlines()
     assert rows[0] == "kind,participant,path,time_s,x_m,y_m,yaw_rad"
     assert {tuple(row.split(",")[:3]) for row in rows[1:]} == {

@@ -55,7 +55,7 @@ def test_a_dead_link_is_written_down_once_an_hour(
         assert client.get("/api/session/dead-link").status_code == 404
         services.admission._admit_participant("dead.stage", {})
     assert (told(services, "unknown"), told(services, "unknown_stage")) == (1, 1)
-    monkeypatch.setattr(refusals, "TOLD_AGAIN_AFTER_S", 0.0)  # the hour is over
+    monkeypatch.setattr(refusals, "LOGGED_AGAIN_AFTER_S", 0.0)  # the hour is over
     assert client.get("/api/session/dead-link").status_code == 404
     assert told(services, "unknown") == 2
 
@@ -63,6 +63,6 @@ def test_a_dead_link_is_written_down_once_an_hour(
 def test_more_dead_links_than_the_log_takes_are_refused_all_the_same(
     client: TestClient, services: Services, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(refusals, "MOST_TOLD", 3)
+    monkeypatch.setattr(refusals, "MOST_LOGGED", 3)
     assert [client.get(f"/api/session/guess-{number}").status_code for number in range(6)] == [404] * 6
     assert told(services, "unknown") == 3

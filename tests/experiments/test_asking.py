@@ -16,7 +16,7 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
     some = QuerySet(study_queries.setup, study_queries.queries[:60], {})
     config = AskingConfig(
         oracles=("min-human-distance", "seconds-to-person"),
-        response_models=("right",),
+        response_models=("right", "mistakes"),
         strategies=("random", "information"),
         answers=6,
         repetitions=3,
@@ -25,7 +25,7 @@ def test_the_study_of_asking_reports_what_it_simulated(study_queries: QuerySet) 
     result = asking_study(some, config)
     assert result["simulated"] is True
     assert asking_study(some, config) == result
-    assert len(result["curves"]) == 4
+    assert len(result["curves"]) == 8
     for curve in result["curves"]:
         assert len(curve["accuracy"]) == 6
         assert all(

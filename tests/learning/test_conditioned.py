@@ -91,7 +91,7 @@ def test_folding_equals_the_full_network(base: Policy) -> None:
             np.testing.assert_array_equal(whole, kept)
 
 
-def test_a_stronger_policy_needs_to_be_told_less(trained: ConditionedResult) -> None:
+def test_a_stronger_policy_is_conditioned_on_smaller_weights(trained: ConditionedResult) -> None:
     half, whole = preference_weights({"farther": 0.5, "smoother": 1}), preference_weights({"farther": 1, "smoother": 1})
     stronger = trained.policy.stronger("farther", 2.0)
     assert stronger.at(half).digest() == trained.policy.at(whole).digest() != stronger.at(whole).digest()

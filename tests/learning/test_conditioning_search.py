@@ -47,13 +47,13 @@ def trajectories(
     return MeasuredRollouts(outcome, measured, np.array(crossings, dtype=np.int32))
 
 
-def test_the_score_counts_wants_length_crossings_and_failures() -> None:
+def test_the_score_counts_preferences_length_crossings_and_failures() -> None:
     first = trajectories([2.0, 2.0, 2.0, 2.0, 2.0], [5.0] * 5, [True, True, True, False, True], [0, 0, 0, 0, 3])
     other = trajectories([1.0, 2.0, 1.0, 1.0, 2.0], [5.0, 6.0, 5.0, 5.0, 5.0], [True, True, False, True, True], [0] * 5)
     unit = typical_differences("study_room")
     better = compared(first, other, FARTHER, "study_room")
     length = 1 / unit[MEASURES.index("path_length_m")]
-    np.testing.assert_allclose(better.wanted, [1 / unit[0], 0, 0])
+    np.testing.assert_allclose(better.preferred, [1 / unit[0], 0, 0])
     expected = [1 / unit[0], LENGTH_WEIGHT * length, FAILURE_COST, -FAILURE_COST, -CROSSING_COST]
     np.testing.assert_allclose(better.scores(LENGTH_WEIGHT), expected)
     back = compared(other, first, FARTHER, "study_room")
@@ -61,7 +61,7 @@ def test_the_score_counts_wants_length_crossings_and_failures() -> None:
 
 
 @pytest.mark.parametrize("setup", PREFERENCE_SETUPS)
-def test_what_is_told_depends_on_where_the_robot_is(setup: str) -> None:
+def test_what_it_is_conditioned_on_depends_on_where_the_robot_is(setup: str) -> None:
     """Told by place is the conditioned policy, told in each state what belongs there."""
     policy = load_conditioned(f"{setup}/conditioned")
     told = np.random.default_rng(1).normal(0, 0.3, (3, SIZE))
@@ -82,7 +82,7 @@ def test_what_is_told_depends_on_where_the_robot_is(setup: str) -> None:
     np.testing.assert_allclose(conditioned_by_place(policy, FARTHER, told).act(states), expected, atol=1e-4)
 
 
-def test_a_refinement_says_whether_it_takes_over(conditioned: ConditionedPolicy) -> None:
+def test_a_search_says_whether_it_takes_over(conditioned: ConditionedPolicy) -> None:
     base = load_policy("open_field/base")
     seen: list[float] = []
     result = search_conditioning(conditioned, FARTHER, base, TINY, lambda fraction, _: seen.append(fraction))
@@ -90,10 +90,10 @@ def test_a_refinement_says_whether_it_takes_over(conditioned: ConditionedPolicy)
     assert len(result.history) == 3
     assert not result.policy.critic
     assert result.policy.shape == base.shape
-    better = result.wanted.low > -TOLERANCE and result.score.low > 0
+    better = result.preferred.low > -TOLERANCE and result.score.low > 0
     assert result.takes_over == (result.gate.passed and better)
     chosen = result.history[result.chosen]
-    assert chosen["wanted"] >= AIM
+    assert chosen["preferred"] >= AIM
     assert chosen["score"] >= 0  # that of the instant policy
     again = search_conditioning(conditioned, FARTHER, base, TINY)
     assert again.policy.digest() == result.policy.digest()

@@ -22,8 +22,8 @@ from backend.study.drawing import strokes
 from backend.study.links import next_token, token_hash
 from backend.study.session import leaving, machine, watching
 from backend.study.session.finding import acting
+from backend.study.simulated.known import known_to_simulated
 from backend.study.simulated.participant import any_answer
-from backend.study.simulated.told import told_to_simulated
 from tests.study.walking import Walker
 
 PACKED = Path(__file__).parent / "old" / "installation.tar.xz"
@@ -125,7 +125,7 @@ class Returning(Walker):
     def told(self, view: machine.StepView) -> dict[str, Any]:
         """The step as a bot's page has it: with the right answers of checks."""
         with acting(self.database, self.token, request="look", now=self.now) as (s, session):
-            return view.as_dict() | told_to_simulated(s, session, view)
+            return view.as_dict() | known_to_simulated(s, session, view)
 
     def _end_jobs(self) -> None:
         """The worker's part: what still waits is cancelled, so that the session goes on without it."""
@@ -153,7 +153,7 @@ class Returning(Walker):
         self.later(state["duration_s"] + 3)
         if state["phase"] != "watched":
             with acting(self.database, self.token, request="driven", now=self.now) as (s, session):
-                strokes.driven(
+                strokes.watched(
                     s, self.files, session, machine.drawing_of(session), state["playback_id"], None, now=self.now
                 )
         self.submit(key, {"stroke": state["stroke"]})

@@ -108,7 +108,7 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
             stroke = paths.latest_stroke(s, session.id, step.key)
             scene = paths.scene_of(step)
             walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
-        return strokes.driven(s, walker.files, session, step, playback, walked, now=walker.now)
+        return strokes.watched(s, walker.files, session, step, playback, walked, now=walker.now)
 
 
 def stored_strokes(walker: Walker) -> list[StrokeRow]:
@@ -193,7 +193,7 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is True
     assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is False
     assert walker.view.trial["phase"] == "ready"
-    act(walker, strokes.drive, now=walker.now)
+    act(walker, strokes.roll_out, now=walker.now)
     assert walker.view.trial["playback_id"]
     act(walker, strokes.redraw)
     assert walker.view.trial["phase"] == "drawing"
@@ -205,7 +205,7 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     walker.do(machine.pause, now=walker.now)
     walker.do(machine.resume, now=walker.now)
     walker.later(1.0)
-    act(walker, strokes.drive, now=walker.now)
+    act(walker, strokes.roll_out, now=walker.now)
     walker.later(shown["duration_s"] + 1)
     told = refusal(lambda: driven(walker, shown["playback_id"]))
     assert told == "other_playback"
@@ -260,7 +260,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
     assert np.abs(where[:, :2] - np.array(walk["poses"])[:, :2]).max() < 0.05
     assert load_trajectory(files, row.trajectory).scene.walk == made.drawn_in.walk == made.scene.walk
     # Watched from outside, then walked once more: the walk before stays stored.
-    act(walker, strokes.drive, now=walker.now)
+    act(walker, strokes.roll_out, now=walker.now)
     assert (walker.view.trial["phase"], walker.view.trial["walking"]) == ("driving", False)
     with database.session() as s:
         assert paths.showing(_step(walker), paths.latest_stroke(s, row.session_id, row.step_key)).view == "top_down"

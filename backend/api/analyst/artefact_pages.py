@@ -103,7 +103,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
         t = services_of(request).texts.get(lab_language(request))
         pair = [load_trajectory(files, one) for one in (found.trajectory_a, found.trajectory_b)]
         names = [
-            t("analyst.answer.drive_chosen" if found.choice == x.lower() else "analyst.answer.drive", name=x)
+            t("analyst.answer.trajectory_chosen" if found.choice == x.lower() else "analyst.answer.trajectory", name=x)
             for x in "AB"
         ]
         drawn = svg_figures.rollouts(pair[0].scene, pair, names=names, title=t("analyst.answer.figure"))
@@ -299,7 +299,7 @@ def _held_out_figure(request: Request, artefact: Artefact) -> Markup | None:
             row["accuracy"],
             row["low"],
             row["high"],
-            t("analyst.held_out.told", share=t.percent(row["accuracy"]), n=row["n"]),
+            t("analyst.held_out.share", share=t.percent(row["accuracy"]), n=row["n"]),
         )
         for row in measured
     ]

@@ -1,4 +1,4 @@
-"""The analysts' page that compares two policies: numbers with intervals, paired differences, drives side by side.
+"""The analysts' page that compares two policies: numbers with intervals, paired differences, trajectories side by side.
 
 Measuring is the job `compare`; here its evaluation is shown. The 3D replay goes through `replay_stages.py`.
 """
@@ -139,7 +139,7 @@ def comparison(
         measures=MEASURES,
         histogram=Markup(_histogram(request, content, measure, artefact.id)),  # noqa: S704 - made by us, texts escaped
         only=only,
-        told=_told(t, content, only, measure, len(numbers)),
+        filter_words=_filter_words(t, content, only, measure, len(numbers)),
         filters=_filters(content),
         listed=listed,
         scenes=[compared_scene(content, one, measure) for one in listed.rows],
@@ -163,7 +163,7 @@ def _filters(content: dict[str, Any]) -> dict[str, int]:
     return {name: len(numbers) for name, numbers in found.items() if numbers is not None and (len(numbers) or not name)}
 
 
-def _told(t: Catalogue, content: dict[str, Any], only: str, measure: str, count: int) -> str:
+def _filter_words(t: Catalogue, content: dict[str, Any], only: str, measure: str, count: int) -> str:
     """Which scenes are listed, in words."""
     if not only.startswith("bar-"):
         return t(f"analyst.compare.only.{only or 'all'}", count=count)

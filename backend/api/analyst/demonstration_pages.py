@@ -53,7 +53,7 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 LONGEST_REASON = 500
 EVERYBODY, EACH = "", "each"  # of the form that starts a training, beside a participant's code
 MOST_AT_ONCE = 150  # paths on one page; more take seconds to read, and nobody looks at them all
-TOLD_APART = 3  # people whose paths have colours of their own; of more, colours would say nothing
+MOST_WITH_COLOURS = 3  # people whose paths have colours of their own; of more, colours would say nothing
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Place:
         for one in self.rows:
             if one.counts:
                 people.setdefault(one.person.code, []).append(one)
-        return people if len(people) <= TOLD_APART else {EVERYBODY: list(chain.from_iterable(people.values()))}
+        return people if len(people) <= MOST_WITH_COLOURS else {EVERYBODY: list(chain.from_iterable(people.values()))}
 
     def groups(self, t: Catalogue) -> tuple[dict[str, list[ArrayLike]], dict[str, list[ArrayLike]]]:
         """Name -> paths (n, 3): what was drawn, and what was learned from it."""
@@ -84,7 +84,7 @@ class Place:
             ]
             for code, paths in self.shown.items()
         }
-        return drawn, {t("paths.learned"): [drive.poses for drive in self.learned.values()]} if self.learned else {}
+        return drawn, {t("paths.learned"): [one.poses for one in self.learned.values()]} if self.learned else {}
 
     def figure(self, t: Catalogue) -> str:
         drawn, learned = self.groups(t)
@@ -110,12 +110,12 @@ class Place:
             ((name, svg_figures.WALKED) for name in walked),
         )
         laid = drawn | learned | walked
-        drives = {t("paths.robot_drawn", code=watched.person.code): watched.demonstration.trajectory}
+        shown = {t("paths.robot_drawn", code=watched.person.code): watched.demonstration.trajectory}
         own = self.learned.get(watched.stroke.demonstration or "")
         if own is not None:
-            drives[t("paths.robot_learned")] = own
+            shown[t("paths.robot_learned")] = own
         beside = tuple(Beside(name, _rgb(colour), laid[name]) for name, (colour, _) in colours)
-        return Replay(tuple(drives.values()), tuple(drives), beside)
+        return Replay(tuple(shown.values()), tuple(shown), beside)
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:
@@ -134,7 +134,7 @@ def _places(
 ) -> list[Place]:
     newest = newest_of(controllers, person)
     environments = {environment for environment, _ in places}
-    learned = {environment: newest[environment].drives(files) for environment in environments & set(newest)}
+    learned = {environment: newest[environment].trajectories(files) for environment in environments & set(newest)}
     found: dict[Placed, list[Drawn]] = {}
     for one in drawn_paths(s, files, study, who, person, places):
         found.setdefault(one.place, []).append(one)
@@ -232,13 +232,13 @@ def place_csv(
 ) -> Response:
     """What the figure of one place is drawn from: every pose; `path` is the stroke drawn or started from."""
     place = _place(study_id, environment, pair, database, files, who, participant)
-    drives = [("drawn", one, one.demonstration.trajectory) for one in place.rows if one.counts]
+    shown = [("drawn", one, one.demonstration.trajectory) for one in place.rows if one.counts]
     learned = ((one, place.learned.get(one.stroke.demonstration or "")) for one in place.rows)
-    drives += [("learned", one, drive) for one, drive in learned if drive is not None]
+    shown += [("learned", one, trajectory) for one, trajectory in learned if trajectory is not None]
     rows = [
         [kind, one.person.code, one.stroke.id, f"{time:.1f}", *(f"{value:.4f}" for value in pose)]
-        for kind, one, drive in drives
-        for time, pose in zip(drive.times, drive.poses, strict=True)
+        for kind, one, trajectory in shown
+        for time, pose in zip(trajectory.times, trajectory.poses, strict=True)
     ]
     heads = ["kind", "participant", "path", "time_s", "x_m", "y_m", "yaw_rad"]
     return csv_response(heads, rows, f"paths_{environment}_{pair + 1}.csv")

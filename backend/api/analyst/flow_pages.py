@@ -49,32 +49,32 @@ class Side:
     """One policy of the figure: what was chosen and, for a conditioned one, what it is told."""
 
     artefact: Artefact
-    wants: Mapping[str, float]
+    weights: Mapping[str, float]
 
     @property
-    def told(self) -> str:
-        """Its wants as on the command line, empty without any."""
-        return ",".join(f"{name}={weight:g}" for name, weight in self.wants.items())
+    def weights_in_words(self) -> str:
+        """Its preference weights as on the command line, empty without any."""
+        return ",".join(f"{name}={weight:g}" for name, weight in self.weights.items())
 
     @property
     def name(self) -> str:
-        return f"{self.artefact.name}@{self.told}" if self.told else self.artefact.name
+        return f"{self.artefact.name}@{self.weights_in_words}" if self.weights_in_words else self.artefact.name
 
     @property
     def reference(self) -> str:
         """How the command line names it."""
         named = self.artefact.name if self.artefact.job_id is None else self.artefact.id
-        return f"{named}@{self.told}" if self.told else named
+        return f"{named}@{self.weights_in_words}" if self.weights_in_words else named
 
     def policy(self, files: ArtefactStore) -> Policy:
-        """What drives. Raises LearningError for wants that cannot be told."""
+        """What rolls out. Raises LearningError for weights that it cannot be conditioned on."""
         from backend.learning.policies.conditioned import ConditionedPolicy
         from backend.learning.policies.policy import Policy
         from backend.learning.preferences.objectives import preference_weights
 
         content = files.get(self.artefact.id)
         if self.artefact.kind == CONDITIONED:
-            return ConditionedPolicy.from_bytes(content).at(preference_weights(self.wants))
+            return ConditionedPolicy.from_bytes(content).at(preference_weights(self.weights))
         return Policy.from_bytes(content)
 
 
@@ -116,7 +116,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
     except Undrawable as wrong:
         problem = t(f"flow.problems.{wrong.key}", **wrong.values)
     except LearningError as wrong:
-        problem = t("flow.problems.wants", message=str(wrong))
+        problem = t("flow.problems.weights", message=str(wrong))
     except FigureError as wrong:
         problem = t("flow.problems.busy" if wrong.busy else "flow.problems.failed", message=str(wrong))
     given = request.query_params
@@ -212,9 +212,9 @@ def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Right
         raise LabRefusal(404, "no_artefact")
     if artefact.quarantined_at is not None:
         raise LabRefusal(410, "quarantined")
-    wants = {name: _weight(given.get(f"{side}_{name}") or "0", name) for name in NAMES}
-    told = {name: weight for name, weight in wants.items() if weight} if artefact.kind == CONDITIONED else {}
-    return Side(artefact, told)
+    weights = {name: _weight(given.get(f"{side}_{name}") or "0", name) for name in NAMES}
+    some = {name: weight for name, weight in weights.items() if weight} if artefact.kind == CONDITIONED else {}
+    return Side(artefact, some)
 
 
 def _weight(value: str, name: str) -> float:
@@ -254,9 +254,9 @@ def _replay(asked: Asked, policies: Sequence[Policy]) -> Replay:
 
     setup = get_setup(policies[0].setup)
     scene = draw_scene(setup, asked.scene_seed)
-    drives = tuple(rollout(setup, one.rollout_policy, [scene])[0] for one in policies)
+    rollouts = tuple(rollout(setup, one.rollout_policy, [scene])[0] for one in policies)
     names = [f"{x.upper()}: {side.name}" for x, side in zip(SIDES, asked.sides, strict=False)]
-    return Replay(drives, tuple(names) if len(names) > 1 else (asked.sides[0].name,))
+    return Replay(rollouts, tuple(names) if len(names) > 1 else (asked.sides[0].name,))
 
 
 def _command(asked: Asked) -> str:

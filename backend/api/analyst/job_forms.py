@@ -18,7 +18,7 @@ from backend.jobs.kinds import RECIPE, JobParamsError, Kind
 from backend.store.artefact_upkeep import offered
 from backend.store.models import Artefact
 
-TOLD_PROBLEMS = {
+EXPLAINED_PROBLEMS = {
     "missing": "missing",
     "string_too_short": "missing",
     "too_short": "too_few",
@@ -114,12 +114,12 @@ def _field(
         artefacts=artefacts,
         limits=limits,
         step="1" if inner is int else "any",
-        problem=TOLD_PROBLEMS.get(problem, "other") if problem else None,
-        problem_values=_told(wrong) if wrong else {},
+        problem=EXPLAINED_PROBLEMS.get(problem, "other") if problem else None,
+        problem_values=_explained(wrong) if wrong else {},
     )
 
 
-def _told(wrong: Mapping[str, Any]) -> dict[str, Any]:
+def _explained(wrong: Mapping[str, Any]) -> dict[str, Any]:
     limits = dict(wrong.get("limits", {}))
     bounds = ("ge", "gt", "le", "lt", "min_length", "max_length")
     limit = next((limits[bound] for bound in bounds if bound in limits), "")

@@ -39,6 +39,7 @@ from backend.store.outbox import cancel_job, enqueue_job
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
 ROWS_PER_PAGE = 50
+RENAMED_CURVES = {"wanted": "preferred"}  # of jobs from before an update
 LOG_TAIL_BYTES = 6_000
 MADE_KEYS = ("policy", "policies", "reward_model", "evaluation", "query_set")  # of a job's result
 
@@ -370,8 +371,8 @@ def _check_artefacts(s: DatabaseSession, rights: Rights, kind: Kind, params: Par
             setups.setdefault(artefact.setup, name)
             study = study or artefact.study_id
     if len(setups) > 1:
-        told = ", ".join(f"{name}: {setup}" for setup, name in setups.items())
-        problems.append(_problem(list(setups.values())[-1], "", "setups", told))
+        named = ", ".join(f"{name}: {setup}" for setup, name in setups.items())
+        problems.append(_problem(list(setups.values())[-1], "", "setups", named))
     if problems:
         raise JobParamsError(kind.name, problems)
     return study
@@ -436,7 +437,7 @@ def _curves(s: DatabaseSession, job_id: str) -> dict[str, list[tuple[int, float]
     found: dict[str, list[tuple[int, float]]] = {}
     rows = select(JobMetric).where(JobMetric.job_id == job_id).order_by(JobMetric.id)
     for metric in s.scalars(rows):
-        found.setdefault(metric.name, []).append((metric.step, metric.value))
+        found.setdefault(RENAMED_CURVES.get(metric.name, metric.name), []).append((metric.step, metric.value))
     return {name: points for name, points in found.items() if len({step for step, _ in points}) > 1}
 
 

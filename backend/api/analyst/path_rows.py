@@ -63,8 +63,8 @@ class Controller:
         judged: Mapping[str, float | None] = (self.job.result or {}).get("judged", {})
         return judged
 
-    def drives(self, files: ArtefactStore) -> dict[int, dict[str, Trajectory]]:
-        """Its trajectories: number of the situation -> demonstration (sha256) from whose start it drives -> drive."""
+    def trajectories(self, files: ArtefactStore) -> dict[int, dict[str, Trajectory]]:
+        """Number of the situation -> demonstration (sha256) from whose start it rolls out -> trajectory."""
         found: dict[int, dict[str, Trajectory]] = {}
         for one in (self.job.result or {}).get("rollouts", []):
             found.setdefault(one["pair"], {})[one["demonstration"]] = load_trajectory(files, one["trajectory"])

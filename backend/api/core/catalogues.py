@@ -132,7 +132,7 @@ class Texts:
         return self._catalogues.get(language, self._catalogues[DEFAULT_LANGUAGE])
 
     def best(self, accept_language: str | None, offered: tuple[str, ...] | None = None) -> str:
-        """The first language of an `Accept-Language` header that is offered (all we have, unless told); else the
+        """The first language of an `Accept-Language` header that is offered (all we have, unless given); else the
         first one offered."""
         choice = [code for code in (offered or self.languages) if code in self._catalogues] or [DEFAULT_LANGUAGE]
         wanted: list[tuple[float, str]] = []

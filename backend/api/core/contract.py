@@ -38,13 +38,13 @@ class Sent(BaseModel):
         return storable(given)
 
 
-class Told(BaseModel):
+class Reply(BaseModel):
     """A body that goes out."""
 
     model_config = ConfigDict(frozen=True)
 
 
-def told(model: type[BaseModel], content: object, status: int = 200) -> Response:
+def reply_of(model: type[BaseModel], content: object, status: int = 200) -> Response:
     """The answer of a route: checked against its model once, written as JSON from there, in the thread that made it.
 
     What was not set is left out. Left to FastAPI, checking is sent through a thread of its own.
@@ -54,7 +54,7 @@ def told(model: type[BaseModel], content: object, status: int = 200) -> Response
     return Response(body, status, media_type="application/json")
 
 
-class Trouble(Told):
+class Trouble(Reply):
     """Why a request was refused. `field`: the path to what is wrong; `value`: what was there, if it is short."""
 
     code: str
@@ -63,7 +63,7 @@ class Trouble(Told):
     value: str | int | float | bool | None = None
 
 
-class Refusal(Told):
+class Refusal(Reply):
     """The body of every answer with a status of 400 or more."""
 
     error: Trouble
@@ -96,12 +96,12 @@ def clock_of(given: Any) -> datetime | None:
         return given
     wanted = f"must be a time with a zone between {FIRST_DAY.year} and {LAST_DAY.year}, as 2026-01-31T12:00:00.000Z"
     try:
-        told = datetime.fromisoformat(given) if isinstance(given, str) else None
-        if told is None or told.tzinfo is None or not FIRST_DAY <= told.astimezone(UTC) < LAST_DAY:
+        moment = datetime.fromisoformat(given) if isinstance(given, str) else None
+        if moment is None or moment.tzinfo is None or not FIRST_DAY <= moment.astimezone(UTC) < LAST_DAY:
             raise ValueError(wanted)
     except (ValueError, OverflowError):
         raise ValueError(wanted) from None
-    return told
+    return moment
 
 
 def _bounded(given: dict[str, Any]) -> dict[str, Any]:

@@ -49,13 +49,13 @@ class FlowOrder:
     words: tuple[tuple[str, str], ...]
 
     def as_line(self) -> bytes:
-        told = {
+        asked = {
             "policies": [[name, base64.b64encode(content).decode()] for name, content in self.policies],
             "scene_seed": self.scene_seed,
             "cell_m": self.cell_m,
             "words": dict(self.words),
         }
-        return json.dumps(told, sort_keys=True).encode() + b"\n"
+        return json.dumps(asked, sort_keys=True).encode() + b"\n"
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ class ExplanationOrder:
     words: Mapping[str, Any]
 
     def as_line(self) -> bytes:
-        told = {**asdict(self), "explains": True, "policy": base64.b64encode(self.policy).decode()}
-        return json.dumps(told, sort_keys=True).encode() + b"\n"
+        asked = {**asdict(self), "explains": True, "policy": base64.b64encode(self.policy).decode()}
+        return json.dumps(asked, sort_keys=True).encode() + b"\n"
 
 
 class FigureProcess:
@@ -143,10 +143,12 @@ class FigureProcess:
         self._idle = threading.Timer(IDLE_S, self.close)
         self._idle.daemon = True
         self._idle.start()
-        told = json.loads(answer)
-        if "problem" in told:
-            raise FigureError(told["problem"])
-        return FigureFiles({name: base64.b64decode(one) for name, one in told["files"].items()}, told["numbers"])
+        answered = json.loads(answer)
+        if "problem" in answered:
+            raise FigureError(answered["problem"])
+        return FigureFiles(
+            {name: base64.b64decode(one) for name, one in answered["files"].items()}, answered["numbers"]
+        )
 
     def _end(self) -> None:
         if self._child is not None:
@@ -158,32 +160,32 @@ class FigureProcess:
             self._child = None
 
 
-def _draw(told: dict[str, Any]) -> dict[str, Any]:
+def _draw(asked: dict[str, Any]) -> dict[str, Any]:
     """One order carried out, in the process."""
-    made = _explained(told) if told.get("explains") else _flow(told)
+    made = _explained(asked) if asked.get("explains") else _flow(asked)
     files = {name: base64.b64encode(content).decode() for name, content in made.files.items()}
     return {"files": files, "numbers": dict(made.numbers)}
 
 
-def _flow(told: dict[str, Any]) -> FigureFiles:
+def _flow(asked: dict[str, Any]) -> FigureFiles:
     from backend.explain.flow_files import flow_files
     from backend.explain.flow_words import Words
     from backend.learning.policies.policy import Policy
     from backend.simulation.scenes import draw_scene
     from backend.simulation.setups import get_setup, require_same
 
-    policies = [(name, Policy.from_bytes(base64.b64decode(content))) for name, content in told["policies"]]
+    policies = [(name, Policy.from_bytes(base64.b64decode(content))) for name, content in asked["policies"]]
     setup = require_same(**{name: policy.setup for name, policy in policies})
     return flow_files(
         [(name, policy.rollout_policy) for name, policy in policies],
         get_setup(setup),
-        draw_scene(setup, told["scene_seed"]),
-        cell_m=told["cell_m"],
-        words=Words(**told["words"]),
+        draw_scene(setup, asked["scene_seed"]),
+        cell_m=asked["cell_m"],
+        words=Words(**asked["words"]),
     )
 
 
-def _explained(told: dict[str, Any]) -> FigureFiles:
+def _explained(asked: dict[str, Any]) -> FigureFiles:
     from backend.explain.explanation_files import explanation_files
     from backend.explain.flow_words import ExplanationWords
     from backend.explain.methods import checked
@@ -191,17 +193,17 @@ def _explained(told: dict[str, Any]) -> FigureFiles:
     from backend.learning.policies.torch_actor import actor_of
     from backend.simulation.scenes import draw_scene
 
-    policy = Policy.from_bytes(base64.b64decode(told["policy"]))
-    method, command = checked(told["method"], told["command"])
+    policy = Policy.from_bytes(base64.b64decode(asked["policy"]))
+    method, command = checked(asked["method"], asked["command"])
     return explanation_files(
         actor_of(policy),
         policy.rollout_policy,
-        draw_scene(policy.setup, told["scene_seed"]),
-        name=told["name"],
+        draw_scene(policy.setup, asked["scene_seed"]),
+        name=asked["name"],
         method=method,
         command=command,
-        at_s=told["at_s"],
-        words=ExplanationWords(**told["words"]),
+        at_s=asked["at_s"],
+        words=ExplanationWords(**asked["words"]),
     )
 
 

@@ -118,8 +118,8 @@ async def _shallow(request: Request, receive: Receive) -> tuple[Receive, Respons
     except TooLarge as problem:
         return receive, trouble(request, 413, "too_large", problem.detail)
     if is_deeper(body, DEEPEST):
-        told = f"has more than {DEEPEST} arrays and objects inside each other"
-        return receive, trouble(request, 422, "bad_value", told, field="body")
+        problem_text = f"has more than {DEEPEST} arrays and objects inside each other"
+        return receive, trouble(request, 422, "bad_value", problem_text, field="body")
     whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def again() -> Message:
@@ -168,8 +168,8 @@ def trouble(
     """
     sent_json = "json" in request.headers.get("content-type", "")
     if sent_json or request.url.path.startswith(("/api/", "/static/")):
-        told = Refusal(error=Trouble(code=code, message=message, **where))
-        return JSONResponse(told.model_dump(), status, headers)
+        refusal = Refusal(error=Trouble(code=code, message=message, **where))
+        return JSONResponse(refusal.model_dump(), status, headers)
     services = services_of(request)
     language = services.texts.best(request.headers.get("Accept-Language"))
     contact = services.settings.contact

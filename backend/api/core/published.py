@@ -84,19 +84,19 @@ def typescript(schemas: Mapping[str, Any]) -> str:
 
 
 def _declared(name: str, schema: Mapping[str, Any]) -> str:
-    told = f"/** {' '.join(schema['description'].split())} */\n" if schema.get("description") else ""
+    comment = f"/** {' '.join(schema['description'].split())} */\n" if schema.get("description") else ""
     if schema.get("type") != "object":
-        return f"{told}export type {name} = {_typed(schema)};\n"
+        return f"{comment}export type {name} = {_typed(schema)};\n"
     lines = [_property(key, of, key in schema.get("required", ())) for key, of in schema.get("properties", {}).items()]
     if more := schema.get("additionalProperties"):
         known = [*schema.get("properties", {}).values(), *([more] if isinstance(more, Mapping) else [{}])]
         lines.append(f"  [more: string]: {' | '.join(dict.fromkeys(map(_typed, known)))} | undefined;")
-    return f"{told}export interface {name} {{\n" + "\n".join(lines) + "\n}\n"
+    return f"{comment}export interface {name} {{\n" + "\n".join(lines) + "\n}\n"
 
 
 def _property(key: str, schema: Mapping[str, Any], required: bool) -> str:
-    told = f"  /** {' '.join(schema['description'].split())} */\n" if schema.get("description") else ""
-    return f"{told}  {key}{'' if required else '?'}: {_typed(schema)};"
+    comment = f"  /** {' '.join(schema['description'].split())} */\n" if schema.get("description") else ""
+    return f"{comment}  {key}{'' if required else '?'}: {_typed(schema)};"
 
 
 def _typed(schema: Mapping[str, Any]) -> str:

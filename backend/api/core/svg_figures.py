@@ -39,7 +39,7 @@ class Interval:
     value: float
     low: float
     high: float
-    told: str
+    in_words: str
 
 
 def ticks(low: float, high: float, about: int = 5) -> list[float]:
@@ -56,11 +56,11 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
 def exact(write: WriteNumber) -> Number:
     """`write(value, decimals)` with as many decimals as the value has, up to six digits: nothing small becomes 0."""
 
-    def told(value: float) -> str:
+    def formatted(value: float) -> str:
         digits = f"{value:.6g}"
         return digits if "e" in digits else write(value, len(digits.partition(".")[2]))
 
-    return told
+    return formatted
 
 
 class _Drawing:
@@ -90,15 +90,15 @@ class _Drawing:
         )
 
     def path(self, points: Sequence[tuple[float, float]], *, stroke: str, css: str, width: float = 2.0) -> None:
-        told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        coordinates = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
         self._parts.append(
-            f'<polyline class="{css}" points="{told}" fill="none" stroke="{stroke}" stroke-width="{width:g}" '
+            f'<polyline class="{css}" points="{coordinates}" fill="none" stroke="{stroke}" stroke-width="{width:g}" '
             'stroke-linejoin="round" stroke-linecap="round"/>'
         )
 
     def polygon(self, points: Sequence[tuple[float, float]], *, fill: str, css: str) -> None:
-        told = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
-        self._parts.append(f'<polygon class="{css}" points="{told}" fill="{fill}"/>')
+        coordinates = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+        self._parts.append(f'<polygon class="{css}" points="{coordinates}" fill="{fill}"/>')
 
     def circle(self, x: float, y: float, r: float, *, fill: str, css: str, stroke: str = "none") -> None:
         self._parts.append(
@@ -106,10 +106,10 @@ class _Drawing:
         )
 
     def text(
-        self, x: float, y: float, told: str, *, anchor: str = "start", fill: str = SOFT, css: str = "soft"
+        self, x: float, y: float, words: str, *, anchor: str = "start", fill: str = SOFT, css: str = "soft"
     ) -> None:
         self._parts.append(
-            f'<text class="{css}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{fill}">{escape(told)}</text>'
+            f'<text class="{css}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{fill}">{escape(words)}</text>'
         )
 
     @contextmanager
@@ -177,7 +177,7 @@ def intervals(rows: Sequence[Interval], *, title: str, x_label: str, chance: flo
         drawing.text(left - 10, y + 4, row.name, anchor="end", fill=INK, css="ink")
         drawing.line(at(row.low), y, at(row.high), y, stroke=MAIN, css="line-0", width=2)
         drawing.circle(at(row.value), y, 4.5, fill=MAIN, css="fill-0")
-        drawing.text(width - right + 12, y + 4, row.told, fill=INK, css="ink")
+        drawing.text(width - right + 12, y + 4, row.in_words, fill=INK, css="ink")
     return drawing.svg()
 
 
@@ -258,9 +258,9 @@ def shares_by_answer(
     column = min(34.0, 500 / len(history))
     width, height = left + column * len(history) + right, row_height * len(names) + bottom
     drawing = _Drawing(width, height, title)
-    for row, (name, told) in enumerate(names.items()):
+    for row, (name, words) in enumerate(names.items()):
         y = row * row_height
-        drawing.text(left - 8, y + 16, told, anchor="end", fill=INK, css="ink")
+        drawing.text(left - 8, y + 16, words, anchor="end", fill=INK, css="ink")
         for k, shares in enumerate(history):
             drawing.rect(left + k * column, y + 2, column - 1, row_height - 4, fill=LINE, css="cell")
             drawing.rect(
@@ -310,8 +310,8 @@ class _Plan:
         self._lines += 1
         self.drawing.line(8, y, 30, y, stroke=stroke, css=css, width=3)
         fits = int((self._width - 44) / 6.5)
-        told = name if len(name) <= fits else f"{name[: fits - 1]}…"
-        self.drawing.text(36, y + 4, told, fill=INK, css="ink")
+        shortened = name if len(name) <= fits else f"{name[: fits - 1]}…"
+        self.drawing.text(36, y + 4, shortened, fill=INK, css="ink")
 
     def _add(self, scene: Scene) -> None:
         drawing, scale, at = self.drawing, self._scale, self.at

@@ -117,7 +117,7 @@ def replay(request: Request, study_id: str, response_id: str, database: Db, file
         ),
         next_kind=next_kind(plan, at),
         leads_to=leads_to(plan, at),
-        bar=_told(texts, code, given, seen, device),
+        bar=_bar(texts, code, given, seen, device),
         stage_name=seen.step.stage,
         number=1,
         steps=[seen.step],
@@ -130,7 +130,7 @@ def replay(request: Request, study_id: str, response_id: str, database: Db, file
         here="",
         lab=texts,
         stage_token=services_of(request).replays.grant(seen.shown),
-        drives=[round(seconds, 1) for seconds in seen.durations_s],
+        durations=[round(seconds, 1) for seconds in seen.durations_s],
         shown_state=seen.state,
         shown_window=_window(device),
         csrf=request.state.sign_in.csrf,
@@ -181,13 +181,13 @@ def _device_at(s: DatabaseSession, session: Session, given: Answered) -> dict[st
 
 
 def _window(device: dict[str, Any]) -> list[int] | None:
-    """Width and height of the participant's window in CSS pixels, where the page told them."""
+    """Width and height of the participant's window in CSS pixels, where the page reported them."""
     size = [device.get(name) for name in ("width", "height")]
     known = [round(one) for one in size if isinstance(one, int | float) and not isinstance(one, bool) and one > 0]
     return known if len(known) == len(size) else None
 
 
-def _told(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str, Any]) -> str:
+def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str, Any]) -> str:
     """What was answered, when and on what device, in one line."""
     value = given.value
     choice = str(value.get("choice") or "").upper()
@@ -204,13 +204,13 @@ def _told(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[st
         said = t("lab.replay.watched", code=code, block=seen.block or "–")
     else:
         said = t("lab.replay.no_choice", code=code)
-    told = [said]
+    parts = [said]
     if given.decision_s is not None:
-        told.append(t("lab.replay.decision", seconds=t.number(given.decision_s, 1)))
-    told.append(seen.view)
+        parts.append(t("lab.replay.decision", seconds=t.number(given.decision_s, 1)))
+    parts.append(seen.view)
     window = _window(device)
     if window is not None:
-        told.append(t("lab.replay.window", width=str(window[0]), height=str(window[1])))
+        parts.append(t("lab.replay.window", width=str(window[0]), height=str(window[1])))
     if device.get("scene_detail") == "light":
-        told.append(t("lab.replay.light"))
-    return " · ".join(told)
+        parts.append(t("lab.replay.light"))
+    return " · ".join(parts)

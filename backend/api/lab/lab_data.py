@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from backend.api.core.contract import Told
+from backend.api.core.contract import Reply
 
 
-class PersonNow(Told):
+class PersonNow(Reply):
     """One participant as the tab *Now* shows them."""
 
     code: str
@@ -26,7 +26,7 @@ class PersonNow(Told):
     last_seen_at: Any
 
 
-class StageNow(Told):
+class StageNow(Reply):
     """How many are at a stage of the protocol, and how many were lost there."""
 
     stage: str
@@ -34,7 +34,7 @@ class StageNow(Told):
     dropped: int
 
 
-class Monitor(Told):
+class Monitor(Reply):
     """A study as it stands now."""
 
     study: str
@@ -45,7 +45,7 @@ class Monitor(Told):
     orders: list[dict[str, Any]]
 
 
-class JobData(Told):
+class JobData(Reply):
     """A job with its curves: (step, value) by name."""
 
     job: str

@@ -96,5 +96,5 @@ def _strip(t: Any, code: str, now: Learnt) -> Markup:
 def _plan(t: Any, now: Learnt, k: int) -> Markup:
     base, own = now.pairs[k]
     names = (t("lab.learnt.base"), t("lab.learnt.own", count=len(now.shares)))
-    title = t("lab.learnt.drives", scene=str(base.scene.seed))
+    title = t("lab.learnt.trajectories", scene=str(base.scene.seed))
     return Markup(svg_figures.rollouts(base.scene, (base, own), names=names, title=title))  # noqa: S704

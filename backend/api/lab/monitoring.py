@@ -31,7 +31,7 @@ INCONSISTENT_SHARE = 0.5
 CIRCULAR_FROM = 2  # triads of transitivity probes in which A was chosen over B, B over C and C over A ...
 CIRCULAR_SHARE = CHANCE_CIRCULAR  # ... and as large a share of all as by three coins
 MANY_RESTARTS = 3  # trajectories that were interrupted and started over
-LOST_FOCUS_FROM = 3  # drives that stopped because the window was hidden
+LOST_FOCUS_FROM = 3  # trajectories that stopped because the window was hidden
 FOCUS_REASONS = ("hidden",)
 STOPPED = ("trial_interrupted", "stroke_interrupted")  # events: a pair's trajectory, the trajectory of a drawn path
 
@@ -77,12 +77,12 @@ class _Given:
     probe_of: str | None
     chosen: str | None
     block: str | None = None
-    drives: frozenset[str] = frozenset()
+    shown: frozenset[str] = frozenset()
 
     @property
     def rejected(self) -> str:
         """The trajectory of the two that a choice did not name."""
-        (other,) = self.drives - {self.chosen}
+        (other,) = self.shown - {self.chosen}
         return other
 
 
@@ -130,7 +130,7 @@ def _going_round(given: Sequence[_Given]) -> list[_Given]:
     asked: dict[tuple[str, str | None], dict[frozenset[str], _Given]] = defaultdict(dict)
     for answer in given:
         if answer.role == TRIAD and answer.chosen is not None:
-            asked[answer.session, answer.block][answer.drives] = answer
+            asked[answer.session, answer.block][answer.shown] = answer
     triads = [three for pairs in asked.values() for three in whole_triads(pairs)]
     circular = [three for three in triads if is_circular([(a.chosen or "", a.rejected) for a in three])]
     too_many = len(circular) >= max(CIRCULAR_FROM, CIRCULAR_SHARE * len(triads))
@@ -138,7 +138,7 @@ def _going_round(given: Sequence[_Given]) -> list[_Given]:
 
 
 def _agrees(answer: _Given, given: Sequence[_Given]) -> bool | None:
-    """Whether a repeat or a swap named the same drive as the first time; None for what is no such probe."""
+    """Whether a repeat or a swap named the same trajectory as the first time; None for what is no such probe."""
     if answer.probe_of is None or answer.chosen is None:
         return None
     first = next((a for a in given if a.trial == answer.probe_of), None)
@@ -174,9 +174,9 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
         participant, response, session, kind, value, decision_s, at, role, trial, probe_of, a, b, block = row
         choice = value.get("choice")
         chosen = shown_on(choice, a, b) if trial is not None and is_side(choice) else None
-        drives = frozenset({a, b} - {None})
+        shown = frozenset({a, b} - {None})
         found[participant].append(
-            _Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen, block, drives)
+            _Given(response, session, kind, value, decision_s, at, role, trial, probe_of, chosen, block, shown)
         )
     return found
 

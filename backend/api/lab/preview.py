@@ -190,7 +190,7 @@ def _preview_page(
         here=request.url.path.rsplit("/", 1)[0],
         lab=services_of(request).texts.get(lab_language(request)),
         stage_token=_granted(request, query, step) if query else None,
-        drives=_durations(step, query),
+        durations=_durations(step, query),
         csrf=request.state.sign_in.csrf,
     )
 

@@ -64,12 +64,12 @@ def save_settings(
         checked = checked_public_url(address)
     except ValueError:
         return _settings_page(request, database, status=422, problem="address", address=address)
-    told = " ".join(help_contact.split())[:LONGEST_CONTACT]
+    contact_line = " ".join(help_contact.split())[:LONGEST_CONTACT]
     with database.transaction() as s:
         before = {"public_url": _stored(s, "public_url", "url"), "contact": _stored(s, "contact", "text")}
         _put(s, "public_url", "url", checked)
-        _put(s, "contact", "text", told)
-        after = {"public_url": checked, "contact": told}
+        _put(s, "contact", "text", contact_line)
+        after = {"public_url": checked, "contact": contact_line}
         changed = {name: {"before": before[name], "after": now} for name, now in after.items() if before[name] != now}
         log_event(s, "settings_changed", by=user.name)
     audit_details(request, **changed)

@@ -148,19 +148,19 @@ class Reports:
             )
             os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
             try:
-                told, _ = child.communicate(timeout=LONGEST_S)
+                output, _ = child.communicate(timeout=LONGEST_S)
             finally:
                 if child.poll() is None:
                     child.kill()
                     child.wait()
             if child.returncode:
-                raise ReportError(_error_in(told))
+                raise ReportError(_error_in(output))
             root = Path(folder)
             return ReportFiles({f.relative_to(root).as_posix(): f.read_bytes() for f in root.rglob("*") if f.is_file()})
 
 
-def _error_in(told: bytes) -> str:
+def _error_in(output: bytes) -> str:
     try:
-        return str(json.loads(told)["error"])
+        return str(json.loads(output)["error"])
     except (ValueError, KeyError, TypeError):
         return "the process ended without an answer"

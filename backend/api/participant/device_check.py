@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.dependencies import contact, page, services_of
-from backend.api.participant.sent import told_device
+from backend.api.participant.sent import known_device
 from backend.store.models import Session, utc_now
 from backend.study.protocol.schema import DeviceGate
 from backend.study.refusals import Refused
@@ -63,7 +63,7 @@ def check(token: str, request: Request, device: Annotated[str, Form()] = "") -> 
     response = RedirectResponse(f"/p/{token}", status_code=303)
     with acting(services_of(request).database, token, request="device", now=utc_now()) as (s, session):
         try:
-            devices.change_device(s, session, protocol_of(s, session).protocol.device, told_device(device))
+            devices.change_device(s, session, protocol_of(s, session).protocol.device, known_device(device))
         except Refused as refused:
             refused.code, refused.session_id = "other_device", session.id
             raise

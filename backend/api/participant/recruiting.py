@@ -17,7 +17,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.core.contract import told
+from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.api.participant.device_check import remember
@@ -140,7 +140,7 @@ def _join(recruiting_token: str, request: Request, asked: Joining, is_json: bool
         code = s.get_one(Participant, session.participant_id).code
         response: Response = RedirectResponse(f"/p/{token}", status_code=303)
         if is_json:
-            response = told(Joined, {"token": token, "participant": code, "simulated": simulated}, 201)
+            response = reply_of(Joined, {"token": token, "participant": code, "simulated": simulated}, 201)
         remember(request, response, session)
         if not simulated:
             response.set_cookie(

@@ -6,13 +6,13 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from backend.api.core.contract import Told
+from backend.api.core.contract import Reply
 from backend.api.participant.steps import StepNow
 
 SessionWord = Literal["active", "paused", "completed", "withdrawn", "expired", "screened_out"]
 
 
-class SessionState(Told):
+class SessionState(Reply):
     """Where a session stands: what `GET /api/session/{token}` answers, and every change beside its own things."""
 
     state: SessionWord
@@ -28,7 +28,7 @@ class Answered(SessionState):
     duplicate: bool = Field(description="whether the same request had stored it before")
 
 
-class StrokeProblemTold(Told):
+class StrokeProblemState(Reply):
     """Why a drawn path cannot be driven. Beside these: numbers of the sentence, SI units in their names."""
 
     model_config = ConfigDict(extra="allow")
@@ -45,17 +45,17 @@ class StrokeProblemTold(Told):
 class DrawingReply(SessionState):
     """Where a drawing stands after a change of it."""
 
-    problem: StrokeProblemTold | None = None
+    problem: StrokeProblemState | None = None
 
 
-class TrialData(Told):
+class TrialData(Reply):
     """Both trajectories of the current trial as NPZ in base64."""
 
     a: str
     b: str
 
 
-class Joined(Told):
+class Joined(Reply):
     """A bot's session."""
 
     token: str
@@ -63,14 +63,14 @@ class Joined(Told):
     simulated: bool
 
 
-class JobNews(Told):
+class JobNews(Reply):
     """The stream's event `job`: how far the training is that a participant waits for."""
 
     progress: float
     done: bool
 
 
-class Moved(Told):
+class Moved(Reply):
     """The stream's event `moved`: look anew, or another window of this session is the one in use now."""
 
     reason: Literal["step", "other_window"]

@@ -43,7 +43,7 @@ class Noticed(Sent):
     client_time: Clock = None
 
 
-class ProblemTold(Sent):
+class ProblemReport(Sent):
     """What a participant writes by `report a problem`."""
 
     text: str = Field("", max_length=LONGEST_PROBLEM)
@@ -106,8 +106,8 @@ DEVICE_FIELDS = (
 )
 
 
-def told_device(given: Any) -> dict[str, Any]:
-    """What the device check told, only the fields we know, long words cut; {} for what is no such thing."""
+def known_device(given: Any) -> dict[str, Any]:
+    """What the device check found, only the fields we know, long words cut; {} for what is no such thing."""
     if isinstance(given, str):
         try:
             given = storable(json.loads(given))
@@ -123,7 +123,7 @@ class Joining(Sent):
     """The way in: a form of the welcome page, or a bot's JSON. Capital letters: ids of a recruiting platform."""
 
     language: str = Field("", max_length=LONGEST_ID)
-    device: Annotated[dict[str, str | float | int | bool], BeforeValidator(told_device)] = Field(
+    device: Annotated[dict[str, str | float | int | bool], BeforeValidator(known_device)] = Field(
         {}, description=f"what the device check measured: {', '.join(DEVICE_FIELDS)}"
     )
     simulated: bool = False

@@ -15,13 +15,13 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.core.contract import told
+from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import TheServices, contact, page, services_of
 from backend.api.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
 from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
 from backend.api.participant.replies import Answered, SessionState
 from backend.api.participant.requests import not_too_often, too_many
-from backend.api.participant.sent import Noticed, ProblemTold
+from backend.api.participant.sent import Noticed, ProblemReport
 from backend.api.participant.session_view import looking, page_context, state_of
 from backend.api.participant.steps import AnswerSent
 from backend.api.stage.admission import stage_cookie
@@ -131,7 +131,7 @@ def state(token: str, request: Request) -> Response:
     """Where the session stands."""
     with looking(services_of(request), token) as (s, session):
         now = state_of(request, s, session, machine.current(s, session))
-    return told(SessionState, now)
+    return reply_of(SessionState, now)
 
 
 @router.post("/api/session/{token}/steps/{key}", response_model=Answered)
@@ -155,7 +155,7 @@ def answer(token: str, key: str, request: Request, body: AnswerSent) -> Response
     if not submitted.duplicate:
         services.presenter.show(session.id)
         services.listeners.changed(session.id)
-    return told(Answered, {"accepted": True, "duplicate": submitted.duplicate, **reply})
+    return reply_of(Answered, {"accepted": True, "duplicate": submitted.duplicate, **reply})
 
 
 @router.post("/api/session/{token}/events", status_code=204)
@@ -194,7 +194,7 @@ def withdraw(token: str, request: Request) -> Response:
 
 
 @router.post("/api/session/{token}/problem", status_code=204)
-def problem(token: str, request: Request, services: TheServices, body: ProblemTold) -> Response:
+def problem(token: str, request: Request, services: TheServices, body: ProblemReport) -> Response:
     """Report a problem."""
     if not count(request, PROBLEMS_PER_SESSION, "problem", token_hash(token)):
         raise Refused(409, "too_many_problems", f"At most {PROBLEMS_PER_SESSION} reports are kept.", field="text")
@@ -213,7 +213,7 @@ def _change(
         reply = state_of(request, s, session, machine.current(s, session))
     services.presenter.show(session.id, afresh=True)
     services.listeners.changed(session.id)
-    return told(SessionState, reply)
+    return reply_of(SessionState, reply)
 
 
 for part in (recruiting, device_check, trials, stroke_requests, stream):

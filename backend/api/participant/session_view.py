@@ -20,7 +20,7 @@ from backend.study.session import machine
 from backend.study.session.finding import acting, find_session
 from backend.study.session.leaving import LONGEST_PROBLEM
 from backend.study.session.versions import protocol_of
-from backend.study.simulated.told import told_to_simulated
+from backend.study.simulated.known import known_to_simulated
 
 
 def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def state_of(request: Request, s: DatabaseSession, session: Session, view: machi
     """What `GET /api/session/{token}` answers."""
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
     if session.simulated:  # bots read no pages
-        state["step"] |= told_to_simulated(s, session, view)
+        state["step"] |= known_to_simulated(s, session, view)
     if view.kind in KINDS and KINDS[view.kind].shows != "page":
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state

@@ -15,7 +15,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from typing_extensions import TypeAliasType
 
-from backend.api.core.contract import Clock, MaybeObject, Sent, Told
+from backend.api.core.contract import Clock, MaybeObject, Reply, Sent
 from backend.study.kinds import KINDS, Kind
 
 RequestId = Annotated[
@@ -23,7 +23,7 @@ RequestId = Annotated[
 ]
 
 
-class StepTold(Told):
+class StepReply(Reply):
     """The current step without its texts. Simulated sessions are told more, as bots read no pages."""
 
     model_config = ConfigDict(extra="forbid")
@@ -37,7 +37,7 @@ class StepTold(Told):
     view: str | None = Field(None, description="simulated sessions: the condition's")
 
 
-class StandingStill(StepTold):
+class StandingStill(StepReply):
     """What the page shows instead of a step of the plan."""
 
     kind: Literal["paused", "withdrawn", "expired", "screened_out", "too_soon"]
@@ -49,9 +49,9 @@ def _named(kind: Kind[Any, Any]) -> str:
 
 
 def _step(kind: Kind[Any, Any]) -> Any:
-    progress: Any = kind.told_progress
+    progress: Any = kind.progress_model
     name: Any = Literal[kind.name]
-    bases: Any = (kind.besides, StepTold)
+    bases: Any = (kind.besides, StepReply)
     return create_model(
         f"{_named(kind)}Step",
         __base__=bases,
@@ -84,7 +84,7 @@ _ANSWERS = {kind.name: _answer(kind) for kind in KINDS.values()}
 _ANY_ANSWER: TypeAdapter[Any] = TypeAdapter(_union(_ANSWERS.values()))
 
 if TYPE_CHECKING:
-    StepNow = StepTold
+    StepNow = StepReply
 else:
     StepNow = TypeAliasType("StepNow", _union([*_STEPS.values(), StandingStill]))
     """Whichever step it is; its kind says what it tells."""

@@ -13,7 +13,7 @@ from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
-from backend.api.core.contract import told
+from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import Services, services_of
 from backend.api.participant.replies import DrawingReply
 from backend.api.participant.sent import Interrupted, RolloutSeen, StrokeSent, WalkAgain
@@ -67,19 +67,19 @@ def roll_out(token: str, key: str, request: Request) -> Response:
         token,
         key,
         "rollout",
-        lambda s, session: strokes.drive(s, session, _step(session, key), now=utc_now()),
+        lambda s, session: strokes.roll_out(s, session, _step(session, key), now=utc_now()),
     )
 
 
 @changing("/api/session/{token}/drawing/{key}/rollout-seen")
 @changing("/api/session/{token}/drawing/{key}/driven", include_in_schema=False)  # of pages from before an update
 def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> Response:
-    """The stage told the page that the rollout has been watched to its end."""
+    """The stage reported that the rollout has been watched to its end."""
     services, playback = services_of(request), body.playback_id
     walked = _walked(services, token, key, body.walk.model_dump()) if body.walk is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes.driven(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
+        return strokes.watched(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
 
     return _on_drawing(request, token, key, "rollout_seen", act)
 
@@ -149,7 +149,7 @@ def _on_drawing(
     *,
     afresh: bool = False,
 ) -> Response:
-    """One change of a drawing: commit it, then drive what it says, then tell the page's stream."""
+    """One change of a drawing: commit it, then roll out what it says, then tell the page's stream."""
     services = services_of(request)
     with acting(services.database, token, request=asked, now=utc_now()) as (s, session):
         step = _step(session, key)
@@ -164,4 +164,4 @@ def _on_drawing(
     elif afresh or paths.met(row):
         services.presenter.show(session.id)
     services.listeners.changed(session.id)
-    return told(DrawingReply, reply)
+    return reply_of(DrawingReply, reply)

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
-from backend.api.core.contract import told
+from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import TheServices, services_of
 from backend.api.participant.replies import SessionState, TrialData
 from backend.api.participant.sent import Interrupted, Seen, Start
@@ -45,7 +45,7 @@ def start(token: str, key: str, request: Request, body: Start) -> Response:
 
 @changing("/api/session/{token}/trials/{key}/seen")
 def seen(token: str, key: str, request: Request, body: Seen) -> Response:
-    """The stage told the page that a trajectory has been watched to its end."""
+    """The stage reported that a trajectory has been watched to its end."""
     return _on_trial(
         request,
         token,
@@ -94,7 +94,7 @@ def _on_trial(
     elif afresh:
         services.presenter.show(session.id, afresh=True)
     services.listeners.changed(session.id)
-    return told(SessionState, reply)
+    return reply_of(SessionState, reply)
 
 
 @router.get("/api/session/{token}/trial-data", response_model=TrialData)
@@ -109,4 +109,4 @@ def trial_data(token: str, services: TheServices) -> Response:
         if trial is None:
             raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
     both = {"a": trial.trajectory_a, "b": trial.trajectory_b}
-    return told(TrialData, {side: base64.b64encode(services.files.get(one)).decode() for side, one in both.items()})
+    return reply_of(TrialData, {side: base64.b64encode(services.files.get(one)).decode() for side, one in both.items()})

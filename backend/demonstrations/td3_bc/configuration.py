@@ -12,7 +12,7 @@ DEPARTURES = [
     "Observed angles are given as cosine and sine.",
     "Many environments in a fast kinematic engine instead of one in PyBullet; far fewer updates, larger learning rate "
     "of the actor, exploration noise spread over the environments.",
-    "Rewards of several steps at once (n-step returns): a step is 2-5 cm long; one at a time, too many drives from "
+    "Rewards of several steps at once (n-step returns): a step is 2-5 cm long; one at a time, too many rollouts from "
     "random starts and to random goals collide.",
     "Reaching the goal in exploration earns half of what it earns in demonstrations (as in chapter 3), not nothing.",
     "A quarter of the episodes mixes demonstrated and random places of robot, person and goal.",

@@ -8,7 +8,7 @@ critics i = 1, 2 and the actor pi go down
         L(phi) = - lambda_RL / b sum_j Q_1(s_j, pi(s_j)) + lambda_BC L_BC                            (2.3, 2.5)
           L_BC = sum over the demonstrated i of ||pi(s_i) - a_i||^2                                  (2.4)
 
-Without L_BC this is TD3, whose gradients stand in `backend.learning.td3.td3`. The three pieces that make it more are
+Without L_BC this is TD3, whose gradients stand in `backend.learning.td3.td3`. The three parts that make it more are
 here: `demonstration_batch` gives the demonstrated r_j the goal's boost (2.8), `cloning_term` is the gradient of L_BC,
 `balance` says lambda_RL and lambda_BC (table 2.1, 2.5.6); `update` puts them together.
 

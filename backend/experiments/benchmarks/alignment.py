@@ -44,34 +44,34 @@ LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and 
 
 @dataclass(frozen=True)
 class AlignedPolicy:
-    """What followed the last answer. more: further keys of the result. refinement: the instant policy and what became
+    """What followed the last answer. more: further keys of the result. search: the instant policy and what became
     of it, whether that takes over or not.
     """
 
     policy: Policy
     more: dict[str, Any] = field(default_factory=dict)
-    refinement: tuple[Policy, Policy] | None = None
+    search: tuple[Policy, Policy] | None = None
 
 
 def instant(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
     """Recipe A: the posterior after all answers, its weights folded into the conditioned policy."""
     del config  # nothing is trained
     weights = fit_weights(preferences).preference_weights()
-    return AlignedPolicy(load_conditioned(f"{setup}/conditioned").at(weights), {"wants": _named(weights)})
+    return AlignedPolicy(load_conditioned(f"{setup}/conditioned").at(weights), {"preference_weights": _named(weights)})
 
 
-def refined(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
-    """The refinement of the instant policy, which stays where that is not better on the gate's scenes."""
+def searched(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
+    """Conditioning search from the instant policy on, which stays where that is not better on the gate's scenes."""
     if not isinstance(config, ConditioningSearchConfig):
         raise LearningError(f"config = {config}: mode conditioning_search needs a ConditioningSearchConfig")
     weights = fit_weights(preferences).preference_weights()
     conditioned = load_conditioned(f"{setup}/conditioned")
     result = search_conditioning(conditioned, weights, load_policy(f"{setup}/base"), config)
     more = {
-        "wants": _named(weights),
-        "told": result.offsets.tolist(),
+        "preference_weights": _named(weights),
+        "offsets": result.offsets.tolist(),
         "takes_over": result.takes_over,
-        "wanted": result.wanted.as_dict(),
+        "preferred": result.preferred.as_dict(),
         "score": result.score.as_dict(),
         "gate": asdict(result.gate),
         "chosen": result.chosen,
@@ -107,7 +107,7 @@ class Mode:
 
 MODES = {
     "instant": Mode(instant, lambda seed: FineTuningConfig(seed=seed), own_process=False),
-    "conditioning_search": Mode(refined, lambda seed: ConditioningSearchConfig(seed=seed)),
+    "conditioning_search": Mode(searched, lambda seed: ConditioningSearchConfig(seed=seed)),
     "fine_tuning": Mode(from_base, lambda seed: FineTuningConfig(seed=seed)),
     "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
 }
@@ -137,7 +137,7 @@ def benchmark_align(
     `evaluate`; `paired_gain` is the ratio of mean minimum human distances (aligned / base) over the scenes in which
     both succeed, with its 95 % interval. `share_of_the_way` is of the oracle's foremost objective, from the base policy
     to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
-    conditioning_search): the refinement compared with the instant policy, whether it takes over or not.
+    conditioning_search): what the search found compared with the instant policy, whether it takes over or not.
     """
     mode = MODES_BEFORE.get(mode, mode)
     if mode not in MODES:
@@ -177,7 +177,7 @@ def benchmark_align(
         "objective": objective,
         **_moved(objective, base, neutral, made.policy, n, report_seed),
         **made.more,
-        **({"against_instant": compare_policies(*made.refinement, n=n, seed=report_seed)} if made.refinement else {}),
+        **({"against_instant": compare_policies(*made.search, n=n, seed=report_seed)} if made.search else {}),
     }
 
 

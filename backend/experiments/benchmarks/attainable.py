@@ -1,4 +1,4 @@
-"""What can be attained of a preference in a scene, jointly with arriving: the best of many planned drives.
+"""What can be attained of a preference in a scene, jointly with arriving: the best of many planned rollouts.
 
 The planner knows the whole scene and the simulator, as no policy does; a policy's share of what is attained lives in
 `preferences.py`. The bounds of single measures, which mostly nobody can reach, are `bounds.py`'s. All ours.
@@ -34,8 +34,8 @@ PATIENCE = 4.0  # times the longest straight way at full speed; who wants the ro
 
 @dataclass(frozen=True)
 class PlannerConfig:
-    """A cross-entropy search per scene over drives along a curve. copies: drives per round; survivors: of them, what
-    the next round is drawn around."""
+    """A cross-entropy search per scene over rollouts along a curve. copies: rollouts per round; survivors: of them,
+    what the next round is drawn around."""
 
     rounds: int = 14
     copies: int = 40
@@ -45,8 +45,8 @@ class PlannerConfig:
 
 
 @dataclass(frozen=True)
-class _Drives:
-    """Drives (n, SIZE) along curves from `starts` (n, 3) to `goals` (n, 2) around people (n, 2)."""
+class _Curves:
+    """Rollouts (n, SIZE) along curves from `starts` (n, 3) to `goals` (n, 2) around people (n, 2)."""
 
     genes: Doubles
     starts: Doubles
@@ -106,7 +106,7 @@ class _Drives:
 
 
 def _beside(guides: Sequence[NDArray[np.floating[Any]]], starts: Doubles, goals: Doubles) -> Doubles:
-    """(n, 2 WAYPOINTS) the waypoints of curves through these drives."""
+    """(n, 2 WAYPOINTS) the waypoints of curves through these rollouts."""
     rows = []
     for guide, start, goal in zip(guides, starts, goals, strict=True):
         way = goal - start
@@ -126,7 +126,7 @@ def attained(
     guides: Sequence[NDArray[np.floating[Any]]] | None = None,
 ) -> tuple[Doubles, MeasuredRollouts]:
     """(n,) the most that a planned drive that arrives is worth by preference weights (9,), in typical differences
-    (NOT_ARRIVED where none does), and what the best drives measured.
+    (NOT_ARRIVED where none does), and what the best rollouts measured.
 
     guides: (steps, 2 or more) positions per scene of somebody's drive, which the search begins beside; None: beside the
     straight way.
@@ -156,18 +156,18 @@ def attained(
         genes = mean + deviation * random.normal(size=(n, copies, SIZE))
         genes[:, 0] = kept
         genes[:, 1 : copies // 3] = mean + 0.3 * (genes[:, 1 : copies // 3] - mean)  # some stay close by
-        drives = _Drives(genes.reshape(-1, SIZE), starts, goals, people)
-        driven = course.steered(drives.steer(setup.limits.w_max), most)
-        worth = gains(driven.measured / typical) @ weights
-        scores = np.where(driven.success, worth, NOT_ARRIVED + 0.1 * worth.clip(-100, 100)).reshape(n, copies)
+        curves = _Curves(genes.reshape(-1, SIZE), starts, goals, people)
+        rolled_out = course.steered(curves.steer(setup.limits.w_max), most)
+        gained = gains(rolled_out.measured / typical) @ weights
+        scores = np.where(rolled_out.success, gained, NOT_ARRIVED + 0.1 * gained.clip(-100, 100)).reshape(n, copies)
         order = np.argsort(-scores, axis=1)
         first = order[:, 0]
         rows = np.arange(n)
         better = scores[rows, first] > best
         best = np.where(better, scores[rows, first], best)
         kept[better] = genes[rows, first][better]
-        measured[better] = driven.measured.reshape(n, copies, -1)[rows, first][better]
-        crossings[better] = driven.self_intersections.reshape(n, copies)[rows, first][better]
+        measured[better] = rolled_out.measured.reshape(n, copies, -1)[rows, first][better]
+        crossings[better] = rolled_out.self_intersections.reshape(n, copies)[rows, first][better]
         elite = np.take_along_axis(genes, order[:, : config.survivors, None], axis=1)
         mean = elite.mean(1, keepdims=True)
         deviation = np.maximum(0.85 * elite.std(1, keepdims=True) + 0.15 * deviation * 0.8, 0.02)

@@ -110,7 +110,7 @@ def benchmark_train(
     share the machine with the same others; checks not counted. Processor seconds are wall-clock seconds on an idle
     machine; on a busy one nobody is charged for others' work, but for what they leave of caches and clock rate;
     `per_seed` holds both clocks, `load_average` how busy it was. `openblas_coretype`: which kernels NumPy's library was
-    told to use (null: its own choice), which decides more than anything else; `torch_cpu_capability` likewise.
+    set to use (null: its own choice), which decides more than anything else; `torch_cpu_capability` likewise.
 
     Ours is judged by its last and its averaged weights, whichever are confirmed first, since base training considers
     both; SB3 by its last, since it does not average. `seconds_to_94` and `held_out_success` are medians of the first

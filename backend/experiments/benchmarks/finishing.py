@@ -40,7 +40,7 @@ from backend.study.simulated.participant import any_answer
 from backend.study.studies import create_study
 
 POLL_S = 0.1
-PATIENCE_S = 1800.0  # for all refinements, one behind the other
+PATIENCE_S = 1800.0  # for all searches, one behind the other
 
 
 class FinishBenchmarkError(RuntimeError):
@@ -48,10 +48,10 @@ class FinishBenchmarkError(RuntimeError):
 
 
 def benchmark_finish(*, participants: int = 10, oracle: str = "min-human-distance", seed: int = 0) -> dict[str, Any]:
-    """Seconds from everybody's last answer, given at once, to each one's policies; one worker, refinements behind.
+    """Seconds from everybody's last answer, given at once, to each one's policies; one worker, searches behind.
 
-    instant_s and refined_s: median and slowest over the participants, from the last answer to the end of the job.
-    shown_at_once: for how many the instant policy passed its gate; takes_over: for how many the refinement was better.
+    instant_s and search_s: median and slowest over the participants, from the last answer to the end of the job.
+    shown_at_once: for how many the instant policy passed its gate; takes_over: for how many it found a better one.
     errors: what those say that failed.
     no_comparison_rate: share for whom nothing could be shown within the protocol's patience, the minutes of the
     questionnaire not counted. Raises FinishBenchmarkError.
@@ -109,7 +109,7 @@ class _Walker:
         with acting(self._database, self._token, request="benchmark", now=utc_now()) as (s, session):
             view = machine.current(s, session)
             value = (
-                self._choice(s, session, view.key) if view.kind == "trial" else any_answer(_told(view), self._random)
+                self._choice(s, session, view.key) if view.kind == "trial" else any_answer(_shown(view), self._random)
             )
             machine.submit(
                 s,
@@ -136,7 +136,7 @@ class _Walker:
         return {"choice": "ab"[self._oracle.choose(Query(a.scene, a, b, (0, 1)))]}
 
 
-def _told(view: machine.StepView) -> dict[str, Any]:
+def _shown(view: machine.StepView) -> dict[str, Any]:
     """The step as the API tells it to bots."""
     items = [item for block in view.payload.get("blocks", []) for item in block["items"]]
     return {"kind": view.kind, "items": items}
@@ -182,15 +182,15 @@ def _cancel_rest(database: Database, session_id: str) -> None:
 
 def _summary(ended: list[list[Job]], patience_s: float) -> dict[str, Any]:
     instant = [job for jobs in ended for job in jobs if job.params["recipe"] == "instant"]
-    refined = [job for jobs in ended for job in jobs if job.params["recipe"] != "instant"]
+    searches = [job for jobs in ended for job in jobs if job.params["recipe"] != "instant"]
     in_time = [any(_shows(job) and _seconds(job) <= patience_s for job in jobs) for jobs in ended]
     return {
         "instant_s": _spread([_seconds(job) for job in instant]),
-        "refined_s": _spread([_seconds(job) for job in refined]),
+        "search_s": _spread([_seconds(job) for job in searches]),
         "shown_at_once": sum(_shows(job) for job in instant),
-        "takes_over": sum(_shows(job) for job in refined),
-        "failed": sum(job.state != "succeeded" for job in (*instant, *refined)),
-        "errors": sorted({job.error for job in (*instant, *refined) if job.error}),
+        "takes_over": sum(_shows(job) for job in searches),
+        "failed": sum(job.state != "succeeded" for job in (*instant, *searches)),
+        "errors": sorted({job.error for job in (*instant, *searches) if job.error}),
         "no_comparison_rate": 1 - sum(in_time) / len(in_time),
         "patience_s": patience_s,
     }

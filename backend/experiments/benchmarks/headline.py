@@ -42,7 +42,7 @@ WORTHS = ("base", "own", "true_weights", "attained")
 
 @dataclass(frozen=True)
 class HeadlineConfig:
-    """scenes: of each seed, in which success is counted; in the first `planned` of them drives are planned, and the
+    """scenes: of each seed, in which success is counted; in the first `planned` of them rollouts are planned, and the
     shares are of these. lapse_rates: shares of answers that are wrong."""
 
     preferences: tuple[str, ...] = MADE_OF_OBJECTIVES
@@ -73,7 +73,7 @@ def benchmark_headline(
 
     conditioned: None: the shipped one. Result: {"simulated": True, "setup", "config", "scenes", "summary",
     "preferences", "rows"}. A row holds what the base policy, the policy of the answers, the policy of the true weights
-    and the attained drives are worth to the preference (mean over the planned scenes in which all arrive, typical
+    and the attained rollouts gain by the preference (mean over the planned scenes in which all arrive, typical
     differences), `share` and `share_true` of the way from base to attained, the success rates in all scenes, and what
     the policy was conditioned on. Raises LearningError for preferences that are not made of objectives, or no seeds.
     """
@@ -132,12 +132,12 @@ def _rows(
     config: HeadlineConfig,
 ) -> list[dict[str, Any]]:
     true = true_weights(name)
-    given = _driven(policy, (true / true.max()).astype(np.float32), reported.course)
+    given = _rolled_out(policy, (true / true.max()).astype(np.float32), reported.course)
     rows = []
     for lapse_rate in config.lapse_rates:
         answers = make_oracle(name, lapse_rate=lapse_rate, seed=seed).answer(queries)
         weights = fit_weights(answers).preference_weights()
-        own = _driven(policy, weights, reported.course)
+        own = _rolled_out(policy, weights, reported.course)
         rows.append(
             {
                 "preference": name,
@@ -151,7 +151,7 @@ def _rows(
     return rows
 
 
-def _driven(policy: ConditionedPolicy, weights: Floats, course: Course) -> MeasuredRollouts:
+def _rolled_out(policy: ConditionedPolicy, weights: Floats, course: Course) -> MeasuredRollouts:
     return course.rollout(policy.at(weights).without_critic())
 
 

@@ -69,9 +69,9 @@ def benchmark_study(
         with database.session() as s:
             row = s.get_one(Study, study.id)
             with _timed(seconds, "report"):
-                data, load_drive = read_study(s, files, row)
-                report = write_study_report(data, load_drive, home / "report", who="simulated")
-        found = analyse(data, load_drive, "simulated")
+                data, load_trajectory = read_study(s, files, row)
+                report = write_study_report(data, load_trajectory, home / "report", who="simulated")
+        found = analyse(data, load_trajectory, "simulated")
         tell("data set")
         with _timed(seconds, "export"):
             export_study(database, files, study.id, home / "there")

@@ -69,7 +69,7 @@ class OpenBrowser:
         self._random = np.random.default_rng([number, 17])
         self._number = number
         self._token = ""
-        self._heard = ""  # what the stage was last told that a page acts upon
+        self._heard = ""  # what the stage last heard that a page acts upon
         self._news = asyncio.Condition()
 
     async def walk(self, link: str, answers: int, ready: asyncio.Barrier, offset_s: float, pace_s: float) -> None:

@@ -59,14 +59,14 @@ class PreferencesConfig:
 
 
 @dataclass(frozen=True)
-class _Driven:
+class _RolledOut:
     """One policy in the reporting scenes. scores: (n,) by preference that was asked for, of each rollout."""
 
     trajectories: MeasuredRollouts
     scores: dict[str, Doubles]
 
     @classmethod
-    def of(cls, policy: Policy, scenes: Sequence[Scene], preferences: Sequence[str]) -> _Driven:
+    def of(cls, policy: Policy, scenes: Sequence[Scene], preferences: Sequence[str]) -> _RolledOut:
         trajectories: list[Trajectory] = rollout(get_setup(policy.setup), policy.rollout_policy, scenes)
         return cls(
             MeasuredRollouts.of(trajectories),
@@ -103,8 +103,10 @@ def benchmark_preferences(
     )
     scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=config.report_seed)
     possible = best_possible(scenes)
-    base = _Driven.of(load_policy(f"{setup}/base"), scenes, config.oracles)
-    neutral = {name: _Driven.of(policy.at(settings()["neutral"]), scenes, ()) for name, policy in conditioned.items()}
+    base = _RolledOut.of(load_policy(f"{setup}/base"), scenes, config.oracles)
+    neutral = {
+        name: _RolledOut.of(policy.at(settings()["neutral"]), scenes, ()) for name, policy in conditioned.items()
+    }
     asked = {seed: _queries(setup, config, seed) for seed in config.query_seeds}
     rows: list[dict[str, Any]] = []
     for row in _rows(conditioned, asked, scenes, possible, base, neutral, config):
@@ -154,20 +156,20 @@ def _rows(
     asked: Mapping[int, Sequence[Query]],
     scenes: Sequence[Scene],
     possible: Doubles,
-    base: _Driven,
-    neutral: Mapping[str, _Driven],
+    base: _RolledOut,
+    neutral: Mapping[str, _RolledOut],
     config: PreferencesConfig,
 ) -> Iterator[dict[str, Any]]:
-    driven_by: dict[tuple[str, str, bytes], _Driven] = {}
+    rolled_out_by: dict[tuple[str, str, bytes], _RolledOut] = {}
     for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
         answers = _answers(make_oracle(oracle, lapse_rate=noise, seed=seed), asked[seed], config)
         weights = fit_weights(answers).preference_weights()
-        wanted = ORACLE_PREFERENCES[oracle].objectives
+        named = ORACLE_PREFERENCES[oracle].objectives
         for name, conditioned in pretrainings.items():
             key = (oracle, name, weights.tobytes())  # many query sets end in the very same weights
-            if key not in driven_by:
-                driven_by[key] = _Driven.of(conditioned.at(weights), scenes, (oracle,))
-            rolled_out = driven_by[key]
+            if key not in rolled_out_by:
+                rolled_out_by[key] = _RolledOut.of(conditioned.at(weights), scenes, (oracle,))
+            rolled_out = rolled_out_by[key]
             both = rolled_out.trajectories.success & base.trajectories.success
             better = np.sign(rolled_out.scores[oracle][both] - base.scores[oracle][both])
             crossings, lengths = (rolled_out.trajectories.self_intersections, rolled_out.trajectories.measured[both, 3])
@@ -177,22 +179,22 @@ def _rows(
                 "noise": noise,
                 "query_seed": seed,
                 "pretraining": name,
-                "told": {
+                "preference_weights": {
                     objective: float(weight) for objective, weight in zip(NAMES, weights, strict=True) if weight > 0
                 },
-                "dominant_found": NAMES[int(weights.argmax())] == wanted[0] if wanted else None,
+                "dominant_found": NAMES[int(weights.argmax())] == named[0] if named else None,
                 "success_rate": wilson(int(rolled_out.trajectories.success.sum()), len(scenes)).as_dict(),
                 "self_intersections": mean_estimate(crossings).as_dict(),
                 "longer_m": float((lengths - base.trajectories.measured[both, 3]).mean()),
                 "both_succeed": int(both.sum()),
                 "preferred": wilson(int(((better + 1) / 2).sum()), int(both.sum())).as_dict(),
                 "moved": {
-                    want: Steerability(
+                    objective: Steerability(
                         base.trajectories,
-                        {want: rolled_out.trajectories, "neutral": neutral[name].trajectories},
+                        {objective: rolled_out.trajectories, "neutral": neutral[name].trajectories},
                         possible,
-                    ).moved(want)
-                    for want in wanted
+                    ).moved(objective)
+                    for objective in named
                 },
             }
 
@@ -201,7 +203,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """One line per oracle, noise and pre-training, over the query seeds.
 
     share, share_lowest, share_highest: of the way, of the foremost objective. seeds_better: in how many query sets the
-    whole 95 % interval of every wanted measure's paired gain against the base policy lies above 0. The three are null
+    whole 95 % interval of every named objective's paired gain against the base policy lies above 0. The three are null
     outside the vocabulary.
     """
     lines = []
@@ -209,7 +211,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         of = [row for row in rows if (row["oracle"], row["noise"], row["pretraining"]) == (oracle, noise, name)]
         moved = [list(row["moved"].values()) for row in of]
         inside = bool(moved[0])
-        shares = [wants[0]["share_of_the_way"]["value"] for wants in moved if wants]
+        shares = [one[0]["share_of_the_way"]["value"] for one in moved if one]
         lines.append(
             {
                 "oracle": oracle,
@@ -220,7 +222,7 @@ def summarise(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "share": float(np.mean(shares)) if inside else None,
                 "share_lowest": min(shares) if inside else None,
                 "share_highest": max(shares) if inside else None,
-                "seeds_better": sum(all(want["better_than_base"]["low"] > 0 for want in wants) for wants in moved)
+                "seeds_better": sum(all(way["better_than_base"]["low"] > 0 for way in one) for one in moved)
                 if inside
                 else None,
                 "dominant_found": float(np.mean([row["dominant_found"] for row in of])) if inside else None,

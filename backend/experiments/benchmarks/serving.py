@@ -183,8 +183,8 @@ async def _walk_all(
     async with beside(look()):
         ended = await asyncio.gather(*(one(number) for number in range(sessions)), return_exceptions=True)
     problems = [problem for problem in ended if isinstance(problem, BaseException)]
-    told = [problem for problem in problems if not isinstance(problem, asyncio.BrokenBarrierError)] or problems
-    return memory, looks, [f"{type(problem).__name__}: {problem}" for problem in told]
+    causes = [problem for problem in problems if not isinstance(problem, asyncio.BrokenBarrierError)] or problems
+    return memory, looks, [f"{type(problem).__name__}: {problem}" for problem in causes]
 
 
 def _stored(database: Database, tally: Tally) -> int:

@@ -46,17 +46,17 @@ def known_cohorts(
 
 
 def _found(findings: Findings, cohort: Cohort, alpha: float) -> set[str]:
-    told: set[str] = set()
+    names: set[str] = set()
     for one in findings.items:
         shifts = cohort.ratings.get(one.item.key)
         if one.test.significant(alpha):
-            told.add(OTHER_ITEM if shifts is None else one.item.key)
+            names.add(OTHER_ITEM if shifts is None else one.item.key)
         if shifts is None:
             continue
         for (first, second), test in zip(combinations(CONDITIONS, 2), one.pairs, strict=False):  # none: not significant
             if shifts.get(first, 0.0) == shifts.get(second, 0.0) and test.significant(alpha):
-                told.add(OTHER_PAIR)
+                names.add(OTHER_PAIR)
     for ranking in findings.rankings:
         if ranking.test.significant(alpha):
-            told.add(ranking.item.key if ranking.item.key in cohort.first_choice else OTHER_RANKING)
-    return told
+            names.add(ranking.item.key if ranking.item.key in cohort.first_choice else OTHER_RANKING)
+    return names

@@ -57,9 +57,9 @@ def _null_tests() -> list[tuple[str, int]]:
 
 def _rejected(data: StudyData, found: Findings, alpha: float) -> list[str]:
     """The rows of `_null_tests` that this cohort counts for, once per rejection."""
-    told = [f"Friedman, {one.item.key}" for one in found.items if one.test.p <= alpha]
-    told += [f"Chi-square, {one.item.key}" for one in found.rankings if one.test.p <= alpha]
-    told += [f"Sign test, own against {one.against}" for one in found.personalised if one.test.p <= alpha]
+    names = [f"Friedman, {one.item.key}" for one in found.items if one.test.p <= alpha]
+    names += [f"Chi-square, {one.item.key}" for one in found.rankings if one.test.p <= alpha]
+    names += [f"Sign test, own against {one.against}" for one in found.personalised if one.test.p <= alpha]
     for words, family in (
         ("Friedman, any item, corrected", [one.test for one in found.items]),
         ("Wilcoxon, any pair of any item, after Friedman and Bonferroni", [t for o in found.items for t in o.pairs]),
@@ -67,11 +67,11 @@ def _rejected(data: StudyData, found: Findings, alpha: float) -> list[str]:
         ("z, any pair of any ranking, after chi-square and Bonferroni", [t for o in found.rankings for t in o.pairs]),
         ("Sign test, either, corrected", [one.test for one in found.personalised]),
     ):
-        told += [words] if any(test.significant(alpha) for test in family) else []
+        names += [words] if any(test.significant(alpha) for test in family) else []
     rated = {(one.item, one.person, one.condition): one.value for one in data.ratings if one.condition}
     people = [one.code for one in data.people]
     for item in ITEMS:
         ratings = np.array([[rated[item, person, name] for name in CONDITIONS] for person in people])
         for pair, test in zip(combinations(CONDITIONS, 2), pairs_of(ratings, CONDITIONS, about=item), strict=True):
-            told += [f"Wilcoxon, {'/'.join(pair)}"] if test.p <= alpha else []
-    return told
+            names += [f"Wilcoxon, {'/'.join(pair)}"] if test.p <= alpha else []
+    return names

@@ -33,12 +33,13 @@ class Estimate:
         if self.tasks == self.stored:
             return f"All {self.tasks} tasks are stored already."
         return (
-            f"{self.tasks - self.stored} of {self.tasks} tasks to compute, about {told_time(self.core_seconds)} of "
-            f"one core; with {processes} processes about {told_time(self.core_seconds / processes)} if each has a core."
+            f"{self.tasks - self.stored} of {self.tasks} tasks to compute, about {time_in_words(self.core_seconds)} "
+            f"of one core; with {processes} processes about {time_in_words(self.core_seconds / processes)} "
+            "if each has a core."
         )
 
 
-def told_time(seconds: float) -> str:
+def time_in_words(seconds: float) -> str:
     """Minutes up to two hours, then hours."""
     return f"{math.ceil(seconds / 60)} min" if seconds < 7_200 else f"{seconds / 3_600:.1f} h"
 
@@ -70,7 +71,7 @@ def compute(
     tell(estimate(wanted, work).in_words(processes))
 
     def report(task: Task, done: int, todo: int, left: float) -> None:
-        tell(f"[{done}/{todo}] {name(task)}; about {told_time(left)} left")
+        tell(f"[{done}/{todo}] {name(task)}; about {time_in_words(left)} left")
 
     computed = finish(wanted, functions, work, processes=processes, on_task=report)
     made = {task.key: work.load(task.key).meta["made"] for task in in_order(wanted)}

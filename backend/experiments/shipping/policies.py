@@ -138,7 +138,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
             for key in ("conditioned", "progress_conditioned", "environments", "average")
             + (("recovery",) if config.recovery else ())
         ],
-        notes=["`told` and `moved`: each objective alone at full strength; `neutral`: nothing wanted."],
+        notes=["`told` and `moved`: each objective alone at full strength; `neutral`: all weights zero."],
     )
     card.save(card_path(path))
     return card

@@ -80,16 +80,16 @@ class ConditioningSearchResult:
     """policy: the instant policy conditioned otherwise, without critic. offsets: (3, 9) what is added to the preference
     weights that it is conditioned on, in the order of PLACES (`conditioned_by_place`).
 
-    wanted, score: its advantage over the instant policy on the gate's scenes, in what is preferred alone and with what
-    every trajectory costs (`Compared`). takes_over: whether it is to be shown instead: gate passed, what is preferred
-    no worse by the whole interval (TOLERANCE) and the whole interval of the score above 0. history: the guess after
-    each round; chosen: which of them, 0 for the instant policy itself.
+    preferred, score: its advantage over the instant policy on the gate's scenes, in what is preferred alone and with
+    what every trajectory costs (`Compared`). takes_over: whether it is to be shown instead: gate passed, what is
+    preferred no worse by the whole interval (TOLERANCE) and the whole interval of the score above 0. history: the guess
+    after each round; chosen: which of them, 0 for the instant policy itself.
     """
 
     policy: Policy
     offsets: Floats
     takes_over: bool
-    wanted: Estimate
+    preferred: Estimate
     score: Estimate
     gate: Gate
     chosen: int
@@ -97,13 +97,13 @@ class ConditioningSearchResult:
 
 
 class Compared(NamedTuple):
-    """How much better one policy drove than another by somebody's preference weights, in typical differences of a pair.
+    """How much better one policy is than another by somebody's preference weights, in typical differences of a pair.
 
-    wanted: (both succeed,) sum_k w_k gain_k / typical difference. shorter: (both succeed,) the same of the way's length
-    alone. other: (n,) what success and crossings add, FAILURE_COST and CROSSING_COST each.
+    preferred: (both succeed,) sum_k w_k gain_k / typical difference. shorter: (both succeed,) the same of the way's
+    length alone. other: (n,) what success and crossings add, FAILURE_COST and CROSSING_COST each.
     """
 
-    wanted: Doubles
+    preferred: Doubles
     shorter: Doubles
     both: NDArray[np.bool_]
     other: Doubles
@@ -111,7 +111,7 @@ class Compared(NamedTuple):
     def scores(self, length_weight: float) -> Doubles:
         """(n,) per scene: what is preferred, the way's length and the rest together."""
         together = self.other.copy()
-        together[self.both] += self.wanted + length_weight * self.shorter
+        together[self.both] += self.preferred + length_weight * self.shorter
         return together
 
 
@@ -162,22 +162,22 @@ def search_conditioning(
     weights = check_weights(weights)
     guesses, history = _search(conditioned, weights, config, on_progress)
     # Not worse in what is preferred, as far as the selection scenes tell; the first is the instant policy itself.
-    chosen = max(range(len(history)), key=lambda k: (history[k]["wanted"] >= AIM, history[k]["score"]))
+    chosen = max(range(len(history)), key=lambda k: (history[k]["preferred"] >= AIM, history[k]["score"]))
     policy = conditioned_by_place(conditioned, weights, guesses[chosen])
     scenes = gate_scenes(setup, config.gate, config.seed)
     course = Course(scenes)
     own = course.rollout(policy)
     better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
     gate = verdict(config.gate, float(own.success.mean()), success_in(base, scenes), scenes=config.gate.scenes)
-    wanted, score = mean_estimate(better.wanted), mean_estimate(better.scores(length_weight_of(weights)))
-    takes_over = gate.passed and wanted.low > -TOLERANCE and score.low > 0
-    return ConditioningSearchResult(policy, guesses[chosen], takes_over, wanted, score, gate, chosen, history)
+    preferred, score = mean_estimate(better.preferred), mean_estimate(better.scores(length_weight_of(weights)))
+    takes_over = gate.passed and preferred.low > -TOLERANCE and score.low > 0
+    return ConditioningSearchResult(policy, guesses[chosen], takes_over, preferred, score, gate, chosen, history)
 
 
 def _search(
     conditioned: ConditionedPolicy, weights: Floats, config: ConditioningSearchConfig, on_progress: OnProgress
 ) -> tuple[list[Floats], list[dict[str, float]]]:
-    """The guess after each round, (3, 9), and how it drove; the first is the preference weights themselves."""
+    """The guess after each round, (3, 9), and how its rollouts were; the first is the preference weights themselves."""
     setup = conditioned.setup
     course = Course(scene_set(setup, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed))
     instant = course.rollout(conditioned.at(weights))
@@ -190,7 +190,7 @@ def _search(
     random = np.random.default_rng([config.seed, 71])
     guess, spread = np.zeros((1 + len(OBSERVED), SIZE)), config.spread
     guesses = [guess.astype(np.float32)]
-    history = [{"tried": 0.0, "wanted": 0.0, "shorter": 0.0, "score": 0.0}]
+    history = [{"tried": 0.0, "preferred": 0.0, "shorter": 0.0, "score": 0.0}]
     rounds = max(1, round(config.tried / config.copies))
     for tried in np.arange(1, rounds + 1) * config.copies:
         changes = random.normal(0.0, spread, (config.copies // 2, *guess.shape))
@@ -200,14 +200,19 @@ def _search(
         guess = np.tensordot(shares / shares.sum(), copies[best], axes=1)
         spread *= config.narrower
         better = tried_out(guess)
-        wanted = float(better.wanted.mean()) if len(better.wanted) else -FAILURE_COST
+        preferred = float(better.preferred.mean()) if len(better.preferred) else -FAILURE_COST
         # Ways grow shorter at the cost of what is preferred: it weighs less once that falls behind, more while it
         # leads.
-        length_weight *= 0.85 if wanted < AIM else 1.1
+        length_weight *= 0.85 if preferred < AIM else 1.1
         guesses.append(guess.astype(np.float32))
         shorter = float(better.shorter.mean()) if len(better.shorter) else -FAILURE_COST
         history.append(
-            {"tried": float(tried), "wanted": wanted, "shorter": shorter, "score": float(better.scores(usual).mean())}
+            {
+                "tried": float(tried),
+                "preferred": preferred,
+                "shorter": shorter,
+                "score": float(better.scores(usual).mean()),
+            }
         )
         on_progress(0.95 * float(tried) / (rounds * config.copies), history[-1])
     return guesses, history

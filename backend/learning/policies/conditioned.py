@@ -65,7 +65,7 @@ class ConditionedPolicy(StoredPolicy):
         return replace(self.shape, task_inputs=self.shape.task_inputs - SIZE)
 
     def at(self, weights: Floats) -> Policy:
-        """The ordinary policy that drives by these preference weights (9,), critic included.
+        """The ordinary policy conditioned on these preference weights (9,), critic included.
 
         While it is stuck the base policy drives, then this one with all weights zero, where the base policy is known.
         Exact: a constant input only moves the first task layer's bias. Raises LearningError for weights outside [0, 1]

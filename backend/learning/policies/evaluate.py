@@ -92,7 +92,7 @@ def mean_estimate(values: NDArray[Any], *, seed: int = 0) -> Estimate:
 
 
 def episodes(policy: Policy, scenes: list[Scene], engine: str = "fast") -> EpisodeTable:
-    """Drive every scene once, on the fast engine or (slowly) on PyBullet. Raises LearningError for another engine."""
+    """Roll out in every scene once, on the fast engine or (slowly) on PyBullet. LearningError for another engine."""
     setup = get_setup(require_same(policy=policy.setup, **{f"scene {k}": s.setup for k, s in enumerate(scenes)}))
     if engine == "fast":
         return evaluate_fast(policy.rollout_policy, setup, scenes)
@@ -117,7 +117,7 @@ def evaluate_policy(
 
 
 def describe_table(setup: str, table: EpisodeTable) -> dict[str, Any]:
-    """What `evaluate_policy` says about episodes that were driven already, without engine and seed."""
+    """What `evaluate_policy` says about episodes that were rolled out already, without engine and seed."""
     n = len(table)
     estimates = {
         "success_rate": wilson(int((table.outcome == Outcome.SUCCESS).sum()), n),
@@ -163,7 +163,7 @@ def compare_policies(
 
 
 def compare_tables(a: EpisodeTable, b: EpisodeTable) -> dict[str, Any]:
-    """What `compare_policies` says about episodes of the same scenes that were driven already."""
+    """What `compare_policies` says about episodes of the same scenes that were rolled out already."""
     both = a.success & b.success
     of_a, of_b = episode_columns(a), episode_columns(b)
     first = np.stack([values[both] for values in of_a.values()], axis=1).astype(np.float64)

@@ -1,4 +1,4 @@
-"""The sizes of actor and critic (chapter 6), without torch: a server that only drives a policy does not import it."""
+"""The sizes of actor and critic (chapter 6), without torch: a server that only rolls out does not import it."""
 
 from __future__ import annotations
 

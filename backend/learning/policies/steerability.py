@@ -49,7 +49,7 @@ class MeasuredRollouts:
 
 
 class Course:
-    """Scenes that one policy after another drives, each once to its end: checked and set up only once."""
+    """Scenes that one policy after another is rolled out in, each once to its end: checked and set up only once."""
 
     def __init__(self, scenes: Sequence[Scene], *, blind: bool = False) -> None:
         """blind: the engine casts a single lidar beam, for who steers by poses. Raises SetupError for scenes of several
@@ -115,7 +115,7 @@ class Course:
 
 
 def measured_rollouts(policy: Policy, scenes: Sequence[Scene]) -> MeasuredRollouts:
-    """Drive every scene once to its end. Raises SetupError."""
+    """Roll out in every scene once to its end. Raises SetupError."""
     return Course(scenes).rollout(policy)
 
 
@@ -124,7 +124,7 @@ class Steerability:
     """Policies by what they were conditioned on (objectives, `neutral`, mixtures) and the base policy, in the same
     scenes.
 
-    Written results keep the keys of the first release (`told`: what was driven by conditioned policies).
+    Written results keep the keys of the first release (`told`: rollouts of conditioned policies).
     """
 
     base: MeasuredRollouts
@@ -232,7 +232,7 @@ _OUTCOMES = {"success": Outcome.SUCCESS, "collision": Outcome.COLLISION, "timeou
 
 
 def steerability_of(conditioned: Mapping[str, Policy], base: Policy, scenes: Sequence[Scene]) -> Steerability:
-    """Drive all policies through the same scenes."""
+    """Roll out all policies in the same scenes."""
     course = Course(scenes)
     return Steerability(
         course.rollout(base),

@@ -1,4 +1,4 @@
-"""What one step is worth to somebody with an objective: a term in [-1, 0] each, 0 for "nothing to complain".
+"""The reward of one step for somebody with an objective: a term in [-1, 0] each, 0 for "nothing to complain".
 
 A reward <= 0 never pays for waiting (spec 06). Which term is whose stands in `objectives.py`. All ours.
 """

@@ -85,7 +85,7 @@ def asked_in_turn(
     strategy: str,
     random: np.random.Generator,
 ) -> Iterator[tuple[int, Posterior]]:
-    """Ask `count` of the candidates one after the other, each chosen on what the answers before it have told.
+    """Ask `count` of the candidates one after the other, each chosen on the answers before it.
 
     differences: (n, spans, 7) A minus B of all queries. answers: whether A is preferred, of all. Yields each query's
     number and the posterior after its answer. Raises LearningError as `next_query`.

@@ -33,7 +33,7 @@ PATH_SAMPLES = 32
 
 @dataclass(frozen=True)
 class Query:
-    """One scene and two trajectories, A and B; `members` says which ensemble member drove which."""
+    """One scene and two trajectories, A and B; `members` says which ensemble member rolled out which."""
 
     scene: Scene
     trajectory_a: Trajectory

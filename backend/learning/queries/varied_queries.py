@@ -36,8 +36,8 @@ EXCHANGE_ROUNDS = 2
 
 @dataclass(frozen=True)
 class VariedConfig:
-    """Ours. settings: how many settings of the preference weights drive in every scene: each objective alone at full
-    strength, the rest drawn. scenes_per_query: of so many scenes one gives a query.
+    """Ours. settings: how many settings of the preference weights are rolled out per scene: each objective alone at
+    full strength, the rest drawn. scenes_per_query: of so many scenes one gives a query.
     """
 
     queries: QueryConfig = field(default_factory=QueryConfig)

@@ -139,7 +139,7 @@ CHANCE = 0.5  # of two trajectories
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model's predictions of answers that it did not see are worth, beside what needs no model.
+    """How well a model predicts answers that it did not see, beside what needs no model.
 
     majority: how often answering as most did would have been right (`majority_share`). low, high: 95 % interval of the
     accuracy. verdict: `better`; `no_better_than_chance`, where chance lies within the interval or above it;

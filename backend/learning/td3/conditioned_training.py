@@ -188,7 +188,7 @@ def training_engine(setup: Setup, reward_weights: RewardWeights, n_envs: int, *,
 
 
 class ConditionedTransitions(NamedTuple):
-    """Transitions with the step terms (n, 9) that they led to and the weights (n, 9) they were driven by."""
+    """Transitions with the step terms (n, 9) that they led to and the weights (n, 9) they were rolled out under."""
 
     batch: Batch
     terms: torch.Tensor
@@ -196,7 +196,7 @@ class ConditionedTransitions(NamedTuple):
 
 
 class ConditionedReplayBuffer(ReplayBuffer):
-    """A ring of transitions that also keeps their step terms, and the weights that they were driven by."""
+    """A ring of transitions that also keeps their step terms, and the weights that they were rolled out under."""
 
     def __init__(self, capacity: int, setup: Setup) -> None:
         super().__init__(capacity, setup.observation_size)
@@ -226,7 +226,7 @@ class ConditionedReplayBuffer(ReplayBuffer):
 
 
 class ConditionedTraining:
-    """The training loop as an object: one `vector_step` drives every environment once and updates some times."""
+    """The training loop as an object: one `vector_step` steps every environment once and updates some times."""
 
     def __init__(self, base: Policy, config: ConditionedConfig) -> None:
         use_one_thread()
@@ -283,7 +283,7 @@ class ConditionedTraining:
     def batch(self) -> Batch:
         """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time.
 
-        Part of it is judged by the weights of other rows, part of it is mirrored; both are as true as what was driven.
+        Part of it is judged by the weights of other rows, part of it is mirrored; both are as true as the rollouts.
         """
         config, reward_weights = self.config, self.config.reward_in_use
         n = config.batch_size

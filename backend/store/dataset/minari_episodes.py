@@ -45,7 +45,7 @@ class MinariWriter:
         folder.mkdir(parents=True)
         pq.write_table(_episode(trajectory), folder / "part-0.parquet")
         of_setup.append(len(trajectory.actions))
-        told = {
+        metadata = {
             "id": number,
             "total_steps": len(trajectory.actions),
             "trajectory": row.id,
@@ -53,13 +53,13 @@ class MinariWriter:
             "outcome": Outcome(row.outcome).name.lower(),
             "made_by": row.made_by,
         }
-        _write(folder / "metadata.json", told)
+        _write(folder / "metadata.json", metadata)
         self._bytes[row.setup] = self._bytes.get(row.setup, 0) + (folder / "part-0.parquet").stat().st_size
 
     def close(self) -> None:
         """Write each setup's metadata."""
         for name, steps in self._steps.items():
-            told = {
+            metadata = {
                 "dataset_id": f"{NAMESPACE}/{name}-v0",
                 "total_episodes": len(steps),
                 "total_steps": sum(steps),
@@ -71,7 +71,7 @@ class MinariWriter:
                 "dataset_size": round(self._bytes[name] / 1e6, 1),  # MB, as Minari counts
                 "description": f"Rollouts shown in a study, setup {name}: control steps of 0.2 s, core reward.",
             }
-            _write(self._data(name) / "metadata.json", told)
+            _write(self._data(name) / "metadata.json", metadata)
 
     def _data(self, setup: str) -> Path:
         return self._folder / f"{setup}-v0" / "data"
@@ -113,5 +113,5 @@ def _box(low: NDArray[Any], high: NDArray[Any]) -> dict[str, Any]:
     return {"type": "Box", "dtype": "float32", "shape": list(low.shape), **ends}
 
 
-def _write(path: Path, told: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(told, sort_keys=True) + "\n", encoding="utf-8", newline="")
+def _write(path: Path, metadata: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(metadata, sort_keys=True) + "\n", encoding="utf-8", newline="")

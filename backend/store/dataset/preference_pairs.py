@@ -47,7 +47,7 @@ def write_pairs(
         if row["kind"] != "query":
             continue
         split = "practice" if is_practice(row["role"]) else "probes" if row["role"] in PROBE_ROLES else "train"
-        told = {
+        line = {
             "prompt": prompts[row["scene_hash"]],
             "chosen": texts[row["chosen"]],
             "rejected": texts[row["rejected"]],
@@ -56,7 +56,7 @@ def write_pairs(
             "rejected_trajectory": row["rejected"],
             "chosen_shown": row["chosen_shown"],
         }
-        lines.setdefault(split, []).append(json.dumps(told, ensure_ascii=False) + "\n")
+        lines.setdefault(split, []).append(json.dumps(line, ensure_ascii=False) + "\n")
     if not lines:
         return
     folder = out / FOLDER

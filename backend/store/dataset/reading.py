@@ -46,7 +46,7 @@ class DatasetError(ValueError):
     """A folder that is no whole, unchanged data set of this format; nothing was imported."""
 
 
-class _Told(BaseModel):
+class _Stored(BaseModel):
     """Part of study.json; what else stands there is for people."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -56,7 +56,7 @@ Sha = Annotated[str, Field(pattern=f"^{SHA}$")]
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
-class AboutProtocol(_Told):
+class AboutProtocol(_Stored):
     """A protocol that answers were collected with. written_sha256: of its copy here, which has no completion codes;
     formats before 5 had them and only tell sha256."""
 
@@ -78,14 +78,14 @@ class AboutVersion(AboutProtocol):
     created_at: AwareDatetime
 
 
-class AboutErased(_Told):
+class AboutErased(_Stored):
     """Somebody who was erased."""
 
     tombstone: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
     erased_at: AwareDatetime
 
 
-class About(_Told):
+class About(_Stored):
     """What study.json says of the study. The id is one of ours, so it names no path."""
 
     format: str
@@ -149,12 +149,12 @@ def check_files(folder: Path) -> None:
 
 def read_about(folder: Path) -> About:
     """study.json. Raises DatasetError for another format, or naming the field that is not as an export writes it."""
-    told = _read_json(folder / STUDY_FILE)
-    if not isinstance(told, dict) or told.get("format") not in READABLE:
-        found = told.get("format") if isinstance(told, dict) else told
+    stored = _read_json(folder / STUDY_FILE)
+    if not isinstance(stored, dict) or stored.get("format") not in READABLE:
+        found = stored.get("format") if isinstance(stored, dict) else stored
         raise DatasetError(f"{STUDY_FILE}: format {found!r} is unknown; this version reads {', '.join(READABLE)}")
     try:
-        return About.model_validate(told)
+        return About.model_validate(stored)
     except ValidationError as problem:
         first = problem.errors()[0]
         field = ".".join(map(str, first["loc"]))

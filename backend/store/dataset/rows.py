@@ -36,7 +36,7 @@ from backend.store.who_counts import is_practice, left_out_of_study, may_be_publ
 Row = dict[str, Any]
 REMOVED = "[removed]"
 MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordinary words
-# Entries of an event's data that hold words and ids of ours; everything else may have been typed or told by a page.
+# Entries of an event's data that hold words and ids of ours; everything else may have been typed or sent by a page.
 OWN_WORDS = frozenset(
     {
         *("step", "phase", "goes_on_with", "side", "drive", "response", "outcome", "code", "language"),
@@ -89,7 +89,7 @@ class Content:
     def participants(self) -> Iterator[Row]:
         for person in self.people.values():
             withdrawn = person.withdrawn_at is not None
-            told = not withdrawn and person.id not in self.closed
+            kept = not withdrawn and person.id not in self.closed
             consents = person.consents or {}
             yield {
                 **self._of_participant(person),
@@ -97,11 +97,11 @@ class Content:
                 "withdrawn": withdrawn,
                 "training": consents.get("training"),
                 "open_data": consents.get("open_data"),
-                "oracle": as_json(person.oracle) if told else None,
+                "oracle": as_json(person.oracle) if kept else None,
                 "created_at": person.created_at,
                 "withdrawn_at": person.withdrawn_at,
                 "excluded_at": person.excluded_at,
-                "excluded_reason": self._scrub(person.excluded_reason) if told else None,
+                "excluded_reason": self._scrub(person.excluded_reason) if kept else None,
             }
 
     def sessions(self) -> Iterator[Row]:

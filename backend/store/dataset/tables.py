@@ -75,7 +75,7 @@ SESSIONS = Table(
         Column("language", TEXT, "language of the pages: en or de"),
         Column("seed", WHOLE, "seed of the session's plan (order of queries, of A and B)"),
         Column("position", WHOLE, "index of the step reached, from 0"),
-        Column("device", TEXT, "screen and input of the last device used, as far as the page told", json=True),
+        Column("device", TEXT, "screen and input of the last device used, as far as the page reported", json=True),
         Column(
             "personalisation",
             TEXT,
@@ -185,7 +185,7 @@ RESPONSES = Table(
         Column(
             "device",
             TEXT,
-            "the device it was given on, as far as its page told: the session's, or the one before it was changed",
+            "the device it was given on, as far as its page reported: the session's, or the one before it was changed",
             json=True,
             newer=True,
         ),

@@ -87,14 +87,14 @@ def state_of(s: DatabaseSession, session: Session, step: DemonstrationStep) -> d
     if stroke is not None and stroke.state in ("drawn", "watched"):
         phase = "driving" if stroke.shown_since is not None else "ready" if stroke.state == "drawn" else "watched"
     going = stroke is not None and phase != "drawing"
-    drive = s.get(TrajectoryRow, stroke.trajectory) if going and stroke is not None and stroke.trajectory else None
+    trajectory = s.get(TrajectoryRow, stroke.trajectory) if going and stroke is not None and stroke.trajectory else None
     shown = showing(step, stroke)
     return {
         "phase": phase,
         "walking": shown is not None and shown.walking,
         "met": met(stroke),
         "stroke": stroke.id if going and stroke is not None else None,
-        "duration_s": drive.duration_s if drive is not None else None,
+        "duration_s": trajectory.duration_s if trajectory is not None else None,
         "playback_id": shown.playback_id if shown else None,
         "may_skip": step.optional,
         "attempts": stroke.attempt if stroke is not None else 0,

@@ -1,6 +1,6 @@
 """Drawing: what becomes of the paths that a participant draws at a step of kind `demonstration`.
 
-Every stroke is stored, whatever comes of it. One that can be driven is driven on the stage, watched by the server's
+Every stroke is stored, whatever comes of it. One that can be driven is rolled out on the stage, watched by the server's
 clock, and then kept (the step's answer) or drawn again. How a stroke becomes a trajectory is
 `backend.demonstrations`'s; how the person walks meanwhile `walks.py`'s; how all that is read again `paths.py`'s; which
 step comes next is `machine.py`'s, which calls `keep` when the answer is stored.
@@ -150,7 +150,7 @@ def _new(
 # ---- watched, taken back, kept ---------------------------------------------------------------------------------------
 
 
-def drive(s: DatabaseSession, session: Session, step: DemonstrationStep, *, now: datetime) -> StrokeRow:
+def roll_out(s: DatabaseSession, session: Session, step: DemonstrationStep, *, now: datetime) -> StrokeRow:
     """Let the robot drive the drawn path (again)."""
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
@@ -159,7 +159,7 @@ def drive(s: DatabaseSession, session: Session, step: DemonstrationStep, *, now:
     return stroke
 
 
-def driven(
+def watched(
     s: DatabaseSession,
     files: ArtefactStore,
     session: Session,
@@ -176,10 +176,10 @@ def driven(
     """
     stroke = latest_stroke(s, session.id, step.key)
     if stroke is not None and met(stroke):
-        return stroke  # told twice
+        return stroke  # reported twice
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
-        return stroke  # told twice
+        return stroke  # reported twice
     if not session.simulated and playback != playback_id(stroke):
         raise _refused(session, "other_playback", "This is not the drive that is being shown.")
     needed = s.get_one(TrajectoryRow, stroke.trajectory).duration_s
@@ -187,14 +187,14 @@ def driven(
         if walked is None:
             raise _refused(session, "not_walked", "Walk beside the robot first.")
         if walked.demonstration is not None and walked.duration_s < needed - TOLERANCE_S:
-            told = f"The drive takes {needed:.1f} s, the walk ends after {walked.duration_s:.1f} s."
-            raise _refused(session, "not_walked", told, walked_s=round(walked.duration_s, 2))
+            message = f"The trajectory takes {needed:.1f} s, the walk ends after {walked.duration_s:.1f} s."
+            raise _refused(session, "not_walked", message, walked_s=round(walked.duration_s, 2))
         needed = min(needed, walked.duration_s)
     if not session.simulated:
         elapsed = elapsed_s(stroke.shown_since, now)
         if elapsed is not None and elapsed < needed - TOLERANCE_S:
-            told = f"The drive takes {needed:.1f} s and began {elapsed:.1f} s ago."
-            raise _refused(session, "too_early", told, elapsed_s=round(elapsed, 2), needed_s=round(needed, 2))
+            message = f"The trajectory takes {needed:.1f} s and began {elapsed:.1f} s ago."
+            raise _refused(session, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=round(needed, 2))
     if walked is not None and is_walked(step, stroke):
         _add_walk(s, files, session, stroke, walked)
     stroke.shown_since, stroke.watched_at = None, stroke.watched_at or now
@@ -291,7 +291,7 @@ def _log(
     client_time: datetime | None = None,
     **data: Any,
 ) -> None:
-    told = {name: value for name, value in data.items() if value is not None}
+    logged = {name: value for name, value in data.items() if value is not None}
     log_event(
         s,
         kind,
@@ -300,7 +300,7 @@ def _log(
         step=stroke.step_key,
         stroke=stroke.id,
         attempt=stroke.attempt,
-        **told,
+        **logged,
     )
 
 

@@ -105,7 +105,7 @@ def walked_beside(
     times, poses = _recording(given)
     stands = scene.person.pose
     if not 0 <= times[0] <= BEGINS_WITHIN_S or math.dist(poses[0][:2], (stands.x, stands.y)) > BEGINS_WITHIN_M:
-        raise _bad(f"must begin with the drive, within {BEGINS_WITHIN_M} m of where the person stood")
+        raise _bad(f"must begin with the rollout, within {BEGINS_WITHIN_M} m of where the person stood")
     try:
         spline = Walk.recorded([0.0, *times[1:]], poses)
     except WalkError as problem:
@@ -126,9 +126,9 @@ def walked_beside(
 
 
 def problem_of(problem: Any) -> dict[str, Any]:
-    """A StrokeProblem as it is stored and told."""
-    told = {"code": problem.code, "message": str(problem), "thing": problem.thing, **problem.numbers}
-    return told | {"at": list(problem.at) if problem.at else None}
+    """A StrokeProblem as it is stored and sent."""
+    described = {"code": problem.code, "message": str(problem), "thing": problem.thing, **problem.numbers}
+    return described | {"at": list(problem.at) if problem.at else None}
 
 
 def _knots(walk: Walk) -> dict[str, list[float]]:

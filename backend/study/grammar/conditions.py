@@ -74,8 +74,8 @@ class Crossed(Part):
         ]
         said = [name for name in given if name]
         if len(said) != 1:
-            told = " and ".join(said) or "nothing"
-            raise ValueError(f"must say the view once, as 'view', in 'each' or in 'one_of'; has {told}")
+            listed = " and ".join(said) or "nothing"
+            raise ValueError(f"must say the view once, as 'view', in 'each' or in 'one_of'; has {listed}")
         twice = set(self.each or ()) & set(self.one_of or ())
         if twice:
             raise ValueError(f"has the factor {', '.join(sorted(twice))} in 'each' and in 'one_of'; keep one")

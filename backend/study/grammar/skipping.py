@@ -99,8 +99,8 @@ def problems_with(when: Fitting, name: str, items: Sequence[Item], here: Path, s
     known = {item.key: item for item in items}
     item = known.get(when.item)
     if item is None:
-        told = f"is no item of {name}; items: {', '.join(known)}{meant(when.item, list(known))}"
-        yield source.problem((*here, "item"), told)
+        message = f"is no item of {name}; items: {', '.join(known)}{meant(when.item, list(known))}"
+        yield source.problem((*here, "item"), message)
         return
     if item.type in ("text", "ranking"):
         yield source.problem((*here, "item"), f"is a {item.type}; only choices, scales and numbers can be asked about")
@@ -112,8 +112,8 @@ def problems_with(when: Fitting, name: str, items: Sequence[Item], here: Path, s
     for key, values in given.items():
         for value in values:
             if value is not None and allowed is not None and value not in allowed:
-                told = f"can never be answered to {item.key}; answers: {', '.join(allowed)}{meant(value, allowed)}"
-                yield source.problem((*here, key), told)
+                message = f"can never be answered to {item.key}; answers: {', '.join(allowed)}{meant(value, allowed)}"
+                yield source.problem((*here, key), message)
 
 
 def _possible(item: Item) -> list[str] | None:
@@ -138,8 +138,8 @@ def problems_within(name: str, questionnaire: Questionnaire, source: Source) -> 
 
 def _within(when: ItemWhen, name: str, before: Sequence[Item], here: Path, source: Source) -> Iterator[Problem]:
     if when.questionnaire == name:
-        told = "is this questionnaire itself; leave it out to ask about an item before this one"
-        yield source.problem((*here, "questionnaire"), told)
+        message = "is this questionnaire itself; leave it out to ask about an item before this one"
+        yield source.problem((*here, "questionnaire"), message)
     elif when.questionnaire is None and when.item not in [item.key for item in before]:
         allowed = ", ".join(item.key for item in before) or "none"
         yield source.problem((*here, "item"), f"does not stand before this in the questionnaire; before it: {allowed}")

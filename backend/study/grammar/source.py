@@ -91,9 +91,9 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _bounded(yaml.SafeLoader.cons
 class _TooMuch(ValueError):
     """YAML beyond a limit; `line` is 1-based."""
 
-    def __init__(self, line: int, told: str) -> None:
+    def __init__(self, line: int, message: str) -> None:
         self.line = line
-        super().__init__(told)
+        super().__init__(message)
 
 
 def _within_limits(events: Iterator[Any]) -> None:

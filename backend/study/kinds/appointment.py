@@ -101,7 +101,7 @@ class Appointment(TextPage[AppointmentStep, Confirmed]):
         begun = Acting(acting.s, following, acting.frozen, now, acting.files)
         log_event(acting.s, "step_entered", session_id=following.id, step=begun.step.key)
         begun.arrive()
-        return Ending("end_appointment", told={"appointment": session.appointment})
+        return Ending("end_appointment", logged={"appointment": session.appointment})
 
 
 KIND = Appointment()

@@ -301,12 +301,12 @@ class Acting(Moment):
 @dataclass(frozen=True)
 class Ending:
     """How coming to a step ends the session, by an event of `session/states.py`'s table. completion_code: the
-    protocol's, `random` for one of the session's own; None: there is none. told: beside the event, for the log.
+    protocol's, `random` for one of the session's own; None: there is none. logged: beside the event, for the log.
     """
 
     event: Literal["complete", "end_appointment"]
     completion_code: str | None = None
-    told: Mapping[str, Any] = field(default_factory=dict)
+    logged: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Simulated(Protocol):
@@ -358,7 +358,7 @@ class Kind(Generic[S, A]):
     progress: ClassVar[type[Progress] | None] = None
     """What `state` tells; trials' is `TrialState`."""
     besides: ClassVar[type[Besides]] = Besides
-    """What `told` tells simulated participants."""
+    """What `known_to_simulated` says to simulated participants."""
     stored: ClassVar[Mapping[str, str]] = {}
     """What a stored answer holds (`responses.value` in the export): field -> its meaning."""
     begun: ClassVar[Mapping[str, Callable[[Acting], None]]] = {}
@@ -369,7 +369,7 @@ class Kind(Generic[S, A]):
         return self.answer or self.name
 
     @property
-    def told_progress(self) -> type[Progress] | None:
+    def progress_model(self) -> type[Progress] | None:
         """What its trial or drawing tells on the wire."""
         return TrialState if self.shows == "trajectories" else self.progress
 
@@ -432,12 +432,12 @@ class Kind(Generic[S, A]):
 
     # simulated participants
 
-    def told(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def known_to_simulated(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         """What a simulated participant is told beside what pages show, as `besides` says; nobody else is."""
         return {}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        """A simulated participant's answer. step: as the API tells it, with what `told` adds."""
+        """A simulated participant's answer. step: as the API tells it, with what `known_to_simulated` adds."""
         return {}
 
 

@@ -116,7 +116,7 @@ class Comparison(Kind[ComparisonStep, ChoiceAnswer]):
     def check(self, step: ComparisonStep, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
         return {"choice": answer.choice}
 
-    def told(self, step: ComparisonStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def known_to_simulated(self, step: ComparisonStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"query": None}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

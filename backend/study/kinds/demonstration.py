@@ -1,4 +1,4 @@
-"""Kind of step `demonstration`: a path is drawn on the floor, driven by the robot at once, and kept or drawn again.
+"""Kind of step `demonstration`: a path is drawn on the floor, rolled out at once, and kept or drawn again.
 
 What becomes of strokes and of walks beside them is `drawing/`'s.
 """
@@ -182,7 +182,7 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
         strokes.keep(acting.s, acting.session, step, stored)
         return {}
 
-    def told(self, step: DemonstrationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def known_to_simulated(self, step: DemonstrationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         scene = paths.scene_of(step)
         offered: list[Scene] = [walks.scene_with(scene, walk) for walk in walks.offered(step)]
         return {"scenes": [one.as_dict() for one in offered or [scene]]}

@@ -164,9 +164,9 @@ class Asking(Kind[A, QuestionnaireAnswer]):
         over = answer.timed_out and step.time_limit_s is not None
         answers = _answers(questionnaire, answer.model_extra or {}, page.earlier, over=over)
         answers |= self.marks(questionnaire, answers, page.earlier)
-        told = [one for one in questionnaire.items if one.instructed is not None and one.key in answers]
-        if told:  # attention checks: marked, never refused
-            right = all(str(answers[one.key]) == one.instructed for one in told)
+        instructed = [one for one in questionnaire.items if one.instructed is not None and one.key in answers]
+        if instructed:  # attention checks: marked, never refused
+            right = all(str(answers[one.key]) == one.instructed for one in instructed)
             answers["passed"] = answers.get("passed", True) and right
         return answers | ({"timed_out": True} if over else {})
 
@@ -174,7 +174,7 @@ class Asking(Kind[A, QuestionnaireAnswer]):
         """What the answers are marked with."""
         return {}
 
-    def told(self, step: A, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def known_to_simulated(self, step: A, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         right = {
             item.key: item.correct or item.instructed for item in moment.frozen.questionnaires[step.questionnaire].items
         }

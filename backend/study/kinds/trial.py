@@ -272,7 +272,7 @@ class Trial(Kind[TrialStep, TrialAnswer]):
             raise BadValue("value.choice", None, "must be 'a' or 'b'")
         return {"choice": answer.choice}
 
-    def told(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def known_to_simulated(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"role": step.role, "query": moment.query_shown(step.key)}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

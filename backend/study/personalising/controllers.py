@@ -34,7 +34,7 @@ def rollouts_for(
         made_by = result["policy"] if controller == "own" else controller
         return [
             Rollout(made[ARMS[controller]], made_by)
-            for made in result.get("situations", result["comparisons"])  # jobs of older versions told these alone
+            for made in result.get("situations", result["comparisons"])  # jobs of older versions have these alone
             if pair is None or made["scene_seed"] == pair
         ]
     return []

@@ -1,4 +1,4 @@
-"""What a session's answers have taught so far, answer by answer, and how the robot would drive by it now.
+"""What a session's answers have taught so far, answer by answer, and how the robot would behave by it now.
 
 For experimenters who watch. What a participant is shown is made by jobs and `training.py`.
 """
@@ -28,9 +28,9 @@ KEPT = 64  # pages ask every few seconds, answers come every half minute
 
 @dataclass(frozen=True)
 class Learnt:
-    """shares: after each answer, the expected share of each objective in what is wanted, by name. weights: what the
-    conditioned policy is told now, those above zero. pairs: drives of base and told policy in the same scenes; empty
-    where no conditioned policy comes with the setup."""
+    """shares: after each answer, the expected share of each objective in what is preferred, by name. weights:
+    what the conditioned policy is conditioned on now, those above zero. pairs: trajectories of base and conditioned
+    policy in the same scenes; empty where no conditioned policy comes with the setup."""
 
     shares: tuple[dict[str, float], ...]
     weights: dict[str, float]
@@ -49,12 +49,12 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     from backend.learning.preferences.objectives import NAMES, SIZE
 
     after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
-    told = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
+    weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
     _known[key] = learnt = Learnt(
         shares=tuple(posterior.importance() for posterior in after[1:]),
-        weights={name: float(weight) for name, weight in zip(NAMES, told, strict=True) if weight},
+        weights={name: float(weight) for name, weight in zip(NAMES, weights, strict=True) if weight},
         entropy_bits=after[-1].entropy_bits(),
-        pairs=_drives(measured.setup, told),
+        pairs=_trajectories(measured.setup, weights),
     )
     while len(_known) > KEPT:
         _known.popitem(last=False)
@@ -64,7 +64,7 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
 _known: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
 
 
-def _drives(setup: str, told: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:
+def _trajectories(setup: str, weights: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:
     from backend.learning.policies.shipped import load_conditioned, load_policy
     from backend.learning.scene_sets import Purpose, scene_set
     from backend.learning.shipped_files import shipped_names
@@ -74,6 +74,6 @@ def _drives(setup: str, told: NDArray[np.float32]) -> tuple[tuple[Trajectory, Tr
     if f"{setup}/conditioned" not in shipped_names():
         return ()
     scenes = scene_set(setup, SCENES, purpose=Purpose.FIGURE, seed=SCENES_SEED)
-    policies = (load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(told))
-    drives = [rollout(get_setup(setup), policy.rollout_policy, scenes) for policy in policies]
-    return tuple(zip(*drives, strict=True))
+    policies = (load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(weights))
+    rollouts = [rollout(get_setup(setup), policy.rollout_policy, scenes) for policy in policies]
+    return tuple(zip(*rollouts, strict=True))

@@ -52,8 +52,8 @@ def policy_key(s: DatabaseSession, policy: str) -> str:
     config = (artefact.card.get("config") or {}) if artefact is not None else {}
     if config.get("recipe") != "instant" or artefact is None:
         return policy
-    told = json.dumps([artefact.setup, config["preference_weights"]], sort_keys=True)
-    return f"weights {hashlib.sha256(told.encode()).hexdigest()[:16]}"
+    key = json.dumps([artefact.setup, config["preference_weights"]], sort_keys=True)
+    return f"weights {hashlib.sha256(key.encode()).hexdigest()[:16]}"
 
 
 def _ready(s: DatabaseSession, session: Session) -> list[str]:

@@ -140,7 +140,7 @@ def _learn_from_paths(acting: Acting, training: Training) -> None:
 
 def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
     """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
-    refinement is shown instead of the instant policy that it began with, once it is there and better."""
+    search's policy is shown instead of the instant policy that it began with, once it is there and better."""
     found = s.scalars(
         select(Job)
         .join(Session, Session.id == Job.session_id)

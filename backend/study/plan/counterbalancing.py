@@ -96,8 +96,8 @@ def design_of(protocol: Protocol) -> Design:
         for block in blocks.values()
     ]
     rows = tuple(dict(zip(blocks, row, strict=True)) for row in product(*choices)) if blocks and count else ()
-    told = {key: [block.each, block.one_of] for key, block in blocks.items()}
-    digest = hashlib.sha256(json.dumps([scheme, told]).encode()).hexdigest()[:16]
+    factors = {key: [block.each, block.one_of] for key, block in blocks.items()}
+    digest = hashlib.sha256(json.dumps([scheme, factors]).encode()).hexdigest()[:16]
     return Design(scheme, blocks, rows, digest)
 
 

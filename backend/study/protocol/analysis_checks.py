@@ -34,15 +34,15 @@ def analysis_problems(
     comparison = protocol.stage_of(ComparisonStage)
     margins = plan.equivalence
     if comparison is None and margins is not None and margins.share is not None:
-        told = "is about choices for the own policy; add a comparison stage, or remove it"
-        yield source.problem(("analysis", "equivalence", "share"), told)
+        message = "is about choices for the own policy; add a comparison stage, or remove it"
+        yield source.problem(("analysis", "equivalence", "share"), message)
     rankings = [name for name in asked if _has(questionnaires.get(name), ("ranking",))]
     if not compared and not rankings and comparison is None and not _conditions(protocol):
-        told = (
+        message = (
             "declares an analysis of a protocol that compares nothing: no two conditions, no ranking, no comparison of "
             "policies; add one of these, or remove 'analysis' (answers are described all the same)"
         )
-        yield source.problem(("analysis",), told)
+        yield source.problem(("analysis",), message)
 
 
 def _conditions(protocol: Protocol) -> set[str]:
@@ -88,15 +88,17 @@ def _items(
     name, here = plan.items, ("analysis", "items")
     if name is None:
         if plan.equivalence is not None and plan.equivalence.rating is not None and not compared:
-            told = "is about ratings of several conditions, and no questionnaire is answered about several"
-            yield source.problem(("analysis", "equivalence", "rating"), told)
+            message = "is about ratings of several conditions, and no questionnaire is answered about several"
+            yield source.problem(("analysis", "equivalence", "rating"), message)
         return
     if name not in asked:
-        told = f"is not asked in this protocol; asked are {', '.join(asked) or 'none'}{meant(name, asked)}"
-        yield source.problem(here, told)
+        message = f"is not asked in this protocol; asked are {', '.join(asked) or 'none'}{meant(name, asked)}"
+        yield source.problem(here, message)
     elif name not in compared:
-        told = "is answered about one condition only, so nothing is compared; ask it in a block with several conditions"
-        yield source.problem(here, told + (f", or name one of {', '.join(compared)}" if compared else ""))
+        message = (
+            "is answered about one condition only, so nothing is compared; ask it in a block with several conditions"
+        )
+        yield source.problem(here, message + (f", or name one of {', '.join(compared)}" if compared else ""))
     elif name in questionnaires and not _has(questionnaires[name], RATED):
         yield source.problem(here, "has no item on a scale and no number, so it has no ratings to test")
 
@@ -111,8 +113,8 @@ def _ranking(
     name, here = plan.ranking, ("analysis", "ranking")
     rankings = [one for one in asked if _has(questionnaires.get(one), ("ranking",))]
     if name is not None and name not in asked:
-        told = f"is not asked in this protocol; rankings are {', '.join(rankings) or 'none'}{meant(name, asked)}"
-        yield source.problem(here, told)
+        message = f"is not asked in this protocol; rankings are {', '.join(rankings) or 'none'}{meant(name, asked)}"
+        yield source.problem(here, message)
         return
     if name is not None and name in questionnaires and name not in rankings:
         yield source.problem(here, f"has no item of type ranking; rankings are {', '.join(rankings) or 'none'}")
@@ -127,11 +129,11 @@ def _ranking(
             options = {o.value for item in questionnaires[one].items if item.type == "ranking" for o in item.options}
             at = ("stages", index, entry.kind, *path)
             if options and options <= set(VIEWS) and (missing := sorted(options - shown)):
-                told = f"ranks {', '.join(missing)}, which nobody is shown; shown are {', '.join(sorted(shown))}"
-                yield source.problem(at, f"{told}; show it, or take it out of the ranking")
+                message = f"ranks {', '.join(missing)}, which nobody is shown; shown are {', '.join(sorted(shown))}"
+                yield source.problem(at, f"{message}; show it, or take it out of the ranking")
             elif options and options <= set(VIEWS) and len(options & between) > 1:
-                told = f"ranks {', '.join(sorted(options & between))}, of which everybody is shown one only (one_of)"
-                yield source.problem(at, f"{told}; use 'each', or remove the ranking")
+                message = f"ranks {', '.join(sorted(options & between))}, of which everybody is shown one only (one_of)"
+                yield source.problem(at, f"{message}; use 'each', or remove the ranking")
 
 
 def _probes(protocol: Protocol, plan: AnalysisPlan, source: Source) -> Iterator[Problem]:
@@ -142,7 +144,7 @@ def _probes(protocol: Protocol, plan: AnalysisPlan, source: Source) -> Iterator[
                 asked = getattr(one.queries.probes, kind)
                 if 0 < asked < plan.min_probes:
                     at = ("stages", index, "block", "trials", n, "queries", "probes", kind)
-                    told = (
+                    message = (
                         f"is {asked}, fewer than analysis.min_probes = {plan.min_probes}, so that nobody's would count"
                     )
-                    yield source.problem(at, f"{told}; ask more, or declare a smaller min_probes")
+                    yield source.problem(at, f"{message}; ask more, or declare a smaller min_probes")

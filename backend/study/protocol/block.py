@@ -143,14 +143,14 @@ class BlockStage(Crossed, Stage):
             probes = queries.probes
             regular += queries.count * (queries.role == "regular")
             if probes.repeat + probes.swap > queries.count or (queries.role == "practice" and probes.trials):
-                told = "asks for more probes than there are regular queries to ask again"
-                yield source.problem((*at, "probes"), told)
+                message = "asks for more probes than there are regular queries to ask again"
+                yield source.problem((*at, "probes"), message)
             yield from _chosen(queries, at, several=several, source=source)
         if not regular:
             yield source.problem((*here, "trials"), "has practice trials only; add queries of role regular")
         if self.attention_checks > regular > 0:
-            told = f"is more than the {regular} regular queries of the block"
-            yield source.problem((*here, "attention_checks"), told)
+            message = f"is more than the {regular} regular queries of the block"
+            yield source.problem((*here, "attention_checks"), message)
 
 
 def _with_attention(

@@ -71,10 +71,10 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
     if learning is not None:
         taught_by = [kind for kind, stage in STAGES.items() if stage.teaches == learning.job]
         if first("train") < min(map(first, taught_by)):
-            told = (
+            message = (
                 f"stands before any {' or '.join(taught_by)}; there is nothing to learn from yet for job {learning.job}"
             )
-            yield at(first("train"), told)
+            yield at(first("train"), message)
         own = kinds[: first("train")].count("appointment")
         for index, kind in enumerate(kinds):
             if kind in (*taught_by, "comparison") and kinds[:index].count("appointment") != own:
@@ -92,12 +92,12 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
 def _arms(compared: ComparisonStage, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:
     """Opponents that there cannot be after that training."""
     if (learning.job == "align") == ("dwa" in compared.arms):
-        told = "own with some of base, neutral and other" if learning.job == "align" else "[dwa, own]"
-        yield source.problem((*here, "arms"), f"must be {told} after a train stage with job {learning.job}")
+        arms = "own with some of base, neutral and other" if learning.job == "align" else "[dwa, own]"
+        yield source.problem((*here, "arms"), f"must be {arms} after a train stage with job {learning.job}")
     elif learning.recipe != "instant" and ("neutral" in compared.arms or compared.stand_ins):
         what = "arms" if "neutral" in compared.arms else "stand_ins"
-        told = "needs recipe instant: it is the conditioned policy, and the own one would be of another kind"
-        yield source.problem((*here, what), told)
+        message = "needs recipe instant: it is the conditioned policy, and the own one would be of another kind"
+        yield source.problem((*here, what), message)
     elif compared.stand_ins and "other" not in compared.arms:
         yield source.problem((*here, "stand_ins"), "lend policies of others; add other to the arms, or remove it")
 
@@ -131,8 +131,8 @@ def _conditions(protocol: Protocol, source: Source) -> Iterator[Problem]:
     for n, one in enumerate(names):
         if any(one & other for other in names[:n]):
             index = stage_keys(protocol.stages).index(list(design.blocks)[n])
-            told = f"has conditions called as those of another block: {', '.join(sorted(one))}; add a factor"
-            yield source.problem(("stages", index, protocol.stages[index].kind), told)
+            message = f"has conditions called as those of another block: {', '.join(sorted(one))}; add a factor"
+            yield source.problem(("stages", index, protocol.stages[index].kind), message)
 
 
 def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source) -> Iterator[Problem]:
@@ -142,8 +142,8 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
         if entry.when is not None:
             here: yaml_source.Path = ("stages", index, "when")
             if asked.get(entry.when.questionnaire, index) >= index:
-                told = "is not asked before this stage" + meant(entry.when.questionnaire, list(asked))
-                yield source.problem((*here, "questionnaire"), told)
+                message = "is not asked before this stage" + meant(entry.when.questionnaire, list(asked))
+                yield source.problem((*here, "questionnaire"), message)
             else:
                 yield from _answers(entry.when, questionnaires, here, source)
         for name, path in entry.stage.questionnaires():
@@ -156,16 +156,18 @@ def _references(protocol: Protocol, questionnaires: Mapping[str, Questionnaire],
                 seen.append(one)
                 about = When.model_validate(one.model_dump(by_alias=True))
                 if asked.get(about.questionnaire, index) >= index:
-                    told = f"has an item with 'when' about {about.questionnaire}, which is not asked before this stage"
-                    yield source.problem(at, told + meant(about.questionnaire, list(asked)))
+                    message = (
+                        f"has an item with 'when' about {about.questionnaire}, which is not asked before this stage"
+                    )
+                    yield source.problem(at, message + meant(about.questionnaire, list(asked)))
                 else:
                     yield from _answers(about, questionnaires, at, source)
         for name, _ in entry.stage.questionnaires():
             asked.setdefault(name, index)
     for q, quota in enumerate(protocol.quotas):
         if quota.questionnaire not in asked:
-            told = f"is not asked in this protocol; asked are {', '.join(asked) or 'none'}"
-            yield source.problem(("quotas", q, "questionnaire"), told)
+            message = f"is not asked in this protocol; asked are {', '.join(asked) or 'none'}"
+            yield source.problem(("quotas", q, "questionnaire"), message)
         else:
             wanted = When.model_validate({"questionnaire": quota.questionnaire, "item": quota.item, "is": quota.is_})
             yield from _answers(wanted, questionnaires, ("quotas", q), source)
@@ -189,5 +191,7 @@ def _checks(protocol: Protocol, questionnaires: Mapping[str, Questionnaire], sou
             if isinstance(entry.stage, ComprehensionStage) and not right:
                 yield source.problem(here, "has no item with 'correct'; a comprehension check needs right answers")
             elif right and not isinstance(entry.stage, ComprehensionStage):
-                told = f"has right answers ({', '.join(right)}); ask it as a comprehension stage, or remove 'correct'"
-                yield source.problem(here, told)
+                message = (
+                    f"has right answers ({', '.join(right)}); ask it as a comprehension stage, or remove 'correct'"
+                )
+                yield source.problem(here, message)

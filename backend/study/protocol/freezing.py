@@ -211,7 +211,9 @@ def _query_set(name: str, here: Mapping[str, str], source: Source) -> Problem | 
         return None
     allowed = ", ".join(shipped) or "none"
     # shipped sets that a study has used are here, too, under their names
-    made = ", ".join(f"{id_}: {told}" for id_, told in here.items() if told.partition(" (")[0] not in shipped) or "none"
+    made = (
+        ", ".join(f"{id_}: {whose}" for id_, whose in here.items() if whose.partition(" (")[0] not in shipped) or "none"
+    )
     return source.problem(
         ("query_set",),
         f"is no query set; shipped are: {allowed}; made here, by id: {made}; or the path of a .npz file"

@@ -77,7 +77,7 @@ def expected_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0)
 
 
 def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None) -> dict[str, Any]:
-    """One participant's steps in words: {"protocol", "minutes", "orders", "steps": [{"key", "kind", "told"}]}.
+    """One participant's steps in words: {"protocol", "minutes", "orders", "steps": [{"key", "kind", "description"}]}.
 
     orders: how many different orders of conditions are filled evenly, 0 where they are drawn by lot. ValueError for a
     language that the protocol does not have.
@@ -91,13 +91,13 @@ def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None)
         "minutes": expected_minutes(frozen.protocol),
         "orders": len(design_of(frozen.protocol).rows),
         "steps": [
-            {"key": step.key, "kind": step.kind, "told": _told(frozen, step, language or languages[0])}
+            {"key": step.key, "kind": step.kind, "description": _description(frozen, step, language or languages[0])}
             for step in steps
         ],
     }
 
 
-def _told(frozen: FrozenProtocol, step: Step, language: str) -> str:
+def _description(frozen: FrozenProtocol, step: Step, language: str) -> str:
     words = [str(word) for word in (getattr(step, "role", None), step.view) if word is not None]
     if step.title_of is not None:
         what, name = step.title_of

@@ -34,8 +34,8 @@ def checked_size(source: Source) -> Source:
     """The file itself, where it has no more stages than can be checked while somebody waits. Raises ProtocolError."""
     stages = source.value(("stages",))
     if isinstance(stages, list) and len(stages) > MOST_STAGES:
-        told = f"has {len(stages):,} stages; a protocol has at most {MOST_STAGES}"
-        raise ProtocolError([source.problem(("stages", MOST_STAGES), told)])
+        message = f"has {len(stages):,} stages; a protocol has at most {MOST_STAGES}"
+        raise ProtocolError([source.problem(("stages", MOST_STAGES), message)])
     version = source.value(("version",))
     if isinstance(version, int) and version > LARGEST_VERSION:
         raise ProtocolError([source.problem(("version",), f"must be at most {LARGEST_VERSION}")])
@@ -53,12 +53,12 @@ def checked_length(protocol: Protocol, source: Source) -> Protocol:
         cells = {name: math.prod(map(len, (getattr(stage, name) or {}).values())) for name in ("each", "one_of")}
         for name, number in cells.items():
             if number > MOST_CONDITIONS:
-                told = f"makes {number:,} conditions; a stage has at most {MOST_CONDITIONS}"
-                raise ProtocolError([source.problem((*here, name), told)])
+                message = f"makes {number:,} conditions; a stage has at most {MOST_CONDITIONS}"
+                raise ProtocolError([source.problem((*here, name), message)])
         trials += cells["each"] * entry.stage.trials_asked()
         if trials > MOST_TRIALS:
-            told = f"brings a participant to {trials:,} trials; a session has at most {MOST_TRIALS:,}"
-            raise ProtocolError([source.problem((*here, "trials"), told)])
+            message = f"brings a participant to {trials:,} trials; a session has at most {MOST_TRIALS:,}"
+            raise ProtocolError([source.problem((*here, "trials"), message)])
     return protocol
 
 
@@ -131,8 +131,8 @@ class Reader:
             elif unknown := self._unfilled(content):
                 known = list(text_numbers(self.protocol))
                 allowed = ", ".join(f"{{{word}}}" for word in known)
-                told = f"the text {chosen} has {{{unknown}}}; what is filled in: {allowed}"
-                return [self.source.problem(path, told + meant(unknown, known))]
+                message = f"the text {chosen} has {{{unknown}}}; what is filled in: {allowed}"
+                return [self.source.problem(path, message + meant(unknown, known))]
             else:
                 self.files[chosen] = content
         return [self.source.problem(path, f"needs the file {', '.join(missing)} beside the protocol")] * bool(missing)
@@ -186,21 +186,21 @@ class Reader:
         """The scale's items, which become part of the study's own copy."""
         scale = SCALES.get(block.scale or "")
         if scale is None:
-            told = f"is no validated scale; there are: {', '.join(SCALES)}{meant(block.scale, list(SCALES))}"
-            raise ProtocolError([own.problem(path, told)])
+            message = f"is no validated scale; there are: {', '.join(SCALES)}{meant(block.scale, list(SCALES))}"
+            raise ProtocolError([own.problem(path, message)])
         missing = [language for language in self._languages if language not in scale.languages]
         if missing:
-            told = (
+            message = (
                 f"is there in {', '.join(scale.languages)}, not in {', '.join(missing)}: no translation of it that we "
                 "could check; leave the language out, or ask items of your own under another name"
             )
-            raise ProtocolError([own.problem(path, told)])
+            raise ProtocolError([own.problem(path, message)])
         if block.items and not all(_is_verbatim(block.items, scale, language) for language in self._languages):
-            told = (
+            message = (
                 f"has items that are not those of {scale.names[0]} word by word; leave 'items' out to ask the scale "
                 "itself, or leave 'scale' out and give the questionnaire another name"
             )
-            raise ProtocolError([own.problem(path, told)])
+            raise ProtocolError([own.problem(path, message)])
         kept = f"scales/{scale.name}.json"
         frozen = self._read(kept) or _as_file(scale)
         self.files[kept] = frozen
@@ -241,15 +241,15 @@ def _borrowed_names(name: str, questionnaire: Questionnaire, own: Source) -> lis
         if scale.name in asked:
             continue
         words = re.compile(r"\b(" + "|".join(map(re.escape, (*scale.names, scale.name))) + r")\b", re.IGNORECASE)
-        told = (
+        message = (
             f"carries the name of the validated scale {scale.names[0]}, whose items are not asked here; "
             f"ask it with '- scale: {scale.name}', or choose another name"
         )
         titles: list[tuple[yaml_source.Path, dict[str, str] | None]] = [(("title",), questionnaire.title)]
         titles += [(("blocks", b, "title"), block.title) for b, block in enumerate(questionnaire.blocks)]
         problems += [
-            own.problem(path, told) for path, title in titles if words.search(" / ".join((title or {}).values()))
+            own.problem(path, message) for path, title in titles if words.search(" / ".join((title or {}).values()))
         ]
         if words.fullmatch(name):
-            problems.append(own.problem(("title",), f"the file's name {told}"))
+            problems.append(own.problem(("title",), f"the file's name {message}"))
     return problems

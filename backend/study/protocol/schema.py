@@ -74,7 +74,7 @@ class Protocol(Part):
     minutes: int = Field(15, ge=1, le=240, description="how long a session takes, as participants are told")
     participants: int | None = Field(None, ge=1, description="how many people are taken in; default as many as come")
     link_valid_days: int = Field(14, ge=1, le=365, description="how long a session can be continued")
-    contact: str | None = Field(None, max_length=200, description="whom participants may ask; default the house's")
+    contact: str | None = Field(None, max_length=200, description="whom participants may ask; default the lab's")
     licence: str | None = Field(None, max_length=200, description="of the data, written into every export")
     citation: str | None = Field(None, max_length=400, description="how to cite the data")
     assignment: Assignment = Assignment()

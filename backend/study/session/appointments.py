@@ -14,7 +14,7 @@ from backend.study.kinds.base import Step
 
 
 def end_of(plan: Sequence[Step], appointment: int | None) -> int:
-    """Index after the last step of an appointment, the first unless told."""
+    """Index after the last step of an appointment, the first unless given."""
     ends = [i + 1 for i, step in enumerate(plan) if step.kind == "appointment"]
     own = appointment or 1
     return ends[own - 1] if own <= len(ends) else len(plan)

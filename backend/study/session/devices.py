@@ -24,8 +24,8 @@ def device_problems(gate: DeviceGate | None, device: Mapping[str, Any]) -> list[
         return []
     problems = ["webgl"] if gate.webgl and not device.get("webgl") else []
     for name, least in (("width", gate.min_width), ("height", gate.min_height), ("frame_rate", gate.min_frame_rate)):
-        told = device.get(name)
-        if least is not None and _is_number(told) and told < least:
+        measured = device.get(name)
+        if least is not None and _is_number(measured) and measured < least:
             problems.append(name)
     if device.get("pointer") in ("fine", "coarse") and device["pointer"] not in gate.pointers:
         problems.append("pointer")
@@ -41,17 +41,17 @@ def fitted(
     """
     problems = [] if simulated else device_problems(gate, device)
     if problems:
-        told = f"This device cannot show the study: {', '.join(problems)}."
-        raise Refused(403, "device", told, study_id=study_id, reasons=problems)
+        message = f"This device cannot show the study: {', '.join(problems)}."
+        raise Refused(403, "device", message, study_id=study_id, reasons=problems)
     rate = device.get("frame_rate")
     slow = gate is not None and gate.light_below is not None and _is_number(rate) and rate < gate.light_below
     return {**device, "scene_detail": "light" if slow else "full"} if gate is not None else dict(device)
 
 
 def was_measured(s: DatabaseSession, session: Session) -> bool:
-    """Whether a page has told of a device of this participant, in whichever appointment."""
-    told = s.scalars(select(Session.device).where(Session.participant_id == session.participant_id))
-    return any("webgl" in device for device in told)
+    """Whether a page has reported a device of this participant, in whichever appointment."""
+    reports = s.scalars(select(Session.device).where(Session.participant_id == session.participant_id))
+    return any("webgl" in device for device in reports)
 
 
 def change_device(
@@ -64,5 +64,5 @@ def change_device(
     return fit
 
 
-def _is_number(told: Any) -> TypeGuard[float]:
-    return isinstance(told, int | float) and not isinstance(told, bool)
+def _is_number(given: Any) -> TypeGuard[float]:
+    return isinstance(given, int | float) and not isinstance(given, bool)

@@ -179,8 +179,8 @@ def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: d
     possible yet, or not any more."""
     rules = viewing_of(session)
     if trial.phase != "choosing" and not (rules.early_choice and trial.phase == "playing_b"):
-        told = "Please watch both drives first."
-        raise refused(session, 409, "too_early", told, trial, phase=trial.phase, step=trial.step_key)
+        message = "Please watch both drives first."
+        raise refused(session, 409, "too_early", message, trial, phase=trial.phase, step=trial.step_key)
     assert trial.phase_since is not None  # noqa: S101  set with every phase
     elapsed = elapsed_s(trial.phase_since, now)
     if elapsed is None:
@@ -205,8 +205,8 @@ def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any])
     since = s.scalars(before.order_by(Response.created_at.desc()).limit(1)).first() or session.created_at
     elapsed = elapsed_s(since, acting.now)
     if elapsed is not None and elapsed < least - TOLERANCE_S:
-        told = f"This takes {least} s and began {elapsed:.0f} s ago."
-        raise refused(session, 409, "too_early", told, elapsed_s=round(elapsed, 2), needed_s=least)
+        message = f"This takes {least} s and began {elapsed:.0f} s ago."
+        raise refused(session, 409, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=least)
 
 
 def _consent_in_force(s: DatabaseSession, session: Session) -> str | None:
@@ -237,7 +237,7 @@ def _move(acting: Acting, to: int) -> None:
         begin(what, acting)
     ending = acting.arrive()
     if ending is not None:
-        states.end(acting, ending.event, completion_code=ending.completion_code, **ending.told)
+        states.end(acting, ending.event, completion_code=ending.completion_code, **ending.logged)
     _settle(acting)
 
 

@@ -90,7 +90,7 @@ def change(session: Session, event: str, who: Who) -> None:
 
 
 def end(
-    acting: Acting, event: str, *, completion_code: str | None = None, because: str | None = None, **told: Any
+    acting: Acting, event: str, *, completion_code: str | None = None, because: str | None = None, **logged: Any
 ) -> None:
     """End a session by what its protocol says: completed, screened out, or an appointment's end.
 
@@ -103,9 +103,9 @@ def end(
     if completion_code is not None:
         session.completion_code = _code(completion_code, session)
     if because is not None:
-        told |= {"outcome": because, "step": acting.step.key}
+        logged |= {"outcome": because, "step": acting.step.key}
     kind = "screened_out" if event == "screen_out" else "session_completed"
-    log_event(acting.s, kind, session_id=session.id, **told)
+    log_event(acting.s, kind, session_id=session.id, **logged)
 
 
 def _code(wanted: str, session: Session) -> str:

@@ -71,7 +71,7 @@ def drawing_of(session: Session, step_key: str | None = None) -> DemonstrationSt
 
 
 def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) -> Trial | None:
-    """The trial of a step, of the current one unless told. Asked for once in a transaction: its session is locked."""
+    """The trial of a step, of the current one unless given. Asked for once in a transaction: its session is locked."""
     known: dict[tuple[str, str], Trial] = s.info.setdefault("trials", {})
     key = (session.id, step_key or step_of(session).key)
     if key not in known:
@@ -180,14 +180,14 @@ def require_active(session: Session, now: datetime) -> None:
         if appointments.is_open(session, now):
             return
         raise refused(session, 409, "too_soon", "This appointment has not begun yet.", opens_at=str(session.opens_at))
-    told = {
+    message = {
         "paused": "The session is paused; go on first.",
         "completed": "This session is finished.",
         "withdrawn": "You have left this study.",
         "expired": "The time in which this session could be continued is over.",
         "screened_out": "This session is finished.",
     }[session.state]
-    raise refused(session, 409 if session.state == "paused" else 410, session.state, told)
+    raise refused(session, 409 if session.state == "paused" else 410, session.state, message)
 
 
 def current_trial(s: DatabaseSession, session: Session, step_key: str, now: datetime) -> Trial:

@@ -57,8 +57,10 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
     trial = current_trial(s, session, step_key, now)
     allowed = viewing_of(session).replays
     if trial.phase != "choosing" or trial.replays >= allowed:
-        told = "This pair cannot be watched again."
-        raise refused(session, 409, "no_replay", told, trial, phase=trial.phase, replays=trial.replays, allowed=allowed)
+        message = "This pair cannot be watched again."
+        raise refused(
+            session, 409, "no_replay", message, trial, phase=trial.phase, replays=trial.replays, allowed=allowed
+        )
     trial.replays += 1
     trial.a_seen_at = trial.b_seen_at = None
     set_phase(s, trial, "watch_again", "participant", now)
@@ -72,7 +74,7 @@ def trajectory_seen(
     """A trajectory was watched to its end, by the server's clock too. After A this plays B; None: nothing more."""
     trial = current_trial(s, session, step_key, now)
     if (trial.a_seen_at if side == "a" else trial.b_seen_at) is not None:
-        return None  # told twice
+        return None  # reported twice
     if trial.phase != f"playing_{side}":
         raise refused(session, 409, "not_playing", f"{side.upper()} is not playing.", trial, phase=trial.phase)
     if playback != playback_id(trial, side) and not (session.simulated and playback is None):

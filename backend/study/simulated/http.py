@@ -54,8 +54,8 @@ class HttpSessionClient:
         self._client, self._link, self._language, self._api = client, recruiting_token, language, ""
         self.token = ""
 
-    def join(self, told: Mapping[str, Any]) -> str:
-        body = {"simulated": True, "language": self._language, "oracle": dict(told)}
+    def join(self, character: Mapping[str, Any]) -> str:
+        body = {"simulated": True, "language": self._language, "oracle": dict(character)}
         joined = self._post(f"/join/{self._link}", body)
         self.token = str(joined["token"])
         self._api = f"/api/session/{self.token}"
@@ -76,8 +76,8 @@ class HttpSessionClient:
         return self._post(f"{self._api}/trials/{key}/seen", {"side": side, "playback_id": playback_id})
 
     def trajectories(self) -> tuple[Trajectory, Trajectory]:
-        told = self._answered("GET", f"{self._api}/trial-data")
-        a, b = (Trajectory.from_bytes(base64.b64decode(told[name])) for name in ("a", "b"))
+        answered = self._answered("GET", f"{self._api}/trial-data")
+        a, b = (Trajectory.from_bytes(base64.b64decode(answered[name])) for name in ("a", "b"))
         return a, b
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:

@@ -24,8 +24,8 @@ from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
 from backend.study.session.joining import join_study
+from backend.study.simulated.known import known_to_simulated
 from backend.study.simulated.participant import Character, SimulationError, State, walk_all
-from backend.study.simulated.told import told_to_simulated
 
 
 def walk_in_process(
@@ -61,11 +61,11 @@ class _InProcess:
         self._database, self._files, self._study, self._known = database, files, study, known
         self._without_jobs, self._token = without_jobs, ""
 
-    def join(self, told: Mapping[str, Any]) -> str:
+    def join(self, character: Mapping[str, Any]) -> str:
         try:
             with self._database.transaction() as s:
                 session, self._token = join_study(
-                    s, self._study, language="en", simulated=True, oracle=told, files=self._files
+                    s, self._study, language="en", simulated=True, oracle=character, files=self._files
                 )
                 return s.get_one(Participant, session.participant_id).code
         except Refused as refused:
@@ -125,7 +125,7 @@ class _InProcess:
             scene = paths.scene_of(step)
             walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
             problems.append(walked.problem)
-            strokes.driven(s, self._files, session, step, playback_id, walked, now=utc_now())
+            strokes.watched(s, self._files, session, step, playback_id, walked, now=utc_now())
 
         return {**self._do("walked", act), "problem": problems[0]}
 
@@ -144,7 +144,7 @@ class _InProcess:
             with acting(self._database, self._token, request=request, now=utc_now()) as (s, session):
                 done = act(s, session)
                 view = machine.current(s, session)
-                told = view.as_dict() | told_to_simulated(s, session, view)
-                return {"state": session.state, "step": told, "duplicate": done if isinstance(done, bool) else False}
+                shown = view.as_dict() | known_to_simulated(s, session, view)
+                return {"state": session.state, "step": shown, "duplicate": done if isinstance(done, bool) else False}
         except Refused as refused:
             raise SimulationError(f"the machine refused {request!r}: {refused.code}, {refused.message}") from refused

@@ -39,8 +39,8 @@ class SimulationError(OSError):
 class SessionClient(Protocol):
     """How one simulated participant reaches its session."""
 
-    def join(self, told: Mapping[str, Any]) -> str:
-        """Take part as a simulated participant; told: the oracle's name and settings. Returns the code."""
+    def join(self, character: Mapping[str, Any]) -> str:
+        """Take part as a simulated participant; character: the oracle's name and settings. Returns the code."""
         ...
 
     def come_back(self) -> State:
@@ -77,8 +77,8 @@ class Character:
     """What all bots of a study are like. oracle, response_model: their preference and how answers stray from it; of
     several preferences with commas each bot takes the next one, of a family outside the list its next member. seed: of
     their random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers;
-    None: they have no opinion on anything but drives. style: of drawing (backend/demonstrations); default each bot the
-    next one.
+    None: they have no opinion on anything but trajectories. style: of drawing (backend/demonstrations); default each
+    bot the next one.
     """
 
     oracle: str = "min-human-distance"
@@ -92,17 +92,17 @@ class Character:
         for name in {*self.oracle.split(","), *(self.cohort.preferences.values() if self.cohort else ())}:
             make_oracle(name, **asdict(self.response_model), seed=self.seed)
 
-    def taste(self, number: int) -> str:
+    def preference(self, number: int) -> str:
         """The oracle of the bot of that number."""
         names = self.oracle.split(",")
         name = names[number % len(names)]
         return f"{name}:{number // len(names)}" if name in FAMILIES else name
 
-    def told(self, number: int) -> dict[str, Any]:
+    def as_stored(self, number: int) -> dict[str, Any]:
         """What is stored of a bot's making."""
         cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
         style = {"style": self.style} if self.style else {}
-        own = {"name": self.taste(number), **asdict(self.response_model), "seed": self.seed, "number": number}
+        own = {"name": self.preference(number), **asdict(self.response_model), "seed": self.seed, "number": number}
         return {**own, **cohort, **style}
 
 
@@ -132,12 +132,12 @@ class SimulatedParticipant:
         self.random = np.random.default_rng([character.seed, number, 11])
         self.person = character.cohort.person(number) if character.cohort else None
         stream = int(self.random.integers(2**31))
-        self._usual = character.taste(number)
+        self._usual = character.preference(number)
         names = {self._usual, *(character.cohort.preferences.values() if character.cohort else ())}
         response_model = asdict(character.response_model)
         self._oracles: dict[str, Oracle] = {name: make_oracle(name, **response_model, seed=stream) for name in names}
         self._style, self._number = character.style, number
-        self._participant = client.join(character.told(number))
+        self._participant = client.join(character.as_stored(number))
         self._responses = self._comparisons = 0
         self._valued: dict[str, list[float]] = {}
 
@@ -174,8 +174,8 @@ class SimulatedParticipant:
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
         """What the oracle prefers, then what the cohort makes of it."""
         condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
-        taste = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
-        choice = self._oracles[taste].choose(Query(a.scene, a, b, (0, 1)))
+        preference = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        choice = self._oracles[preference].choose(Query(a.scene, a, b, (0, 1)))
         if self.person is not None and step["kind"] != "comparison":
             if self.person.takes_second(condition, query, role):
                 choice = 1
@@ -203,17 +203,17 @@ class SimulatedParticipant:
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
         scenes = [Scene.from_dict(one) for one in step["scenes"]]
-        told: Any = None
+        problem: Any = None
         for _ in range(DRAWING_TRIES):
             choice = int(self.random.integers(len(scenes))) if len(scenes) > 1 else 0
             stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
             state = self._client.draw(step["key"], stroke.as_dict() | {"pointer": "bot", "walk": choice})
             if state["step"]["trial"]["walking"]:
                 state = self._walked(step["key"], scenes[choice], state["step"]["trial"])
-            told = state.get("problem")
-            if told is None:
+            problem = state.get("problem")
+            if problem is None:
                 return {"stroke": state["step"]["trial"]["stroke"]}
-        self._give_up(f"{DRAWING_TRIES} paths were refused, the last one: {told}")
+        self._give_up(f"{DRAWING_TRIES} paths were refused, the last one: {problem}")
 
     def _walked(self, key: str, scene: Scene, shown: Mapping[str, Any]) -> State:
         from backend.demonstrations.planned_walks import record_walk  # numba comes with it

@@ -1,6 +1,6 @@
 // @ts-check
 /**
- * The bar under a drawing: undo, speed, let it drive, walk, keep, draw again. The pen itself is the stage's
+ * The bar under a drawing: undo, speed, let the robot drive, walk, keep, draw again. The pen itself is the stage's
  * (app/client/draw.js), the feet too (walk.js); what becomes of a stroke is the server's. Nothing that was drawn is lost:
  * a stroke goes to the server before anything.
  */
@@ -41,7 +41,7 @@ export class Drawing extends StageBar {
     this.keys = { pen: [], feet: [] };
     this.problem = "";
     this.bar = "#driving-progress";
-    this.told = 0;
+    this.announcedAt = 0;
     const words = JSON.parse(document.getElementById("drawing-words")?.textContent ?? "{}");
     this.words = words;
     this.own = speaker(words.script, language);
@@ -88,8 +88,8 @@ export class Drawing extends StageBar {
     if (this.state.phase === "drawing") this.showPen();
     const near = pen.tight ?? pen.near;
     const now = performance.now();
-    if (pen.keys && near && now - this.told > ANNOUNCE_EVERY_MS) {
-      this.told = now;
+    if (pen.keys && near && now - this.announcedAt > ANNOUNCE_EVERY_MS) {
+      this.announcedAt = now;
       this.needs.announce(this.own("here", { words: this.nearWords(near) }));
     }
   }
@@ -148,7 +148,7 @@ export class Drawing extends StageBar {
     if (answered?.problem) this.tellProblem(answered.problem);
   }
 
-  /** @param {import("./contract.js").StrokeProblemTold} problem */
+  /** @param {import("./contract.js").StrokeProblemState} problem */
   tellProblem(problem) {
     const known = Object.keys(this.words.script.problems);
     const walks = this.root.dataset.person === "walks";
@@ -165,13 +165,13 @@ export class Drawing extends StageBar {
     this.needs.announce(this.problem);
   }
 
-  // ---- the drive ---------------------------------------------------------------------------------------------------
+  // ---- the rollout -------------------------------------------------------------------------------------------------
 
   get playing() {
     return this.state.phase === "driving";
   }
 
-  /** Whether the participant walks beside this drive. */
+  /** Whether the participant walks beside this rollout. */
   get walking() {
     return this.playing && Boolean(this.state.walking);
   }

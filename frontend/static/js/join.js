@@ -1,5 +1,5 @@
 // @ts-check
-/** The welcome page: whether this device can show the room, told before anything is asked or stored. */
+/** The welcome page: whether this device can show the room, said before anything is asked or stored. */
 
 import { frameRate } from "./frame-rate.js";
 import { pageData, speaker } from "./say.js";

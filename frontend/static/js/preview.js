@@ -1,6 +1,6 @@
 // @ts-check
 /**
- * A previewed step: the participants' own scripts, with a stand-in for the server that plays the drives, stores nothing
+ * A previewed step: the participants' own scripts, with a stand-in for the server that plays the trajectories, stores nothing
  * and goes on to the next page.
  */
 

@@ -200,8 +200,8 @@ function listen() {
   stream.addEventListener("state", () => refresh());
   stream.addEventListener("moved", (event) => {
     /** @type {Partial<import("./contract.js").Moved>} */
-    const told = parse(event);
-    if (told.reason === "step") refresh();
+    const moved = parse(event);
+    if (moved.reason === "step") refresh();
     else moveOut();
   });
   stream.addEventListener("job", (event) => {
@@ -287,8 +287,8 @@ document.addEventListener("click", async (event) => {
   } else if ("reload" in button.dataset) location.reload();
   else if (button.dataset.copy) {
     const copied = await copyText($(button.dataset.copy));
-    const told = button.parentElement?.querySelector("[data-copied]");
-    if (told) told.textContent = say(copied ? "copied" : "copy_failed");
+    const result = button.parentElement?.querySelector("[data-copied]");
+    if (result) result.textContent = say(copied ? "copied" : "copy_failed");
   }
 });
 
@@ -311,9 +311,9 @@ $("problem-form").addEventListener("submit", async (event) => {
     return;
   }
   try {
-    /** @type {import("./contract.js").ProblemTold} */
-    const told = { text };
-    await ask(`${api}/problem`, told);
+    /** @type {import("./contract.js").ProblemReport} */
+    const report = { text };
+    await ask(`${api}/problem`, report);
     field.value = "";
     $("problem-result").textContent = say("problem_sent");
   } catch (error) {

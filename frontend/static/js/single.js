@@ -1,5 +1,5 @@
 // @ts-check
-/** The bar of a trajectory that is shown alone: Watch, the drive, Continue. Everything else is as in a trial of two. */
+/** The bar of a trajectory that is shown alone: Watch, the trajectory, Continue. Everything else is as in a trial of two. */
 
 import { Trial } from "./trial.js";
 

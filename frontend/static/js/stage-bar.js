@@ -1,7 +1,7 @@
 // @ts-check
 /**
  * What every bar under the stage shares: it hears the stage, tells the server one thing after the other, shows what the
- * server says, and reports drives that were cut short. What stands in the bar is trial.js's, single.js's and drawing.js's.
+ * server says, and reports trajectories that were cut short. What stands in the bar is trial.js's, single.js's and drawing.js's.
  */
 
 import { Refused, pause } from "./send.js";
@@ -33,7 +33,7 @@ const EARLY_TRIES = 25;
 const LOST_AFTER_MS = 15000;
 const LOST_AFTER_ASKING = 2;
 
-/** Why the stage stopped a drive, in the words of the server. @type {Record<string, Cut>} */
+/** Why the stage stopped a trajectory, in the words of the server. @type {Record<string, Cut>} */
 const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
 
 /** @template {BarState} S how the server sees what is shown */
@@ -64,18 +64,18 @@ export class StageBar {
     /** What the stage was asked about. @type {string | null} */
     this.asking = null;
     this.missed = 0;
-    /** Advances the bar of the drive that plays. @type {ReturnType<typeof setInterval> | undefined} */
+    /** Advances the bar of the trajectory that plays. @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
     this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
     this.onHidden = () => document.hidden && this.interrupted("hidden");
-    // behind a dialog nobody sees the drive
+    // behind a dialog nobody sees the trajectory
     this.onDialog = () => this.interrupted("hidden");
     document.addEventListener("keydown", this.onKey);
     document.addEventListener("visibilitychange", this.onHidden);
     document.addEventListener("opened", this.onDialog);
   }
 
-  /** To be called when the bar stands. A drive that played when the page was loaded is seen by nobody any more. */
+  /** To be called when the bar stands. A trajectory that played when the page was loaded is seen by nobody any more. */
   begin() {
     this.show();
     this.interrupted("connection");
@@ -99,7 +99,7 @@ export class StageBar {
     this.watch();
   }
 
-  /** Nobody waits for what will never play: a stage that does not begin is loaded anew, and the drive with it. */
+  /** Nobody waits for what will never play: a stage that does not begin is loaded anew, and the trajectory with it. */
   watch() {
     const awaited = this.playing && this.stageReady && !this.over ? this.state.playback_id : null;
     if (awaited === this.awaited) return;
@@ -131,7 +131,7 @@ export class StageBar {
     }
   }
 
-  /** Whether a drive is shown now. */
+  /** Whether a trajectory is shown now. */
   get playing() {
     return false;
   }
@@ -148,7 +148,7 @@ export class StageBar {
   /** The server has taken a request. @param {any} _answered */
   taken(_answered) {}
 
-  /** The stage has played a drive to its end. @param {StageMessage} _message */
+  /** The stage has played a trajectory to its end. @param {StageMessage} _message */
   played(_message) {}
 
   /** @param {StageMessage} message */
@@ -205,17 +205,17 @@ export class StageBar {
   }
 
   /**
-   * Tells the server that a drive was played, again where its clock says that it cannot have been yet.
+   * Tells the server that a trajectory was played, again where its clock says that it cannot have been yet.
    * @param {string | undefined} playbackId
-   * @param {() => {path: string, body: object}} told what to tell; asked once the page knows what is playing
+   * @param {() => {path: string, body: object}} report what to send; asked once the page knows what is playing
    * @returns {Promise<boolean>} whether it was taken
    */
-  async reportPlayed(playbackId, told) {
+  async reportPlayed(playbackId, report) {
     return this.work(async () => {
       // The news can be faster than the answer that says what is playing.
       if (this.state.playback_id !== playbackId) await this.needs.refresh();
       if (!this.playing || this.state.playback_id !== playbackId) return undefined;
-      const { path, body } = told();
+      const { path, body } = report();
       for (let tries = 0; ; tries += 1) {
         try {
           return await this.needs.post(path, { playback_id: playbackId, ...body });
@@ -268,7 +268,7 @@ export class StageBar {
       done();
       if (!this.over) this.show();
       this.watch();
-      // hidden while the request was under way: the drive that began meanwhile was not seen
+      // hidden while the request was under way: the trajectory that began meanwhile was not seen
       if (!this.over && document.hidden) this.interrupted("hidden");
     }
   }
@@ -299,7 +299,7 @@ export class StageBar {
     if (element && element.textContent !== text) element.textContent = text;
   }
 
-  /** A progress bar follows a drive's own length from now on. @param {string} selector @param {number | null} [seconds] */
+  /** A progress bar follows a trajectory's own length from now on. @param {string} selector @param {number | null} [seconds] */
   follow(selector, seconds) {
     if (!seconds) return;
     const bar = /** @type {HTMLProgressElement} */ (this.root.querySelector(selector));

@@ -1,6 +1,6 @@
 // @ts-check
 /**
- * The bar of a trial: Start, A, B, choice. It shows what the server says; it decides nothing. Drives that were cut short
+ * The bar of a trial: Start, A, B, choice. It shows what the server says; it decides nothing. Trajectories that were cut short
  * are reported to the server, which decides where the trial goes on.
  */
 
@@ -29,11 +29,11 @@ export class Trial extends StageBar {
       early: "earlyChoice" in root.dataset,
       limitS: Number(root.dataset.choiceLimit ?? 0),
     };
-    /** Whether drive B has begun to move. */
+    /** Whether trajectory B has begun to move. */
     this.sawB = false;
     this.again = /** @type {HTMLButtonElement | null} */ (root.querySelector("#again"));
     this.again?.addEventListener("click", () => this.watchAgain());
-    this.start.addEventListener("click", () => this.startDrives());
+    this.start.addEventListener("click", () => this.startTrajectories());
     for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
     this.slow = setTimeout(() => this.tellSlow(), SLOW_STAGE_MS);
     this.begin();
@@ -70,7 +70,7 @@ export class Trial extends StageBar {
     await this.work(() => this.needs.post("again", { request_id: newRequestId() }));
   }
 
-  async startDrives() {
+  async startTrajectories() {
     if (this.busy || this.state.phase !== "ready") return;
     if (!this.stageReady) {
       this.needs.announce(this.needs.say("preparing"));
@@ -134,7 +134,7 @@ export class Trial extends StageBar {
     } else if ((event.key === "Enter" || event.key === " ") && event.target === document.body) {
       // the focus was on nothing: the main button is meant
       event.preventDefault();
-      this.startDrives();
+      this.startTrajectories();
     }
   }
 
@@ -157,7 +157,7 @@ export class Trial extends StageBar {
       this.part("ready");
       this.start.setAttribute("aria-disabled", String(!this.stageReady));
       if (this.stageReady) {
-        // One figure for both drives: two would tell them apart before they were seen.
+        // One figure for both trajectories: two would tell them apart before they were seen.
         const label = this.state.label_s ?? 0;
         let what = say("ready");
         if (this.state.next_side === "b" && b) what = say("ready_b", { seconds: Math.round(b + label) });
@@ -201,7 +201,7 @@ export class Trial extends StageBar {
     }
   }
 
-  /** The robot has begun to move: the bar follows the drive's own length. */
+  /** The robot has begun to move: the bar follows the trajectory's own length. */
   run() {
     this.sawB = this.state.phase === "playing_b";
     this.rest(!this.mayChoose);

@@ -1,6 +1,6 @@
 // @ts-check
 /**
- * Shapes of the page itself; no code lives here. What is sent and told in JSON is in contract.d.ts, which is made from the
+ * Shapes of the page itself; no code lives here. What is sent and received in JSON is in contract.d.ts, which is made from the
  * server's models.
  *
  * @typedef {import("./contract.js").SessionState} SessionState

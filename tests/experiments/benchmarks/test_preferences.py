@@ -40,7 +40,7 @@ def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:
 
 def test_the_ensembles_queries_can_be_asked_instead() -> None:
     config = PreferencesConfig(oracles=("clearance",), query_seeds=(5,), queries="ensemble", answers=4, scenes=20)
-    assert benchmark_preferences("study_room", config=config)["rows"][0]["told"]
+    assert benchmark_preferences("study_room", config=config)["rows"][0]["preference_weights"]
 
 
 def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:

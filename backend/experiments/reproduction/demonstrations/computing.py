@@ -60,7 +60,7 @@ def _acting(params: Mapping[str, Any], needs: Sequence[TaskResult]) -> str | Pol
 
 
 def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
-    """Drives from every demonstrated start, measured; the demonstrations measured beside them."""
+    """Rollouts from every demonstrated start, measured; the demonstrations measured beside them."""
     demonstrations = demonstrations_of(params)
     rollouts = roll_out(_acting(params, needs), [d.scene for d in demonstrations])
     arrays = {**_shown(rollouts, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
@@ -68,7 +68,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
 
 
 def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
-    """Drives where nothing was demonstrated, in the reporting scenes of the seed, measured."""
+    """Rollouts where nothing was demonstrated, in the reporting scenes of the seed, measured."""
     pairs = demonstration_scenes(params["environment"])
     found: dict[str, Any] = {}
     for kind in KINDS:

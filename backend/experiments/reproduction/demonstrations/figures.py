@@ -121,7 +121,7 @@ def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> 
     width = 0.8 / len(SHOWN)
     with mpl.rc_context(STYLE):
         figure, axes = blank(len(MEASURES), 9.6, 2.9)
-        for ax, (name, told) in zip(axes, MEASURES.items(), strict=True):
+        for ax, (name, words) in zip(axes, MEASURES.items(), strict=True):
             for k, controller in enumerate(SHOWN):
                 values = [measured(plan, load, environment, style, controller, name) for style in styles]
                 quartiles = np.array([np.quantile(found, [0.25, 0.5, 0.75]) for found in values])
@@ -141,7 +141,7 @@ def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> 
                     }
                     for style, found, (low, middle, high) in zip(styles, values, quartiles.tolist(), strict=True)
                 ]
-            ax.set_title(told)
+            ax.set_title(words)
             ax.set_xticks(range(len(styles)), [style.replace("_", "\n") for style in styles])
             quiet(ax)
         _legend_below(figure, axes[0])
@@ -283,8 +283,8 @@ def curves_picture(plan: DemonstrationsPlan, load: Load, environment: str, style
                 for seed, curve in zip(plan.budget.seeds, averaged, strict=True)
                 for p in curve
             ]
-        for ax, (name, told) in zip(axes, CURVES.items(), strict=True):
-            ax.set(title=told, xlabel="CPU seconds", ylim=(0, None if name == "frechet_m" else 1.02))
+        for ax, (name, words) in zip(axes, CURVES.items(), strict=True):
+            ax.set(title=words, xlabel="CPU seconds", ylim=(0, None if name == "frechet_m" else 1.02))
             quiet(ax)
         axes[0].axhline(0.25, color=INK, linewidth=0.6, linestyle=":")
         _legend_below(figure, axes[0])

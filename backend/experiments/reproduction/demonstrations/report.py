@@ -27,7 +27,7 @@ from backend.experiments.reproduction.demonstrations.results import (
     measured,
 )
 from backend.experiments.reproduction.enquery.report import kinds
-from backend.experiments.reproduction.running import TEMPLATES, told_time
+from backend.experiments.reproduction.running import TEMPLATES, time_in_words
 from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
 from backend.explain.printed import Section, Shown, Table, page, shown_picture
@@ -63,18 +63,18 @@ def write_report(
 def brief(plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load) -> list[str]:
     """The result in a few sentences, as the numbers have it."""
     ours = [row for row in rows if row.controller == OURS]
-    told = []
+    sentences = []
     for name, bar in BARS.items():
         judged = [(row, bar.met(row.values[name])) for row in ours]
         known = [(row, met) for row, met in judged if met is not None]
         missed = [f"{_whose(row)} ({_number(row.values[name])})" for row, met in known if not met]
         relation = "at least" if bar.at_least else "at most"
         where = f"; missed: {', '.join(missed)}" if missed else ""
-        told.append(
+        sentences.append(
             f"{_capital(bar.name)}, {relation} {bar.bound}: met by {len(known) - len(missed)} of {len(known)} "
             f"controllers, means over seeds{where}."
         )
-    return [*told, *_trained_in(ours), *_without(rows), *_measures_brief(plan, load)]
+    return [*sentences, *_trained_in(ours), *_without(rows), *_measures_brief(plan, load)]
 
 
 def _trained_in(ours: Sequence[ControllerRow]) -> list[str]:
@@ -110,7 +110,7 @@ def _without(rows: Sequence[ControllerRow]) -> list[str]:
 
 def _measures_brief(plan: DemonstrationsPlan, load: Load) -> list[str]:
     """What the thesis says of ours beside the two baselines, counted."""
-    told = []
+    sentences = []
     for name, title in MEASURES.items():
         compared = [
             {c: float(np.mean(measured(plan, load, environment, style, c, name))) for c in CONTROLLERS}
@@ -118,10 +118,11 @@ def _measures_brief(plan: DemonstrationsPlan, load: Load) -> list[str]:
             for style in plan.budget.styles
         ]
         beaten = {b: sum(means[OURS] > means[b] for means in compared) for b in BASELINES}
-        told.append(f"{title} above {' and '.join(f'that of {NAMES[b]} in {n}' for b, n in beaten.items())}")
+        sentences.append(f"{title} above {' and '.join(f'that of {NAMES[b]} in {n}' for b, n in beaten.items())}")
     cases = len(plan.budget.environments) * len(plan.budget.styles)
     return [
-        f"Ours beside the baselines, means over rollouts, of {cases} demonstrators and environments: {'; '.join(told)}."
+        f"Ours beside the baselines, means over rollouts, of {cases} demonstrators and environments: "
+        f"{'; '.join(sentences)}."
     ]
 
 
@@ -178,8 +179,8 @@ def facts(plan: DemonstrationsPlan, run: Run) -> list[tuple[str, str]]:
     return [
         ("command", run.command),
         ("commit", run.commit),
-        ("this run", f"{run.computed} tasks computed in {told_time(run.seconds)} by {run.processes} process(es)"),
-        ("all tasks", f"{len(run.made)} tasks, {told_time(run.core_seconds)} of one core"),
+        ("this run", f"{run.computed} tasks computed in {time_in_words(run.seconds)} by {run.processes} process(es)"),
+        ("all tasks", f"{len(run.made)} tasks, {time_in_words(run.core_seconds)} of one core"),
         ("updates", f"{budget.updates:,} per controller"),
         (
             "demonstrations",
@@ -222,8 +223,8 @@ def _measures_table(plan: DemonstrationsPlan, load: Load) -> Table:
                     measured(plan, load, environment, style, controller, name)
                     for name in ("relative_path_length", "min_human_distance", "path_area")
                 ]
-                told = [f"{np.mean(values):.2f} ± {np.std(values):.2f}" for values in columns]
-                found.append([environment, style, NAMES[controller], str(len(columns[0])), *told])
+                cells = [f"{np.mean(values):.2f} ± {np.std(values):.2f}" for values in columns]
+                found.append([environment, style, NAMES[controller], str(len(columns[0])), *cells])
     heads = [
         "environment",
         "demonstrator",

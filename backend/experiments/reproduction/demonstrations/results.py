@@ -84,15 +84,15 @@ def rows_of(plan: DemonstrationsPlan, load: Load) -> list[ControllerRow]:
 
 
 def _row(plan: DemonstrationsPlan, load: Load, cells: Sequence[ControllerCell]) -> ControllerRow:
-    told = []
+    judged = []
     for cell in cells:
         unseen = load(plan.unseen[cell].key).meta["unseen"]
         rates = {kind: found["success_rate"] for kind, found in unseen.items()}
-        told.append({**load(plan.judged[cell].key).meta["judged"], **rates})
-    values = {name: _over([one[name] for one in told], np.mean) for name in told[0]}
+        judged.append({**load(plan.judged[cell].key).meta["judged"], **rates})
+    values = {name: _over([one[name] for one in judged], np.mean) for name in judged[0]}
     larger_is_better = {**{name: bar.at_least for name, bar in BARS.items()}, **dict.fromkeys(KINDS, True)}
     worst = {
-        name: _over([one[name] for one in told], np.min if at_least else np.max)
+        name: _over([one[name] for one in judged], np.min if at_least else np.max)
         for name, at_least in larger_is_better.items()
     }
     trained = [load(plan.trained[cell].key).meta for cell in cells if cell in plan.trained]

@@ -31,7 +31,7 @@ def reproduce_demonstrations(
     with work.claimed():
         run = compute(plan.tasks(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rows = rows_of(plan, work.load)
-        told = brief(plan, rows, work.load)
+        brief_text = brief(plan, rows, work.load)
         tell("drawing")
         drawn = pictures(plan, work.load)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
@@ -43,7 +43,7 @@ def reproduce_demonstrations(
             budget,
             bars={name: asdict(bar) for name, bar in BARS.items()},
             rows=[asdict(row) for row in rows],
-            brief=told,
+            brief=brief_text,
         )
         card = Card(
             kind="reproduction",
@@ -56,7 +56,7 @@ def reproduce_demonstrations(
             commit=run.commit,
             config={**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
             scenes={"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
-            results={"brief": told, "core_seconds": run.core_seconds},
+            results={"brief": brief_text, "core_seconds": run.core_seconds},
             departures=DEPARTURES,
             notes=["Simulated throughout: those who demonstrate are programmed demonstrators."],
         )

@@ -29,11 +29,11 @@ TEST_SETS = ("ensemble pairs", "segments")
 
 RECIPES = {
     "thesis": "the thesis's recipe",
-    "refine": "our recipe from RAW",
+    "fine_tuning": "our recipe from RAW",
     "instant": "our conditioned policy at once",
-    "refined": "our conditioned policy, refined",
+    "conditioning_search": "our conditioned policy, searched on",
 }
-FROM_CONDITIONED = ("instant", "refined")
+FROM_CONDITIONED = ("instant", "conditioning_search")
 
 FIRST_SEED = 20_000  # of query and reporting scenes: beyond those of cards, benchmarks and studies
 SEEDS_PER_RUN = 100
@@ -57,9 +57,9 @@ class EnqueryBudget:
     rollouts: int
     thesis_updates: int  # per epoch
     thesis_epochs: int
-    refine_updates: int
-    refine_checkpoints: int
-    refined_tried: int = ConditioningSearchConfig.tried  # what else to tell the conditioned policy, in its refinement
+    fine_tuning_updates: int
+    fine_tuning_checkpoints: int
+    search_tried: int = ConditioningSearchConfig.tried  # candidates of the conditioning search
     states: int = 1_000  # 6.5.1.1: in which action diversity is measured
     base_updates: int = BaseConfig(SETUP).updates
     ensemble_steps: int = thesis.ENSEMBLE_STEPS
@@ -86,13 +86,13 @@ SMALL = EnqueryBudget(
     rollouts=100,
     thesis_updates=1_000,
     thesis_epochs=2,
-    refine_updates=1_500,
-    refine_checkpoints=3,
-    refined_tried=32,
+    fine_tuning_updates=1_500,
+    fine_tuning_checkpoints=3,
+    search_tried=32,
 )
 MEDIUM = replace(
     SMALL,
-    name="medium",  # the thesis's amounts with our smaller heads, our refinement of the conditioned policy short
+    name="medium",  # the thesis's amounts with our smaller heads, our conditioning search short
     kappas=(0.0, 0.03125, thesis.KAPPA, 0.125),
     marks=(5_000, 10_000, 15_000, 20_000, 25_000),
     sweep_scenes=500,
@@ -102,8 +102,8 @@ MEDIUM = replace(
     alignments=10,
     thesis_updates=10_000,
     thesis_epochs=3,
-    refine_updates=FineTuningConfig().updates,
-    refine_checkpoints=FineTuningConfig().checkpoints,
+    fine_tuning_updates=FineTuningConfig().updates,
+    fine_tuning_checkpoints=FineTuningConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
 )
 FULL = EnqueryBudget(
@@ -120,8 +120,8 @@ FULL = EnqueryBudget(
     rollouts=100,
     thesis_updates=10_000,
     thesis_epochs=3,
-    refine_updates=FineTuningConfig().updates,
-    refine_checkpoints=FineTuningConfig().checkpoints,
+    fine_tuning_updates=FineTuningConfig().updates,
+    fine_tuning_checkpoints=FineTuningConfig().checkpoints,
     flow_fields=tuple(CONDITIONS),
 )
 BUDGETS = {budget.name: budget for budget in (SMALL, MEDIUM, FULL)}

@@ -169,8 +169,8 @@ def instant_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRes
     return _rolled_out(policy, params["scenes"], {"weights": weights.tolist()})
 
 
-def refined_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
-    """The same refined; trajectories are the conditioned policy's where the refinement was no improvement."""
+def search_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """The same, searched on; trajectories are the conditioned policy's where the search was no improvement."""
     weights = weights_said(params, needs)
     conditioned = load_conditioned(params["conditioned"])
     base = stored_policies(needs[0])[0]
@@ -178,9 +178,9 @@ def refined_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRes
     shown = result.policy if result.takes_over else conditioned.at(weights).without_critic()
     meta = {
         "weights": weights.tolist(),
-        "told": result.offsets.tolist(),
+        "offsets": result.offsets.tolist(),
         "takes_over": result.takes_over,
-        "wanted": result.wanted.as_dict(),
+        "preferred": result.preferred.as_dict(),
         "score": result.score.as_dict(),
         "gate_passed": result.gate.passed,
         "chosen": result.chosen,
@@ -224,5 +224,5 @@ FUNCTIONS: dict[str, Function] = {
     "raw": raw_task,
     "alignment": alignment_task,
     "instant": instant_task,
-    "refined": refined_task,
+    "refined": search_task,
 }

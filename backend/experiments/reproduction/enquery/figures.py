@@ -62,15 +62,15 @@ def pictures(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Pic
     compared = [
         trajectories_picture(
             f"aligned_{recipe}",
-            f"RAW and {FIRST} by {told}",
+            f"RAW and {FIRST} by {words}",
             {RAW: base, FIRST: first_runs[recipe, FIRST]},
             spread_starts(seen[0], plan.budget.starts),
         )
-        for recipe, told in plan.recipes.items()
+        for recipe, words in plan.recipes.items()
     ]
     fields = [
-        flow_picture(f"flow_{recipe}_{name.lower()}", told, name, base, first_runs[recipe, name], seen[0])
-        for recipe, told in plan.recipes.items()
+        flow_picture(f"flow_{recipe}_{name.lower()}", words, name, base, first_runs[recipe, name], seen[0])
+        for recipe, words in plan.recipes.items()
         for name in plan.budget.flow_fields
         if recipe == "thesis" or name == FIRST
     ]
@@ -96,11 +96,11 @@ def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
     kappas, marks = sorted({cell.kappa for cell in cells}), sorted({cell.steps for cell in cells})
     found = {(cell.kappa, cell.steps): cell for cell in cells}
 
-    def panel(ax: Axes, title: str, value: Callable[[SweepCell], float], told: str, colours: Colormap) -> None:
+    def panel(ax: Axes, title: str, value: Callable[[SweepCell], float], number_format: str, colours: Colormap) -> None:
         values = np.array([[value(found[kappa, steps]) for kappa in kappas] for steps in marks])
         image = ax.imshow(values, origin="lower", aspect="auto", cmap=colours)
         for (row, column), number in np.ndenumerate(values):
-            ax.text(column, row, format(number, told), ha="center", va="center", fontsize=7, color=INK)
+            ax.text(column, row, format(number, number_format), ha="center", va="center", fontsize=7, color=INK)
         ax.set_xticks(range(len(kappas)), [f"{kappa:.3g}" for kappa in kappas])
         ax.set_yticks(range(len(marks)), [f"{steps:,}" for steps in marks])
         ax.set(title=title, xlabel="kappa", ylabel="training steps per member")
@@ -274,8 +274,8 @@ def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: 
     fields = flow_field(base.rollout_policy, setup, scene), flow_field(aligned.rollout_policy, setup, scene)
     apart = difference(*fields)
     rows: Rows = [
-        {"policy": told, **dict(zip(COLUMNS, values, strict=True))}
-        for told, field in zip((RAW, condition), fields, strict=True)
+        {"policy": whose, **dict(zip(COLUMNS, values, strict=True))}
+        for whose, field in zip((RAW, condition), fields, strict=True)
         for values in field.rows()
     ]
     caption = (

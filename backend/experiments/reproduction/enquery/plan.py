@@ -75,7 +75,9 @@ def align_config(recipe: str, budget: EnqueryBudget, run: int) -> RelabellingCon
             thesis_config(seed=run, epochs=budget.thesis_epochs), updates=budget.thesis_updates * budget.thesis_epochs
         )
     else:
-        config = FineTuningConfig(seed=run, updates=budget.refine_updates, checkpoints=budget.refine_checkpoints)
+        config = FineTuningConfig(
+            seed=run, updates=budget.fine_tuning_updates, checkpoints=budget.fine_tuning_checkpoints
+        )
     return replace(
         config,
         selection_scenes=budget.selection_scenes,
@@ -84,9 +86,9 @@ def align_config(recipe: str, budget: EnqueryBudget, run: int) -> RelabellingCon
     )
 
 
-def refined_config(budget: EnqueryBudget, run: int) -> ConditioningSearchConfig:
-    """The configuration of one refinement of the conditioned policy, as long as the budget says."""
-    usual = ConditioningSearchConfig(seed=run, tried=budget.refined_tried)
+def search_config(budget: EnqueryBudget, run: int) -> ConditioningSearchConfig:
+    """The configuration of one conditioning search, as long as the budget says."""
+    usual = ConditioningSearchConfig(seed=run, tried=budget.search_tried)
     return replace(usual, selection_scenes=min(budget.selection_scenes, usual.selection_scenes))
 
 
@@ -168,9 +170,9 @@ def _alignment(
         }
         if recipe == "instant":
             return Task("instant", params, policies, seconds=3)
-        refining = refined_config(budget, run)
-        seconds = 6 + 0.0003 * refining.tried * refining.selection_scenes
-        return Task("refined", params | {"config": refining.as_dict()}, policies, seconds=seconds)
+        search = search_config(budget, run)
+        seconds = 6 + 0.0003 * search.tried * search.selection_scenes
+        return Task("refined", params | {"config": search.as_dict()}, policies, seconds=seconds)
     config = align_config(recipe, budget, run)
     return Task(
         "alignment",

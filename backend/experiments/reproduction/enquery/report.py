@@ -52,18 +52,18 @@ def write_report(path: Path, plan: EnqueryPlan, results: EnqueryResults, picture
 
 def brief(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     """The result in a few sentences."""
-    told = []
+    sentences = []
     for recipe, rows in results.tables.items():
         first = named(rows, FIRST)
-        told.append(
+        sentences.append(
             f"{FIRST} by {RECIPES[recipe]}: minimum human distance {_m(first.min_human_distance_m)}, "
             f"{share(first.share_of_the_way)} of the way from RAW ({_m(named(rows, RAW).min_human_distance_m)}) to "
             f"the ceiling ({_m(results.ceiling_m)}), success {share(first.success_rate)}. The thesis: "
             f"{_m(first.published.min_human_distance_m)}, success {share(first.published.success_rate)}."
         )
-    told.append(_accuracy_sentence(results))
-    told.append(_sweep_sentence(plan, results))
-    return told
+    sentences.append(_accuracy_sentence(results))
+    sentences.append(_sweep_sentence(plan, results))
+    return sentences
 
 
 def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Picture], folder: Path) -> list[Section]:
@@ -121,26 +121,26 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
 
 def explanations(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     """What accounts for the differences, as far as our own numbers show it."""
-    told = []
+    paragraphs = []
     raw = named(results.tables["thesis"], RAW)
     above = [name for name, row in thesis.TABLE_6_2.items() if row.min_human_distance_m > results.ceiling_m]
     first = thesis.TABLE_6_2[FIRST].min_human_distance_m
     if above:
-        told.append(
+        paragraphs.append(
             f"The scenes. No policy can keep more than {_m(results.ceiling_m)} on average in ours, less than the "
             f"published {', '.join(above)}; {_m(first)} or more is possible in "
             f"{share(results.reachable_share[FIRST])} of them. Scenes or the measure must have been different there, "
             "so metres cannot be compared, only shares of the way."
         )
     gap = raw.min_human_distance_m - raw.published.min_human_distance_m
-    told.append(
+    paragraphs.append(
         f"The starting point. Our RAW keeps {_m(raw.min_human_distance_m)}, {_m(abs(gap))} "
         f"{'more' if gap > 0 else 'less'} than the published RAW, before anything was learned from answers."
     )
     gains = {recipe: named(rows, FIRST).share_of_the_way for recipe, rows in results.tables.items()}
     ours = max((recipe for recipe in gains if recipe != "thesis"), key=lambda recipe: gains[recipe])
     if gains[ours] > gains["thesis"]:
-        told.append(
+        paragraphs.append(
             "The recipe. From the same answers, in the same scenes, the thesis's recipe (lambda 0.06, neural reward "
             f"model, relabelled buffer alone) goes {share(gains['thesis'])} of the way, {RECIPES[ours]} "
             f"{share(gains[ours])}: the answers hold more than the published recipe takes from them."
@@ -153,23 +153,23 @@ def explanations(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
     better = [model for model in MODELS if ("mlp", "EnQ") in at and at[model, "EnQ"] > at["mlp", "EnQ"]]
     if better:
         others = ", ".join(f"the model {MODELS[model]!r} {share(at[model, 'EnQ'])}" for model in better)
-        told.append(
+        paragraphs.append(
             f"The reward model. With {LOW_QUERIES} answers the neural model predicts {share(at['mlp', 'EnQ'])} of the "
             f"ensemble test pairs, {others}."
         )
-    told.append(_diversity_explanation(results))
-    told += [
+    paragraphs.append(_diversity_explanation(results))
+    paragraphs += [
         "The simulator. Fast kinematic engine instead of iGibson; observations, limits and rewards are the chapter's.",
         "The replay buffer is regenerated from the base policy and the seed, not the one that filled up during its "
         "training.",
         *(f"Base and ensemble. {DEPARTURES[key]}" for key in ("progress", "smoothness", "average", "ensemble_choice")),
     ]
     heads = "-".join(str(width) for width in plan.budget.heads)
-    told.append(
+    paragraphs.append(
         f"The networks. Heads of {heads} for base, ensemble, reward models and alignments (the thesis: 400-300); the "
         "sweep over kappa starts from the shipped base policy with its smaller heads."
     )
-    return told
+    return paragraphs
 
 
 def _diversity_explanation(results: EnqueryResults) -> str:
@@ -212,7 +212,10 @@ def facts(plan: EnqueryPlan, run: Run) -> list[tuple[str, str]]:
             "thesis's recipe",
             f"{budget.thesis_epochs} epochs of {budget.thesis_updates:,} updates, lambda 0.06, best epoch kept",
         ),
-        (RECIPES["refine"], f"{budget.refine_updates:,} updates, {budget.refine_checkpoints} checkpoints"),
+        (
+            RECIPES["fine_tuning"],
+            f"{budget.fine_tuning_updates:,} updates, {budget.fine_tuning_checkpoints} checkpoints",
+        ),
     ]
 
 
@@ -267,14 +270,14 @@ def _sweep_sentence(plan: EnqueryPlan, results: EnqueryResults) -> str:
 
 
 def _accuracy_sentence(results: EnqueryResults) -> str:
-    at = [p for p in results.curves if p.model == "mlp" and p.test_set == TEST_SETS[0]]
-    count = min({p.answers for p in at}, key=lambda answers: abs(answers - LOW_QUERIES))
-    told = {p.source: p for p in at if p.answers == count}
+    points = [p for p in results.curves if p.model == "mlp" and p.test_set == TEST_SETS[0]]
+    count = min({p.answers for p in points}, key=lambda answers: abs(answers - LOW_QUERIES))
+    at = {p.source: p for p in points if p.answers == count}
     return (
-        f"With {count} answers the neural reward model predicts {share(told['EnQ'].accuracy)} of the ensemble test "
-        f"pairs when it learned from ensemble pairs ({share(told['EnQ'].low)} to {share(told['EnQ'].high)}), "
-        f"{share(told['BL'].accuracy)} when it learned from segments ({share(told['BL'].low)} to "
-        f"{share(told['BL'].high)})."
+        f"With {count} answers the neural reward model predicts {share(at['EnQ'].accuracy)} of the ensemble test "
+        f"pairs when it learned from ensemble pairs ({share(at['EnQ'].low)} to {share(at['EnQ'].high)}), "
+        f"{share(at['BL'].accuracy)} when it learned from segments ({share(at['BL'].low)} to "
+        f"{share(at['BL'].high)})."
     )
 
 
@@ -282,9 +285,9 @@ def _crossing_sentence(results: EnqueryResults) -> str:
     def words(count: int | None) -> str:
         return "never" if count is None else f"from {count} answers on"
 
-    told = "; ".join(f"{pairing}: {words(count)}" for pairing, count in results.crossings.items())
+    crossings = "; ".join(f"{pairing}: {words(count)}" for pairing, count in results.crossings.items())
     return (
-        f"From how many answers the baseline's mean stays above EnQuery's. {told}. The thesis: from "
+        f"From how many answers the baseline's mean stays above EnQuery's. {crossings}. The thesis: from "
         f"{thesis.QUERIES_WHERE_BASELINE_OVERTAKES}. Only the numbers of answers that were tried can be found."
     )
 

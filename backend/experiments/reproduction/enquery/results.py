@@ -62,7 +62,7 @@ class TableRow:
     share_of_the_way: from RAW to the ceiling of the same scenes. paired_gain_m: against RAW, over the scenes in which
     both succeed. per_alignment: the mean minimum human distance of each alignment. per_alignment_test compares
     those; per_episode_test takes every trajectory for independent, which those of one policy are not. took_over: in
-    how many alignments the refinement was shown instead of what it began with, where that is asked.
+    how many alignments what the conditioning search found was shown instead of what it began with, where that is asked.
     """
 
     recipe: str
@@ -173,9 +173,9 @@ def crossings_of(curves: Sequence[CurvePoint]) -> dict[str, int | None]:
 
     pairings = {"each on its own kind": TEST_SETS} | {f"both on {name}": (name, name) for name in TEST_SETS}
     found = {}
-    for told, (of_first, of_second) in pairings.items():
+    for pairing, (of_first, of_second) in pairings.items():
         answers, first = line("EnQ", of_first)
-        found[told] = crossing(answers, first, line("BL", of_second)[1])
+        found[pairing] = crossing(answers, first, line("BL", of_second)[1])
     return found
 
 

@@ -70,9 +70,9 @@ def reproduce_enquery(
         drawn = pictures(plan, work.load, results)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
         write_report(out / "report.html", plan, results, drawn, run)
-        told_results = out / "results.json"
-        summary = write_results(told_results, run, budget, setup=SETUP, seed=seed, results=asdict(results))
-        _card(plan, results, run, told_results).save(card_path(told_results))
+        results_file = out / "results.json"
+        summary = write_results(results_file, run, budget, setup=SETUP, seed=seed, results=asdict(results))
+        _card(plan, results, run, results_file).save(card_path(results_file))
     return {
         "report": str(out / "report.html"),
         "results": str(out / "results.json"),

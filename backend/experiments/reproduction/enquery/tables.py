@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from backend.analysis.t_tests import TTest
-from backend.analysis.tested import told_p
+from backend.analysis.tested import p_in_words
 from backend.experiments.reproduction.enquery import thesis
 from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, SOURCES
 from backend.experiments.reproduction.enquery.results import FIRST, RAW, CurvePoint, EnqueryResults, TableRow
@@ -52,9 +52,7 @@ def alignment_table(recipe: str, rows: Sequence[TableRow]) -> Table:
     note = ""
     if rows[0].took_over is not None:
         took = ", ".join(f"{row.name} {row.took_over} of {row.alignments}" for row in rows if row.name != RAW)
-        note = (
-            f" Where the refinement was no improvement on other scenes the conditioned one is shown; it was in {took}."
-        )
+        note = f" Where the search was no improvement on other scenes the conditioned one is shown; it was in {took}."
     body = [
         [
             row.name,
@@ -82,8 +80,8 @@ def t_test_table(recipe: str, rows: Sequence[TableRow]) -> Table:
         return [
             f"{test.difference:+.2f}",
             f"{test.statistic:.2f} ({test.df:g})",
-            told_p(test.p),
-            f"{told_p(test.p_corrected)} {test.stars}",
+            p_in_words(test.p),
+            f"{p_in_words(test.p_corrected)} {test.stars}",
             f"{test.effect_size:.2f}",
         ]
 

@@ -1,5 +1,5 @@
-"""What a simulated session is told of its step beside what pages show: a program reads no pages and has to know what
-about. Nobody else is told this: it names queries, right answers and conditions.
+"""What a simulated session knows of its step beside what pages show: a program reads no pages and has to know what
+about. Nobody else gets this: it names queries, right answers and conditions.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from backend.study.session.versions import protocol_of
 from backend.study.session.view import StepView
 
 
-def told_to_simulated(s: DatabaseSession, session: Session, view: StepView) -> dict[str, Any]:
+def known_to_simulated(s: DatabaseSession, session: Session, view: StepView) -> dict[str, Any]:
     """What the current step is about: condition, view, and what its kind adds."""
     if session.state != "active":
         return {}
     moment = Moment(s, session, protocol_of(s, session), utc_now())
     step = moment.step
     where = {name: word for name in ("block", "view") if (word := getattr(step, name)) is not None}
-    return where | kind_of(step).told(step, moment, view.payload)
+    return where | kind_of(step).known_to_simulated(step, moment, view.payload)
