@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from app.shapes import Colour, Shape, ball, box, disc, flat, limb, merged, turned
 from backend.simulation.setups import ROBOT_RADIUS_M
 
-PERSON_DISC_RADIUS_M = 0.25  # spec 01, scene 3
+PERSON_DISC_RADIUS_M = 0.25  # ch. 7
 _EYE_SHARE = 0.93  # eyes at this share of body height
 
 _GRAPHITE: Colour = (58, 60, 64)
@@ -112,7 +112,7 @@ def mannequin(height: float = 1.7) -> Shape:
 
 
 def person_place(*, facing: bool) -> Shape:
-    """The translucent blue disc that marks a person's place (spec 01, scene 3); `facing` adds a point towards +x."""
+    """The translucent blue disc that marks a person's place (ch. 7); `facing` adds a point towards +x."""
     plate = disc(PERSON_DISC_RADIUS_M, 0.010, _BLUE, alpha=0.46, rim_alpha=0.46, segments=48)
     r = PERSON_DISC_RADIUS_M
     rim = turned([(r, 0.012), (r * 0.93, 0.012)], _BLUE, segments=48, alpha=0.85)
@@ -124,7 +124,7 @@ def person_place(*, facing: bool) -> Shape:
 
 
 def goal_cone() -> Shape:
-    """The green cone at the goal (spec 02), 12 cm thick at its foot: what stands there must not hide the way."""
+    """The green cone at the goal (ch. 2), 12 cm thick at its foot: what stands there must not hide the way."""
     height, foot = GOAL_CONE_HEIGHT_M, 0.12
     slope = [(foot * 1.35, 0.012), (foot * 1.3, 0.03), (foot, 0.03), (0.012, height), (0.0, height)]
     return turned(slope, _GREEN, segments=24).lit(turning=True)

@@ -20,7 +20,7 @@ from backend.simulation.trajectory import Trajectory
 View = Literal["top_down", "first_person", "immersive"]
 VIEWS: tuple[View, ...] = get_args(View)
 
-FIRST_PERSON_FOV_RAD = math.radians(60)  # vertical; spec 07
+FIRST_PERSON_FOV_RAD = math.radians(60)  # vertical; ch. 7
 IMMERSIVE_FOV_RAD = math.radians(75)  # vertical; ours, a headset shows more than a screen and a screen can be turned
 TOP_DOWN_FOV_RAD = math.radians(10)  # high and narrow, as near to a plan as a perspective camera gets
 TRACKED_HEIGHT_M = 0.30  # the camera follows this point of the robot

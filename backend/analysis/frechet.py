@@ -1,4 +1,4 @@
-"""Frechet distances between paths, and the deviation-aware one of chapter 3 (spec 03 and 09).
+"""Frechet distances between paths, and the deviation-aware one of chapter 3.
 
 Continuous distances between polylines come from the free-space diagram of Alt and Godau (1995). One walk through the
 diagram answers, for a length e, which prefixes of the first path are within e of some prefix of the second; halving
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from backend.simulation.kernels import compiled_exactly
 
 Doubles = NDArray[np.float64]
-PHI = 0.75 * math.pi  # spec 03
+PHI = 0.75 * math.pi  # ch. 3
 EXACT_M = 1e-10
 
 
@@ -184,7 +184,7 @@ def frechet_distance(a: ArrayLike, b: ArrayLike, *, discrete: bool = False, exac
 
 
 def prefix_distances(a: ArrayLike, b: ArrayLike, *, discrete: bool = False, exact_m: float = EXACT_M) -> Doubles:
-    """f(A, B, t) = inf over t' of F(A[0, t], B[0, t']) (spec 03) at every point of A: (n,) metres, never falling.
+    """f(A, B, t) = inf over t' of F(A[0, t], B[0, t']) (ch. 3) at every point of A: (n,) metres, never falling.
 
     Arguments as of `frechet_distance`.
     """
@@ -201,7 +201,7 @@ def prefix_distances(a: ArrayLike, b: ArrayLike, *, discrete: bool = False, exac
 
 @dataclass(frozen=True)
 class Deviation:
-    """Up to where a driven path follows a demonstrated one, and how closely (spec 03). Read both numbers together.
+    """Up to where a driven path follows a demonstrated one, and how closely (ch. 3). Read both numbers together.
 
     t_star: share of the driven path's length, 1 if it follows to its end. distance_m: f(A, B, t*).
     point: (x, y) of A at t*. backwards: both paths were compared from their ends. cost: C(t*), the higher the better.

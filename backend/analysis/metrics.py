@@ -1,4 +1,4 @@
-"""Trajectory metrics (spec 09): pure functions on arrays, vectorised over many trajectories.
+"""Trajectory metrics: pure functions on arrays, vectorised over many trajectories.
 
 Statistical tests and reports live elsewhere. Trajectories of different lengths are stacked by repeating their last
 pose, which adds nothing to any sum or minimum here.
@@ -128,7 +128,7 @@ def mean_speed(lengths: ArrayLike, times: ArrayLike) -> Array:
 
 
 def action_diversity(actions: ArrayLike) -> float:
-    """Ensemble action diversity (spec 06): mean over states and members i of sum_{j != i} ||a_i - a_j||^2.
+    """Ensemble action diversity (ch. 6): mean over states and members i of sum_{j != i} ||a_i - a_j||^2.
 
     actions: (members, states, 2), what each member would do in the same states. Raises ValueError for fewer than two
     members or no state.

@@ -1,4 +1,4 @@
-"""From a stroke to a demonstration: commands along the spline, the robot's rollout, transitions (spec 02, steps 2-7).
+"""From a stroke to a demonstration: commands along the spline, the robot's rollout, transitions (ch. 2, steps 2-7).
 
 The stroke and its spline live in `stroke.py`. Everything here follows from stroke and scene alone, without chance:
 the same two give the same transitions, bit for bit.
@@ -25,8 +25,8 @@ from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, get_s
 from backend.simulation.trajectory import Outcome, Trajectory
 
 FORMAT = "desirepath-demonstration-1"
-AUGMENTED = 15  # spec 02, step 7
-FARTHEST_FROM_SPLINE_M = 0.02  # the bar of issue 4; a path that cannot be driven this closely is too tight
+AUGMENTED = 15  # ch. 2, step 7
+FARTHEST_FROM_SPLINE_M = 0.02  # ours; a path that cannot be driven this closely is too tight
 BETWEEN_M = 0.01  # how densely a path is looked at for contacts
 
 
@@ -146,7 +146,7 @@ class Demonstration:
 
 
 def commands_along(spline: PathSpline, *, begin_m: float = 0.0) -> Doubles:
-    """(T, 2) commands m/s, rad/s from `begin_m` along the spline to its end (spec 02, steps 2 and 3).
+    """(T, 2) commands m/s, rad/s from `begin_m` along the spline to its end (ch. 2, steps 2 and 3).
 
     Each step of length delta_d = v(k) dt turns by the path's change of direction over it: w = v delta_alpha / delta_d.
     The last one ends within one step of the spline's end.
@@ -213,7 +213,7 @@ def demonstration_from(stroke: Stroke, scene: Scene, *, seed: int | None = None,
 
 
 def augmented(demonstration: Demonstration, n: int = AUGMENTED) -> list[Trajectory]:
-    """The rollout `n` times, the j-th begun j / n of a step further along the spline (spec 02, step 7).
+    """The rollout `n` times, the j-th begun j / n of a step further along the spline (ch. 2, step 7).
 
     The first is the demonstration's own. A shifted one that would touch something is left out.
     """

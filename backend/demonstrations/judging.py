@@ -1,4 +1,4 @@
-"""How well a controller does what was demonstrated, and how it does where nothing was (spec 02, results to honour).
+"""How well a controller does what was demonstrated, and how it does where nothing was (ch. 2, results to honour).
 
 Distances between paths live in `backend.analysis.frechet`, what is compared in `controllers.py`.
 """
@@ -27,7 +27,7 @@ PROFILE_POINTS = 50
 SPARSE_M = 0.1  # spacing at which paths are compared: finer changes distances by less than 1 cm
 EXACT_M = 1e-3
 CHANGING_M_S = 0.01  # a demonstration whose speed has a smaller standard deviation has no profile to follow
-FOLLOWED_M, FOLLOWED_T = 0.25, 0.8  # issue 4: so close, and so far along, is a demonstration followed
+FOLLOWED_M, FOLLOWED_T = 0.25, 0.8  # ours: so close, and so far along, is a demonstration followed
 DRAWN_AT_ONCE = 50  # divides a set's 10,000 scenes
 NEAREST_GOAL_M = 1.0  # between a drawn start and its goal
 KINDS = ("starts", "goals", "people", "anywhere")

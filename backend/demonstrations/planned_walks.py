@@ -19,7 +19,7 @@ from backend.simulation.setups import ROBOT_RADIUS_M
 from backend.simulation.walks import Walk
 
 MODES = ("opposite", "random")
-SPEED_M_S = (0.5, 0.3)  # mean and standard deviation, cut to the next line (spec 01)
+SPEED_M_S = (0.5, 0.3)  # mean and standard deviation, cut to the next line
 SPEED_LIMITS_M_S = (0.1, 1.5)
 SPARE_M = 0.05  # between the person and things
 BESIDE_M = (0.8, 1.8)  # ours: the opposite way begins and ends so far from the robot's goal and start

@@ -1,4 +1,4 @@
-"""A stroke as it was drawn, why one cannot be driven, and the spline with speeds that is made of it (spec 02, step 1).
+"""A stroke as it was drawn, why one cannot be driven, and the spline with speeds that is made of it (ch. 2, step 1).
 
 How the robot drives the spline lives in `demonstration.py`.
 """
@@ -187,7 +187,7 @@ def check_stroke(stroke: Stroke, scene: Scene) -> None:
 
 
 def fit_spline(stroke: Stroke, scene: Scene) -> PathSpline:
-    """The smooth path with its speeds (spec 02, step 1). Raises StrokeProblem, also those of `check_stroke`."""
+    """The smooth path with its speeds (ch. 2, step 1). Raises StrokeProblem, also those of `check_stroke`."""
     check_stroke(stroke, scene)
     points, speeds, lengths = _distinct(stroke)
     places = np.linspace(0.0, lengths[-1], max(8, math.ceil(lengths[-1] / SPACING_M) + 1))

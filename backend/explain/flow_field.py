@@ -1,4 +1,4 @@
-"""The flow field of a policy in one scene (spec 06, thesis 6.4.6): where it would head, and roll out, from everywhere.
+"""The flow field of a policy in one scene (thesis 6.4.6): where it would head, and roll out, from everywhere.
 
 Here live the grid, the settled headings, the roll-outs from every cell and the difference of two fields, as numbers.
 Pictures of them are drawn in `scene_plots.py`. A policy is anything that acts on observations.

@@ -1,4 +1,4 @@
-"""The job that learns a personal controller from kept demonstrations of one environment (spec 02).
+"""The job that learns a personal controller from kept demonstrations of one environment (ch. 2).
 
 The algorithm is `backend.demonstrations.td3_bc`'s; here the demonstrations are loaded, the controller, its rollouts and
 what they are compared with are kept.

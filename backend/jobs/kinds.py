@@ -89,7 +89,7 @@ class RewardModelParams(Params):
     """Learn what the answers of a snapshot say about driving; measure it on answers it did not see."""
 
     snapshot: str = _artefact("snapshot")
-    model: ModelName = _from("spec_06_linear", "linear")
+    model: ModelName = _from("ours_few_answers", "linear")
     reduction: Literal["sum", "mean"] = _from("thesis_6_4_4", "sum")
     folds: int = _from("ours", 5, ge=2, le=50, advanced=True)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
@@ -105,8 +105,8 @@ class AlignParams(Params):
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     gate_scenes: int = _from("ours", 500, ge=50, le=5_000, advanced=True)
     gate_min_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
-    gate_max_loss: float = _from("issue_gate", 0.05, ge=0, le=1, advanced=True)
-    comparisons: int = _from("spec_07_comparisons", 3, ge=0, le=10, advanced=True)
+    gate_max_loss: float = _from("ours_five_points", 0.05, ge=0, le=1, advanced=True)
+    comparisons: int = _from("from_protocol", 3, ge=0, le=10, advanced=True)
     hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
     other: str | None = Field(
         None, min_length=1, json_schema_extra={"source": "yours", "artefact": "policy", "advanced": True}
@@ -144,7 +144,7 @@ class ConditionedAlignParams(AlignParams):
 class InstantParams(ConditionedAlignParams):
     """The conditioned policy at the preference weights that the answers speak for; there at once (recipe A)."""
 
-    recipe: Literal["instant"] = _from("spec_06_recipe_a", "instant")
+    recipe: Literal["instant"] = _from("ours_at_once", "instant")
 
 
 class ConditioningSearchParams(ConditionedAlignParams):
@@ -164,8 +164,8 @@ class FineTuningParams(AlignParams):
     reward_weight: of the learned reward; None: found while training, by success. updates: of the critic.
     """
 
-    recipe: Literal["fine_tuning"] = _from("spec_06_recipe_b", "fine_tuning")
-    model: ModelName = _from("spec_06_linear", "linear", advanced=True)
+    recipe: Literal["fine_tuning"] = _from("ours_in_session", "fine_tuning")
+    model: ModelName = _from("ours_few_answers", "linear", advanced=True)
     reward_weight: float | None = _from("follows_success", None, gt=0, le=10)
     updates: int = _from("ours", 8_000, ge=1, le=200_000)
 
@@ -225,7 +225,7 @@ class TrainBaseParams(Params):
     updates: int = _from("ours_two_minutes", 60_000, ge=100, le=2_000_000)
     n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)
     updates_per_step: int = _from("design_speed", 12, ge=1, le=256, advanced=True)
-    progress_weight: float = _from("spec_06_progress", 1.0, ge=0, le=10)
+    progress_weight: float = _from("ours_progress", 1.0, ge=0, le=10)
     smoothness_penalty: float = _from("ours_smoothness", 0.2, ge=0, le=10)
     learning_rate: float = _from("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
     batch_size: int = _from("design_speed", 128, ge=8, le=4_096, advanced=True)
@@ -251,7 +251,7 @@ class QueriesParams(Params):
         max_length=8,
         json_schema_extra={"source": "shipped", "artefact": "policy"},
     )
-    count: int = _from("issue_queries", 200, ge=1, le=2_000)
+    count: int = _from("ours_different_queries", 200, ge=1, le=2_000)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     max_duration_s: float = _from("ours_people_watch", 12.0, gt=2, le=100)
     min_gap_m: float = _from("ours_visible", 0.5, ge=0, le=10, advanced=True)
@@ -263,8 +263,8 @@ class TrainDemonstrationsParams(Params):
     snapshot: str = _artefact("demonstrations")
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     updates: int = _from("ours_demonstrations", 40_000, ge=16, le=2_000_000)
-    comparisons: int = _from("spec_02_pairs", 4, ge=0, le=4, advanced=True)
-    gate_min_success: float = _from("issue_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+    comparisons: int = _from("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
+    gate_min_success: float = _from("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
 
     RENAMED: ClassVar[Mapping[str, str]] = {"gate_least_success": "gate_min_success"}
 

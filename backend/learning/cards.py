@@ -33,20 +33,20 @@ DEPARTURES = {
     "last weights.",
     "pair_filters": "Besides collisions, self-intersections and timeouts, pairs are dropped that are too long to watch "
     "or that a person could hardly tell apart.",
-    "instant": "Recipe A of the specification instead of an alignment: a policy that was trained for all preference "
-    "weights beforehand is told those that the answers speak for.",
+    "instant": "Instead of an alignment: a policy trained for all preference weights beforehand is conditioned on "
+    "those that the answers speak for.",
     "conditioned": "Not in the thesis: nine preference weights are further inputs of the policy; aligning it takes no "
-    "training (recipe A of the specification).",
-    "recovery": "While a robot comes no nearer to its goal (6 s) the base policy drives, then the policy with nothing "
-    "wanted, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
+    "training.",
+    "recovery": "While a robot comes no nearer to its goal (6 s) the base policy acts, then the policy at zero "
+    "weights, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
     "progress_conditioned": "Its training adds +1 per metre of progress and a cost per step, and other rewards for "
     "goal, collision and self-intersection than the setup's (config: stakes); evaluation uses none of these.",
-    "conditioning_search": "Refinement searches what else to tell the conditioned policy, and where (along with how "
-    "far goal and person are), so that its ways grow shorter at what is wanted; it is shown only where it is better on "
-    "scenes that served nothing else. Nothing is trained.",
-    "varied": "Pairs are drives of a conditioned policy at drawn preference weights instead of two ensemble members, "
-    "chosen so that measures vary and vary independently.",
-    "fine_tuning": "Recipe B of the specification instead of the thesis's lambda: half of each batch is driven anew, "
+    "conditioning_search": "A search adds offsets to the preference weights, linear in how far goal and person are, so "
+    "that ways grow shorter at what is preferred; it is shown only where it is better on held-out scenes. Nothing is "
+    "trained.",
+    "varied": "Pairs are trajectories of a conditioned policy at drawn preference weights instead of two ensemble "
+    "members, chosen so that measures vary and vary independently.",
+    "fine_tuning": "Instead of the thesis's lambda: half of each batch is new experience, "
     "the preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",
 }

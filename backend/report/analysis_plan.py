@@ -21,7 +21,7 @@ METRICS: dict[Metric, tuple[str, str]] = {
     "min_human_distance": ("minimum human distance", "m"),
     "path_area": ("area under the path", "m²"),
 }
-"""Fields of `analysis.metrics.TrajectoryMetrics` that spec 07 compares: words and unit."""
+"""Fields of `analysis.metrics.TrajectoryMetrics` that ch. 7 compares: words and unit."""
 
 
 class Equivalence(BaseModel):
@@ -35,7 +35,7 @@ class Equivalence(BaseModel):
 
 
 class AnalysisPlan(BaseModel):
-    """What is tested and how, declared before the data (`analysis:` in a protocol). Defaults: spec 07 unless marked.
+    """What is tested and how, declared before the data (`analysis:` in a protocol). Defaults: ch. 7 unless marked.
 
     items: the questionnaire that is answered after each block, each item, or the score of a validated scale, by itself;
     default every one that is answered under two or more conditions. pairs: of which items the pairs are tested, of

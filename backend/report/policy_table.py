@@ -12,7 +12,7 @@ from typing import Any
 
 from backend.explain.printed import Section, Table
 
-SCENES = 1_000  # spec 07
+SCENES = 1_000  # ch. 7
 BASE = "base policy"
 PERCENT = {"collision_rate": "collision (%)", "success_rate": "success (%)", "timeout_rate": "timeout (%)"}
 MEANS = {

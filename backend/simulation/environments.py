@@ -1,6 +1,6 @@
 """The engines behind the interfaces that reinforcement-learning libraries expect: Gymnasium and SB3's VecEnv.
 
-Running out of steps is `terminated`, not `truncated`, in both: the core reward charges for it (spec 06: -20, spec 07:
+Running out of steps is `terminated`, not `truncated`, in both: the core reward charges for it (ch. 6: -20, ch. 7:
 -1), so the episode really ends there and a learner must not add the value of a state beyond.
 """
 

@@ -307,7 +307,7 @@ def _box_fits(row: Row, box: int, spacing: Spacing) -> bool:
 
 @compiled_exactly
 def draw_open_field(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
-    """Draw one open field (spec 01, scene 2) into the row from numbers in [0, 1); False if they ran out.
+    """Draw one open field (ch. 6) into the row from numbers in [0, 1); False if they ran out.
 
     Start and goal 2-10 m apart around the origin, person at a fraction U(0.3, 0.7) of the way with lateral offset
     N(0, 0.3 m) cut at 0.6 m, four cubes of 0.5-0.8 m side, each 0.8-3 m from the start or the person (ours).
@@ -353,7 +353,7 @@ def draw_open_field(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -
 
 @compiled_exactly
 def draw_study_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
-    """Draw one study room (spec 01, scene 3) into the row from numbers in [0, 1); False if they ran out.
+    """Draw one study room (ch. 7) into the row from numbers in [0, 1); False if they ran out.
 
     8 x 11 m with walls; start and goal 1-6 m apart, point-symmetric about the centre; person at the centre plus
     N(0, 1 m) per axis; four boxes 0.8 x 1.6 x 1.2 m and four pillars 0.3 x 0.3 m (2 m high, ours), yaw 0 or 90 degrees,
@@ -437,14 +437,14 @@ def _furnish(row: Row, box: int, x: float, y: float, yaw: float, length: float, 
 
 @compiled_exactly
 def draw_corridor(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
-    """Draw places in the corridor of chapter 2 (spec 01, scene 1): 8 x 3 m (ours), nothing but walls."""
+    """Draw places in the corridor of chapter 2: 8 x 3 m (ours), nothing but walls."""
     row[ROOM_HALF_X], row[ROOM_HALF_Y], row[BOX_COUNT] = 4.0, 1.5, 0
     return _draw_places(uniforms, row, spacing)
 
 
 @compiled_exactly
 def draw_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
-    """Draw places in the room of chapter 2 (spec 01, scene 1): 7 x 5 m with couch, table and cupboard (ours)."""
+    """Draw places in the room of chapter 2: 7 x 5 m with couch, table and cupboard (ours)."""
     row[ROOM_HALF_X], row[ROOM_HALF_Y] = 3.5, 2.5
     _furnish(row, 0, -0.6, -2.0, 0.0, 1.9, 0.85, 0.8)
     _furnish(row, 1, 2.2, -1.95, 0.0, 1.2, 0.8, 0.75)
@@ -788,7 +788,7 @@ def observe(
 def jerk_penalty(
     commands: NDArray[np.float64], largest_jerk: NDArray[np.float64], i: int, v: float, w: float, weight: float
 ) -> float:
-    """-weight |j|^2 / max |j|^2 so far, j = (a_t - 2 a_(t-1) + a_(t-2)) f^2 (spec 07); f cancels; a = 0 before.
+    """-weight |j|^2 / max |j|^2 so far, j = (a_t - 2 a_(t-1) + a_(t-2)) f^2 (ch. 7); f cancels; a = 0 before.
 
     Updates the largest jerk and the command history of environment i. a is the command in m/s and rad/s.
     """

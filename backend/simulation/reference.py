@@ -30,8 +30,8 @@ DriveMode = Literal["velocity", "wheels"]
 
 SUBSTEPS = 48  # physics steps per control step: 240 Hz, PyBullet's own default
 BODY_HEIGHT_M = 0.4
-WHEEL_RADIUS_M = 0.035  # spec 01
-WHEEL_SEPARATION_M = 0.23  # spec 01
+WHEEL_RADIUS_M = 0.035  # Kobuki TurtleBot 2
+WHEEL_SEPARATION_M = 0.23  # Kobuki TurtleBot 2
 WHEEL_TORQUE_NM = 10.0
 TOUCH_M = {"velocity": 0.0, "wheels": 0.001}  # with contact forces, touching bodies rest at small positive distances
 _RAY, _ROBOT, _FLOOR, _SOLID = 1, 2, 4, 8  # collision groups; PyBullet's rays are in 1, and ours see solids only

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-CONTROL_DT_S = 0.2  # 5 Hz everywhere, spec 00
-ROBOT_RADIUS_M = 0.18  # Kobuki TurtleBot 2, spec 01
+CONTROL_DT_S = 0.2  # 5 Hz everywhere
+ROBOT_RADIUS_M = 0.18  # Kobuki TurtleBot 2
 
 
 class SetupError(ValueError):

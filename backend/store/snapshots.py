@@ -191,7 +191,7 @@ def take_snapshot(
 ) -> Artefact:
     """Freeze the usable answers of a session, or of a study (or some of its participants) as a snapshot artefact.
 
-    view: only what was answered in that view (spec 07 learns from each by itself).
+    view: only what was answered in that view (ch. 7 learns from each by itself).
     whose: of a study's participants only people (default), only simulated ones, or all; pilot participants are left out
     of it. A session's own snapshot holds its answers, whoever gave them. Raises SnapshotError if fewer than two usable
     answers are left, LookupError if the session or study is unknown.

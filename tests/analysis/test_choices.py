@@ -25,7 +25,7 @@ def test_chi_square_of_rs_example() -> None:
 
 
 def test_the_thesis_s_ranking_of_intention_to_use() -> None:
-    """29 of 32 chose VR first, nobody FPV (spec 07): z of VR against top-down is 26 / sqrt(32) = 4.60."""
+    """29 of 32 chose VR first, nobody FPV (ch. 7): z of VR against top-down is 26 / sqrt(32) = 4.60."""
     names = ("immersive", "top_down", "first_person")
     assert equal_first_choices([29, 3, 0], about="intention").stars() == "***"
     pairs = first_choice_pairs([29, 3, 0], names, about="intention")

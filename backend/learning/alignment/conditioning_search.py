@@ -3,9 +3,8 @@ where.
 
 Conditioning a policy on just somebody's preference weights need not serve them best: a little of something else can,
 more so where the goal is far than beside it. So what it is conditioned on is searched for, as a function of how far
-goal and person are; the result is an ordinary policy, and takes over where it is better on scenes that served nothing
-else. In the place of recipe B of spec 06, which goes on training: what fits into 30 s of that made no way shorter. All
-ours.
+goal and person are; the result is an ordinary policy, and takes over where it is better on held-out scenes. In the
+place of fine-tuning: what fits into 30 s of that made no way shorter. All ours.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class ConditioningSearchConfig:
     """
 
     seed: int = 0
-    tried: int = 144  # as many as fit into the 30 s of a quiet core until it is judged (issue 3)
+    tried: int = 144  # as many as fit into the 30 s of an idle core until it is judged
     copies: int = 16
     survivors: int = 5
     spread: float = 0.12

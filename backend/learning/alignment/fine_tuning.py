@@ -1,4 +1,4 @@
-"""Fine-tuning on the learned reward (recipe B of spec 06), the alignment that trains and is fast enough for a session.
+"""Fine-tuning on the learned reward (ours), the alignment that trains and is fast enough for a session.
 
     r* = r + w R' - c,   R' = clip((R - q98) / std, -cap, 0)
 
@@ -38,7 +38,7 @@ class FineTuningConfig(RelabellingConfig):
     gamma: float | None = 0.99
     # reward_weight (w) None: from the share, and follows success
     preference_share: float = 0.85  # of what is at stake in an episode (goal - timeout reward), to begin with
-    max_weight: float = 1.0  # the weight never begins higher; spec 06's own for the open field
+    max_weight: float = 1.0  # the weight never begins higher; chosen in the open field
     time_cost: float = 0.1  # per step, ours: waiting far from the person must not be free
     weight_up: float = 1.15  # weight None: factor after a checkpoint that lost almost no success (ours)
     weight_down: float = 0.65  # ... and after one that lost too much to be chosen: back to the last good one (ours)
@@ -91,7 +91,7 @@ class FineTuningReward:
         return penalty
 
     def preference(self, batch: Batch) -> torch.Tensor:
-        """R' of every transition, (n,). A reward <= 0 does not pay for loitering (spec 06)."""
+        """R' of every transition, (n,). A reward <= 0 does not pay for loitering."""
         return torch.from_numpy(self._penalty(model_outputs(self._model, batch)))
 
     def combined(self, core: torch.Tensor, preference: torch.Tensor) -> torch.Tensor:

@@ -1,6 +1,6 @@
 """The preference-conditioned policy: one policy for all preference weights, so that aligning it takes no training.
 
-Recipe A of spec 06. Nine weights (`objectives.py`) enter beside the task inputs; `at(weights)` folds them into a bias,
+Nine weights (`objectives.py`) enter beside the task inputs; `at(weights)` folds them into a bias,
 which leaves an ordinary policy of the setup. How the weights are learned from answers lives in `posterior.py`, how the
 policy is trained in `conditioned_training.py`, how far weights move it in `steerability.py`.
 """

@@ -124,7 +124,7 @@ class Policy(StoredPolicy):
     """A deterministic actor of one setup.
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
-    critic: the value functions the actor was trained with, or empty; alignment starts from them (spec 06).
+    critic: the value functions the actor was trained with, or empty; alignment starts from them.
     recovery_policies: other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
     made_for: whose it is, such as the id of the answers behind it; stored, so that two people's policies are two where
     they act alike.

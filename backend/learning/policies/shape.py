@@ -9,7 +9,7 @@ from backend.simulation.setups import Setup
 
 ACTION_SIZE = 2
 THESIS_HEADS = (400, 300)  # ch. 6.3.2.1: 128 x 400 x 300 x (1, 2)
-FAST_HEADS = (128, 128)  # ours (spec 06): the fast default where the card shows equal success
+FAST_HEADS = (128, 128)  # ours: the fast default where the card shows equal success
 EXTRACTOR_WIDTH = 64  # ch. 6.3.2.1
 
 

@@ -1,6 +1,6 @@
 """What a person compares two trajectories by: seven measures of a whole trajectory, in one table.
 
-What somebody may want more or less of is `objectives.py`'s. All ours (issue 3).
+What somebody may prefer more or less of is `objectives.py`'s. All ours.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Doubles = NDArray[np.float64]
 
 NEAR_PERSON_M = 2.0
 NEAREST_BAND_M = 0.5
-CLEARANCE_CAP_M = 0.8  # spec 06: farther than this from obstacles is no better
+CLEARANCE_CAP_M = 0.8  # ours: farther than this from obstacles is no better
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Everything that is ordered by them, posterior, conditioned policies, rewards, words and figures, takes its order from
 here. How much each matters to somebody are preference weights: learned in `posterior.py`, what policies are conditioned
-on in `conditioned.py`. All ours (issue 3, spec 06 "Known limits").
+on in `conditioned.py`. All ours.
 """
 
 from __future__ import annotations

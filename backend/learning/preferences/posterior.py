@@ -2,7 +2,7 @@
 answer.
 
 Pure and deterministic: the same answers give the same posterior. What is asked next lives in `choosing.py`, what the
-weights drive in `conditioned.py`. All ours (spec 06, "Beyond the thesis").
+weights take effect in `conditioned.py`. All ours.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The reward of one step for somebody with an objective: a term in [-1, 0] each, 0 for "nothing to complain".
 
-A reward <= 0 never pays for waiting (spec 06). Which term is whose stands in `objectives.py`. All ours.
+A reward <= 0 never pays for waiting. Which term is whose stands in `objectives.py`. All ours.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Which query to ask next: at random, where the particles disagree most, or where an answer tells most.
 
-What an answer then says lives in `posterior.py`. All ours (spec 06, "Beyond the thesis"); mutual information as in
+What an answer then says lives in `posterior.py`. All ours; mutual information as in
 active preference learning, joint over a batch so that it holds no two queries that tell the same. What an answer tells
 of the foremost objective counts twice: else queries about shares, care and lapses come early, and it stays in doubt.
 """

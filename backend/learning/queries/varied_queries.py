@@ -3,7 +3,7 @@ weights.
 
 An ensemble's pairs hardly differ in speed near the person, and what they differ in goes together (the longer trajectory
 is the later and the curvier one). Here pairs come from different preference weights, and are chosen so that no measure
-can stand for another. Filters and storage are those of `queries.py`. Ours (issue 3).
+can stand for another. Filters and storage are those of `queries.py`. Ours.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Chapter 7's reward model: one network for all people's answers in one view (spec 07; details from the public code).
+"""Chapter 7's reward model: one network for all people's answers in one view (details from the public code).
 
 Chapter 6's neural model for one person's few answers is `mlp.py`.
 """

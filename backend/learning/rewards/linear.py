@@ -1,6 +1,6 @@
 """The linear Bradley-Terry reward model: R(s, a) = w . features, fitted in a tenth of a second to a few answers.
 
-MAP estimate with non-negative weights (spec 06). The thesis's neural model is `mlp.py`.
+MAP estimate with non-negative weights (ours). The thesis's neural model is `mlp.py`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def trajectory_features(trajectory: Trajectory, setup: Setup, reduction: Reducti
 
 @dataclass(frozen=True)
 class LinearConfig:
-    """Ours (spec 06): prior standard deviation of the standardised weights, and how a trajectory's steps add up."""
+    """Ours: prior standard deviation of the standardised weights, and how a trajectory's steps add up."""
 
     reduction: Reduction = "sum"
     prior_std: float = 1.0

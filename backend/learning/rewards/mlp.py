@@ -30,7 +30,7 @@ class MlpConfig:
     seed: int = 0
     epochs: int = 10
     learning_rate: float = 1e-4
-    reduction: Reduction = "sum"  # equation 6.4; the mean is an option (spec 06)
+    reduction: Reduction = "sum"  # equation 6.4; the mean is an option, ours
     heads: tuple[int, int] = FAST_HEADS  # ours; the thesis's critic has 400, 300
     pairs_per_step: int = 1
     held_out_share: float = 0.2  # ours: the epoch is chosen on this share of the answers, once there are 10

@@ -1,6 +1,6 @@
 """The free-form reward model: several of the thesis's networks (`mlp.py`) together, for a study's hundreds of answers.
 
-Ours (issue 3).
+Ours.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Which kind of reward model some answers deserve: that over the objectives, or free-form networks.
 
-A few answers say no more than the objectives hold; a study's hundreds may say something that none of them says. Ours
-(issue 3).
+A few answers say no more than the objectives hold; a study's hundreds may say something that none of them says. Ours.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The base policy (RAW in the thesis): TD3 on the core reward plus a progress term, many environments, few updates.
 
 The progress term (+1 per metre towards the goal) and the action smoothness penalty (turning costs, towards the end) are
-ours and live only here: without the first every sparse run froze (spec 06), without the second policies wobble. Neither
+ours and live only here: without the first every sparse run froze, without the second policies wobble. Neither
 enters an alignment reward.
 """
 

@@ -1,6 +1,6 @@
 """Pre-training of the conditioned policy: TD3 on the core reward plus what each episode's imagined person prefers.
 
-The policy itself lives in `conditioned.py`. All ours (spec 06, recipe A).
+The policy itself lives in `conditioned.py`. All ours.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ class ConditionedConfig:
     checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
     selection_scenes: int = 150
     # Full `farther` shall go this part of the way from base policy to ceiling. Reports are lower by two or three points
-    # in the room, and issue 3 asks for 85 % there. Set after a look at three trainings of either setup.
+    # in the room, and the aim is 85 % there. Set after a look at three trainings of either setup.
     strong_share: float = 0.875
     strengths: tuple[float, ...] = (
         1.0,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from backend.study.kinds.demonstration import DemonstrationStep
 
 PLANNED = (("opposite", 0), ("opposite", 1), ("random", 2))  # mode and seed of the walks to choose from, ours
-LEAST_HZ = 20  # poses a second, issue 4; client/walk.js records 30
+LEAST_HZ = 20  # poses a second, ours; client/walk.js records 30
 MOST_POSES = 4_000
 BEGINS_WITHIN_M = 0.3  # of where the person stood
 BEGINS_WITHIN_S = 0.2

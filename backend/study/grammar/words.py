@@ -10,5 +10,5 @@ PersonMode = Literal["still", "walks", "recorded"]  # the person while the robot
 
 PLAYING = ("playing_a", "playing_b")  # phases of a trial in which a trajectory is on the stage
 
-LABEL_S = 2.0  # spec 07: the letter stands for 2 s before the robot moves
+LABEL_S = 2.0  # ch. 7: the letter stands for 2 s before the robot moves
 TOLERANCE_S = 0.3  # ours: how much earlier than due the news of a watched trajectory may come (clocks, rounding)

@@ -20,7 +20,7 @@ from backend.study.kinds.wire import AboutQuery, ChoiceAnswer
 class ComparisonStage(Stage):
     """Base policy and own policy in `scenes` new scenes, blind, sides drawn by lot in each; then, if `guess`, which
     trajectory of the last pair came from the participant's own answers. Who drew paths sees `dwa`, the dynamic window
-    approach (spec 02), in place of `base`.
+    approach (ch. 2), in place of `base`.
 
     `other`: in `scenes` further scenes the own policy against that of another participant (yoked): one that is ready
     and was lent to nobody else yet, where there is one, so that people who finish together are lent different ones. Who

@@ -22,7 +22,7 @@ SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, our
 
 
 class DemonstrationsStage(Stage):
-    """Paths are drawn in `pairs` situations of an environment (spec 02), `per_pair` in each and up to `up_to`.
+    """Paths are drawn in `pairs` situations of an environment (ch. 2), `per_pair` in each and up to `up_to`.
 
     Situations come in an order drawn by lot, the first `pairs` of the environment's four.
     """
@@ -33,7 +33,7 @@ class DemonstrationsStage(Stage):
 
     environment: Literal["corridor", "room"]
     pairs: int = Field(4, ge=1, le=4)
-    per_pair: int = Field(3, ge=1, le=10)  # spec 02: three to five
+    per_pair: int = Field(3, ge=1, le=10)  # ch. 2: three to five
     up_to: int | None = Field(None, ge=1, le=10, description="default: per_pair, so that nothing is left open")
     view: View = "top_down"
     person: PersonMode = Field(

@@ -1,4 +1,4 @@
-"""Kind of step `evaluation`: one rollout of one controller, in a situation that was drawn in (spec 02), alone.
+"""Kind of step `evaluation`: one rollout of one controller, in a situation that was drawn in (ch. 2), alone.
 
 The rollouts were made by the training's job; which one is whose stands in the trial's block and arms, never on a page.
 """
@@ -19,7 +19,7 @@ from backend.study.kinds.wait import WaitStep
 from backend.study.kinds.wire import AboutQuery, Confirmed
 from backend.study.personalising.controllers import rollouts_for
 
-CONTROLLERS = ("social_cost", "dwa", "own")  # spec 02
+CONTROLLERS = ("social_cost", "dwa", "own")  # ch. 2
 
 
 class EvaluationStage(Stage):

@@ -43,7 +43,7 @@ class Stopping(Part):
 
 
 class Probes(Part):
-    """Asked to measure consistency (spec 07), beside the regular queries: `repeat` queries again as they were, `swap`
+    """Asked to measure consistency (ch. 7), beside the regular queries: `repeat` queries again as they were, `swap`
     with the sides changed. `transitivity`: so many scenes of which three trajectories are compared in all three pairs;
     the query set needs scenes with three trajectories or more.
     """
@@ -63,10 +63,11 @@ def _practice(given: object) -> object:
 
 
 class Queries(Part):
-    """`count` queries of the query set. `practice` ones are marked and never analysed (spec 07; once `learning`).
+    """`count` queries of the query set. `practice` ones are marked and never analysed (ch. 7; `learning` in protocols
+    of before).
 
     choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
-    participant's own answers so far (spec 06).
+    participant's own answers so far (ours).
     """
 
     count: int = Field(ge=1, le=200)
@@ -83,7 +84,7 @@ class Trials(Part):
 
 
 class Viewing(Part):
-    """How a pair may be watched. The defaults are spec 07's: each trajectory once, to its end, before the choice.
+    """How a pair may be watched. The defaults are ch. 7's: each trajectory once, to its end, before the choice.
 
     replays: how often both may be watched again before choosing. early_choice: the choice is possible once B has begun.
     choice_limit_s: time for the choice; after it the trial counts as not answered.

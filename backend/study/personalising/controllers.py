@@ -1,4 +1,4 @@
-"""The rollouts of an evaluation: three controllers in the situations that were drawn in (spec 02).
+"""The rollouts of an evaluation: three controllers in the situations that were drawn in (ch. 2).
 
 They were made by the training's job; how they are shown and rated is `kinds/evaluation.py`'s.
 """

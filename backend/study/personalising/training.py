@@ -31,7 +31,7 @@ PATHS_JOB = "train_demonstrations"
 UPDATES_WHILE_ONE_WAITS = 16_000
 """Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
 somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
-EVERY_PAIR = 4  # spec 02: situations of an environment
+EVERY_PAIR = 4  # ch. 2: situations of an environment
 MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
 """Opponent -> where a job's result has the rollouts against it."""
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets

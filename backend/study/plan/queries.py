@@ -14,7 +14,7 @@ from pydantic import Field
 
 from backend.study.grammar.parts import Part
 
-PREVIEW_DURATION_S = 9.0  # a usual trajectory of the study room, spec 07
+PREVIEW_DURATION_S = 9.0  # a usual trajectory of the study room, ch. 7
 
 
 class PlanError(ValueError):

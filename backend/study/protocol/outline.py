@@ -69,7 +69,7 @@ def expected_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0)
     """How long all appointments take by the protocol: two trajectories with letters and a choice per trial, half a
     minute per page, stages with `when` as if everybody met them, comprehension checks once.
 
-    seconds_per_trajectory: of the study room's queries, spec 07 (9.8 s and less).
+    seconds_per_trajectory: of the study room's queries, ch. 7 (9.8 s and less).
     """
     pace = Pace(page_s=PAGE_S, trial_s=2 * (seconds_per_trajectory + 2.0) + 5.0, single_s=SECONDS_ALONE)
     stages = protocol.all_stages

@@ -42,7 +42,7 @@ def make_plan(protocol: Protocol, seed: int, queries: Sequence[AnyQuery], place:
 
     Other queries are drawn without replacement and shown in random order; which of a query's trajectories is A is drawn
     by lot once per participant and query. Blocks and conditions show the same queries with the same sides, each in its
-    own order (spec 07), unless `same_queries` is false. Probes come after all regular queries of their block have been
+    own order (ch. 7), unless `same_queries` is false. Probes come after all regular queries of their block have been
     seen. PlanError: too few queries.
     """
     random = np.random.default_rng([seed, 7])
