@@ -91,7 +91,7 @@ import sys
 import backend.cli, backend.api.server
 from backend.api.application import build_services, create_application
 from backend.settings import Settings
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 import pathlib
 services = build_services(Settings(data=pathlib.Path(sys.argv[1]), _env_file=None))
 with services.database.transaction() as s:

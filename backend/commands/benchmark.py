@@ -67,7 +67,7 @@ def evaluate(
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds to roll out many episodes at once, and to make one flow-field plot."""
-    from backend.experiments.benchmarks.evaluation import benchmark_evaluate
+    from backend.experiments.benchmarks.batched_evaluation import benchmark_evaluate
 
     say(benchmark_evaluate(setup=setup, episodes=episodes), as_json)
 
@@ -198,7 +198,7 @@ def preferences_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
-    from backend.experiments.benchmarks.preferences import PreferencesConfig, benchmark_preferences
+    from backend.experiments.benchmarks.preference_learning import PreferencesConfig, benchmark_preferences
     from backend.learning.policies.shipped import load_conditioned
     from backend.learning.preferences.oracles import ORACLE_PREFERENCES
     from backend.learning.shipped_files import load_card

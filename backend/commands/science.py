@@ -216,7 +216,7 @@ def find_policy(reference: str) -> Policy:
     from backend.learning.shipped_files import shipped_names
     from backend.store.artefacts import ArtefactError, load_artefact
     from backend.store.models import Artefact
-    from backend.store.shipped import REGISTERED
+    from backend.store.shipped_policies import REGISTERED
 
     if names_policy(reference):
         return load_policy(reference)
@@ -276,7 +276,7 @@ def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[s
     from backend.jobs.kept_artefacts import find_artefact
     from backend.jobs.kinds import get_kind, named_artefacts
     from backend.store.outbox import enqueue_job
-    from backend.store.shipped import register_shipped
+    from backend.store.shipped_policies import register_shipped
 
     database, files = open_store()
     with database.transaction() as s:

@@ -38,7 +38,7 @@ def serve(
         from backend.api.application import build_services
         from backend.api.core.auth import ensure_first_user
         from backend.api.server import check_ports, run
-        from backend.store.shipped import register_shipped
+        from backend.store.shipped_policies import register_shipped
 
     given = {"port": port, "host": host, "data": data}
     settings = get_settings().model_copy(update={k: v for k, v in given.items() if v is not None})

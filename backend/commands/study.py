@@ -58,7 +58,7 @@ def create(
     as_json: JsonFlag = False,
 ) -> None:
     """Open a study from a protocol; prints its id and recruiting link."""
-    from backend.store.shipped import register_shipped
+    from backend.store.shipped_policies import register_shipped
     from backend.study.protocol.freezing import freeze
     from backend.study.studies import create_study
 

@@ -14,7 +14,7 @@ from backend.jobs.kinds import Params
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.preferences import Preference
 from backend.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
-from backend.learning.rewards.interface_study import InterfaceConfig, fit_interface
+from backend.learning.rewards.interface_network import InterfaceConfig, fit_interface
 from backend.learning.rewards.linear import LinearConfig, fit_linear
 from backend.learning.rewards.mlp import MlpConfig, fit_mlp
 from backend.learning.rewards.model_choice import choose_reward_model

@@ -16,7 +16,7 @@ from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
 from backend.store.models import Artefact, Job
-from backend.store.shipped import policy_artefact
+from backend.store.shipped_policies import policy_artefact
 
 if TYPE_CHECKING:  # brings the simulator, and pages ask this file for names only
     from backend.learning.policies.conditioned import ConditionedPolicy

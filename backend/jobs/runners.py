@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from backend.jobs import aligning, comparing, demonstrating, kinds, reward_models, training
+from backend.jobs import aligning, comparing, demonstrating, kinds, policy_training, reward_models
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 
@@ -21,11 +21,11 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
         case kinds.CompareParams():
             return comparing.compare_two(context, params)
         case kinds.TrainBaseParams():
-            return training.train_base(context, params)
+            return policy_training.train_base(context, params)
         case kinds.EnsembleParams():
-            return training.train_ensemble(context, params)
+            return policy_training.train_ensemble(context, params)
         case kinds.QueriesParams():
-            return training.make_query_set(context, params)
+            return policy_training.make_query_set(context, params)
         case kinds.TrainDemonstrationsParams():
             return demonstrating.train_demonstrations(context, params)
     raise TypeError(f"no runner for {type(params).__name__}")

@@ -24,7 +24,7 @@ from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, check_writable
 from backend.store.models import Job, utc_now
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 
 OUTBOX_POLL_S = 0.25  # a participant is waiting
 STALE_CHECK_S = 5.0

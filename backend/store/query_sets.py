@@ -25,7 +25,7 @@ from backend.store.artefacts import (
     save_trajectories,
 )
 from backend.store.models import Artefact
-from backend.store.shipped import register_parents
+from backend.store.shipped_policies import register_parents
 
 if TYPE_CHECKING:
     from backend.learning.queries.queries import QuerySet

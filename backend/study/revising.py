@@ -18,7 +18,7 @@ from backend.store.models import ProtocolVersion, Session, Study
 from backend.study.plan.counterbalancing import design_of
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.protocol.stages import stage_keys
-from backend.study.rows import FIRST
+from backend.study.protocol_rows import FIRST
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError, materials_of
 

@@ -14,8 +14,8 @@ from backend.store.query_sets import StoredQuery, import_query_set, queries_of
 from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.protocol.planning import PlanError, make_plan
+from backend.study.protocol_rows import FIRST, protocol_row
 from backend.study.refusals import Refused
-from backend.study.rows import FIRST, protocol_row
 
 TOKEN_BYTES = 24
 

@@ -21,7 +21,7 @@ from backend.settings import Settings
 from backend.store.artefacts import save_artefact
 from backend.store.models import Job, ProblemReport, Session, Study, StudyRole, TrajectoryRow, User, utc_now
 from backend.store.outbox import enqueue_job
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
 from backend.study.protocol.freezing import freeze, shipped_protocols
 from backend.study.session import machine

@@ -37,7 +37,7 @@ from backend.simulation.fast import FastEngine
 from backend.simulation.setups import get_setup
 from backend.store.models import Artefact, Job, Response, Study, utc_now
 from backend.store.outbox import enqueue_job
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
 from tests.answered_study import add_answered_study
 from tests.api.lab_services import PASSWORD, csrf, sign_in

@@ -12,7 +12,7 @@ from sqlalchemy import select
 
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
-from backend.api.lab.study_report import study_report
+from backend.api.lab.report_tab import study_report
 from backend.learning.preferences.oracles import ResponseModel
 from backend.report.findings import analyse
 from backend.report.made_up_cohorts import Cohort, made_up_study

@@ -16,7 +16,7 @@ from fastapi.testclient import TestClient
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
 from backend.settings import Settings
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from tests.api.lab_services import sign_in
 
 PAGE = "/lab/explain"

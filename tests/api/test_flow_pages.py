@@ -22,7 +22,7 @@ from backend.learning.preferences.objectives import SIZE
 from backend.settings import Settings
 from backend.store.artefacts import save_artefact
 from backend.store.models import Artefact, utc_now
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from tests.api.lab_services import sign_in
 
 PAGE = "/lab/flow-field"

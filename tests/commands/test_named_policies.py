@@ -12,7 +12,7 @@ from backend.commands.science import find_policy
 from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_policy
 from backend.settings import Settings
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 
 
 def test_a_stored_conditioned_policy_is_named_by_id_and_wants(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

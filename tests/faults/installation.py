@@ -27,7 +27,7 @@ from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Event, Response, Session, Study, Trial
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 from backend.study.protocol.freezing import freeze_text
 from backend.study.session.finding import token_hash
 from backend.study.simulated.participant import any_answer

@@ -29,7 +29,7 @@ from backend.store.database import Database
 from backend.store.erasure import erase_participant
 from backend.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
 from backend.store.outbox import enqueue_job
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
 from tests.answered_study import add_answered_study
 

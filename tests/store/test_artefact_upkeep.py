@@ -16,7 +16,7 @@ from backend.store.artefact_upkeep import (
 from backend.store.artefacts import ArtefactError, lineage
 from backend.store.models import Artefact, Study, Trial, utc_now
 from backend.store.outbox import cancel_job, enqueue_job
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
 from tests.store.small_study import SmallStudy
 

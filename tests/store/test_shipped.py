@@ -10,7 +10,7 @@ from backend.store.artefacts import ArtefactError, ArtefactStore, lineage, load_
 from backend.store.database import Database
 from backend.store.models import Artefact, TrajectoryRow
 from backend.store.query_sets import import_query_set, queries_of
-from backend.store.shipped import policy_artefact, register_shipped
+from backend.store.shipped_policies import policy_artefact, register_shipped
 
 
 def test_shipped_policies_are_registered_once_with_cards_and_lineage(database: Database, files: ArtefactStore):

@@ -47,7 +47,7 @@ from backend.store.database import Database
 from backend.store.demonstration_snapshots import StrokeError, take_demonstrations
 from backend.store.models import Participant, Session, StrokeRow, Study, utc_now
 from backend.store.outbox import enqueue_job
-from backend.study.personalising.training import PATHS_JOB
+from backend.study.personalising.alignment_jobs import PATHS_JOB
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 LONGEST_REASON = 500

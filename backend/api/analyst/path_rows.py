@@ -18,7 +18,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.demonstration_snapshots import KEPT, read_demonstrations
 from backend.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
 from backend.store.who_counts import asked_for, not_withdrawn, reason_not_to_learn
-from backend.study.personalising.training import PATHS_JOB
+from backend.study.personalising.alignment_jobs import PATHS_JOB
 
 if TYPE_CHECKING:  # the simulator comes with these; a server that starts need not wait for it
     from backend.demonstrations.demonstration import Demonstration

@@ -19,7 +19,7 @@ from backend.api.lab.study_tabs import TABS, the_participant, the_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Participant, Session
 from backend.study.personalising.learnt import Learnt, learnt_in
-from backend.study.rows import row_of
+from backend.study.protocol_rows import row_of
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 

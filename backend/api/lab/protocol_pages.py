@@ -24,8 +24,8 @@ from backend.store.payment_codes import REMOVED, is_payment_code, yaml_without
 from backend.store.query_sets import query_sets_here
 from backend.study.protocol.freezing import ProtocolError, thaw
 from backend.study.protocol.outline import describe_stages, expected_minutes
+from backend.study.protocol_rows import protocol_row
 from backend.study.revising import revise_study, revision_of, versions_of
-from backend.study.rows import protocol_row
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError
 

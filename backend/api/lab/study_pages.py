@@ -1,5 +1,5 @@
 """The experimenters' pages: the studies and one study's tabs. One participant's page lives in `people_pages.py`, making
-a study in `new_study.py`, its protocol in `protocol_pages.py`, the numbers of the Report tab in `study_report.py`,
+a study in `new_study.py`, its protocol in `protocol_pages.py`, the numbers of the Report tab in `report_tab.py`,
 accounts in `auth.py`."""
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from backend.api.lab import (
 )
 from backend.api.lab.answer_rows import AnswerFilter, answers_page
 from backend.api.lab.lab_data import Monitor
-from backend.api.lab.study_report import Report, study_report
+from backend.api.lab.report_tab import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.dataset.dictionary import data_dictionary
 from backend.store.dataset.writing import export_study

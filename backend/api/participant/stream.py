@@ -21,7 +21,7 @@ from backend.store.models import Session, utc_now
 from backend.study.drawing import paths
 from backend.study.kinds import kind_of
 from backend.study.kinds.demonstration import DemonstrationStep
-from backend.study.personalising import training
+from backend.study.personalising import alignment_jobs
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
@@ -62,7 +62,7 @@ class _Glance:
         self.waiting = kind_of(step).goes_on and session.state == "active"
         self.job: dict[str, Any] | None = None
         if self.waiting:
-            self.job = {"progress": round(training.progress_of(s, session), 3), "done": False}
+            self.job = {"progress": round(alignment_jobs.progress_of(s, session), 3), "done": False}
 
 
 def _glance(services: Services, token: str) -> _Glance:

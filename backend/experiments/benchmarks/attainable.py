@@ -1,7 +1,7 @@
 """What can be attained of a preference in a scene, jointly with arriving: the best of many planned rollouts.
 
 The planner knows the whole scene and the simulator, as no policy does; a policy's share of what is attained lives in
-`preferences.py`. The bounds of single measures, which mostly nobody can reach, are `bounds.py`'s. All ours.
+`preference_learning.py`. The bounds of single measures, which mostly nobody can reach, are `bounds.py`'s. All ours.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Job, Session, Study, utc_now
 from backend.store.outbox import cancel_job
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 from backend.store.sides import SIDES
 from backend.study.protocol.freezing import freeze
 from backend.study.session import machine

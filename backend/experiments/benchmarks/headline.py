@@ -1,7 +1,8 @@
 """The headline of personalisation: of what can be attained of a preference, how much does the own policy get?
 
 Every seed draws query scenes, answers and reporting scenes of its own. What can be attained is planned in
-`attainable.py`, jointly with arriving; single measures against their bounds are `preferences.py`'s. All simulated.
+`attainable.py`, jointly with arriving; single measures against their bounds are `preference_learning.py`'s. All
+simulated.
 """
 
 from __future__ import annotations

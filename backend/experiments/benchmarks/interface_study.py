@@ -28,7 +28,7 @@ from backend.store.dataset.columns import CHECKSUMS_FILE
 from backend.store.dataset.importing import import_dataset
 from backend.store.dataset.writing import export_study
 from backend.store.models import Study
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 from backend.study.protocol.freezing import PROTOCOLS, freeze
 from backend.study.simulated.http import simulate_study
 from backend.study.simulated.participant import Character

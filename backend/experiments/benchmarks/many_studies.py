@@ -18,7 +18,7 @@ from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Base, Participant, Study, new_id
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 from backend.study.protocol.freezing import PROTOCOLS, freeze
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.simulated.participant import Character

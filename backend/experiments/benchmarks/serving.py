@@ -27,7 +27,7 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Job, Response, Session, Study
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
-from backend.store.shipped import register_shipped
+from backend.store.shipped_policies import register_shipped
 from backend.store.snapshots import take_snapshot
 from backend.study.protocol.freezing import PROTOCOLS, freeze
 from backend.study.studies import create_study

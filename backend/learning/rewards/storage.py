@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from backend.learning.errors import LearningError
-from backend.learning.rewards.interface_study import InterfaceRewardModel
+from backend.learning.rewards.interface_network import InterfaceRewardModel
 from backend.learning.rewards.linear import LinearRewardModel
 from backend.learning.rewards.mlp import MlpRewardModel
 from backend.learning.rewards.mlp_ensemble import MlpEnsembleRewardModel

@@ -25,7 +25,7 @@ from backend.study.grammar.skipping import Earlier, When
 from backend.study.grammar.source import Path, Problem, Source
 from backend.study.grammar.words import View
 from backend.study.kinds.wire import Answer, Besides, Confirmed, Progress, TrialState
-from backend.study.plan.queries import DrawnQueries, Needs
+from backend.study.plan.asked_queries import DrawnQueries, Needs
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
@@ -102,8 +102,8 @@ class Stage(Part):
         return pace.page_s
 
     def numbers(self) -> dict[str, int]:
-        """What it adds to the numbers that texts may name in braces (`protocol/texts.py`); `pairs_per_block` is a
-        maximum, all others are sums.
+        """What it adds to the numbers that texts may name in braces (`protocol/numbers_in_texts.py`); `pairs_per_block`
+        is a maximum, all others are sums.
         """
         return {}
 

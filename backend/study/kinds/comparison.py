@@ -1,6 +1,7 @@
 """Kind of step `comparison`: the own policy against the base policy or another's in a new scene, blind.
 
-The trials are made when the policy is there (`personalising/training.py`); comparisons without one are passed over.
+The trials are made when the policy is there (`personalising/alignment_jobs.py`); comparisons without one are passed
+over.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.kinds.questionnaire import QuestionnaireStep
 from backend.study.kinds.wait import WaitStep
 from backend.study.kinds.wire import AboutQuery, Confirmed
-from backend.study.personalising.controllers import rollouts_for
+from backend.study.personalising.controller_rollouts import rollouts_for
 
 CONTROLLERS = ("social_cost", "dwa", "own")  # ch. 2
 

@@ -26,7 +26,7 @@ from backend.study.kinds.base import (
     Step,
 )
 from backend.study.kinds.wire import Answer, BadValue, Besides, Flag, whole
-from backend.study.personalising.controllers import rollouts_for
+from backend.study.personalising.controller_rollouts import rollouts_for
 from backend.study.plan.assignment import places_held_by
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from backend.study.grammar.texts import local
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from backend.study.kinds.questionnaire import within
 from backend.study.kinds.wire import Answer, Besides, WholeNumber
-from backend.study.plan.queries import Needs
+from backend.study.plan.asked_queries import Needs
 
 RATING = "rating"
 

@@ -27,7 +27,7 @@ from backend.study.kinds.base import (
 )
 from backend.study.kinds.wire import AboutQuery, Answer, BadValue, Flag
 from backend.study.personalising import next_query
-from backend.study.plan.queries import Pair
+from backend.study.plan.asked_queries import Pair
 
 # ---- in the protocol -------------------------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ from backend.study.kinds.comparison import ComparisonStage, ComparisonStep
 from backend.study.kinds.guess import GuessStep
 from backend.study.kinds.questionnaire import QuestionnaireStep
 from backend.study.kinds.wire import Confirmed
-from backend.study.personalising import training
+from backend.study.personalising import alignment_jobs
 
 
 class Meanwhile(Part):
@@ -72,7 +72,7 @@ class Wait(Kind[WaitStep, Confirmed]):
     step = WaitStep
     stages = {"train": TrainStage}
     goes_on = True
-    begun = {"train": training.start_training}
+    begun = {"train": alignment_jobs.start_training}
 
     def payload(self, step: WaitStep, page: Page) -> dict[str, Any]:
         return {"learns_from": page.frozen.learns_from}
@@ -84,16 +84,16 @@ class Wait(Kind[WaitStep, Confirmed]):
         raise moment.refused("still_waiting", "This step goes on by itself.")
 
     def waits(self, step: WaitStep, moment: Moment) -> bool:
-        return training.outcome_of(moment) is None
+        return alignment_jobs.outcome_of(moment) is None
 
     def settle(self, step: WaitStep, acting: Acting) -> int | None:
         """Once the job has ended or is late: to the first comparison or rollout to be rated, past all that needs a
         trial and the guess if there is none."""
-        outcome = training.outcome_of(acting)
+        outcome = alignment_jobs.outcome_of(acting)
         if outcome is None:
             return None
         planned = [(i, step) for i, step in enumerate(acting.plan) if isinstance(step, ComparisonStep)]
-        shown = training.make_comparisons(acting, planned) if outcome == "shown" else 0
+        shown = alignment_jobs.make_comparisons(acting, planned) if outcome == "shown" else 0
         acting.session.personalisation = outcome
         log_event(acting.s, "personalisation", session_id=acting.session.id, outcome=outcome, comparisons=shown)
         past = () if shown else (ComparisonStep, GuessStep)

@@ -1,6 +1,6 @@
 """What a session's answers have taught so far, answer by answer, and how the robot would behave by it now.
 
-For experimenters who watch. What a participant is shown is made by jobs and `training.py`.
+For experimenters who watch. What a participant is shown is made by jobs and `alignment_jobs.py`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Session
 from backend.study.personalising import next_query
-from backend.study.rows import row_of
+from backend.study.protocol_rows import row_of
 
 if TYPE_CHECKING:
     from backend.simulation.trajectory import Trajectory

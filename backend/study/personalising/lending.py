@@ -1,7 +1,7 @@
 """Whose policy a participant is lent for the comparison with another's: of those that are ready one that was lent to
 nobody yet, so that people who finish together compare with different ones.
 
-What is done with it is the alignment's job (`backend/jobs`) and `training.py`'s.
+What is done with it is the alignment's job (`backend/jobs`) and `alignment_jobs.py`'s.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from backend.store.database import Database
 from backend.store.models import ProtocolVersion, Response, Session, Study, Trial
 from backend.store.query_sets import StoredQuery, queries_of
 from backend.store.sides import shown_on
-from backend.study.rows import newest_number, protocol_row, row_of
+from backend.study.protocol_rows import newest_number, protocol_row, row_of
 
 if TYPE_CHECKING:
     from backend.study.kinds.base import Acting

@@ -1,4 +1,4 @@
-"""What became of one alignment: whether its policy may be shown. What a session makes of it is `training.py`'s."""
+"""What became of one alignment: whether its policy may be shown. What a session makes of it: `alignment_jobs.py`."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from backend.study.kinds import BlockPart, Stage, Step, block_parts
 from backend.study.kinds.attention import AttentionStep
 from backend.study.kinds.base import Pace, Planning
 from backend.study.kinds.trial import Queries, Trials, TrialStep, Viewing, plan_trials
-from backend.study.plan.queries import Needs
+from backend.study.plan.asked_queries import Needs
 
 
 class BlockEntryBase(OneOf):

@@ -12,8 +12,8 @@ from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.comprehension import ComprehensionStage
 from backend.study.kinds.wait import TrainStage
+from backend.study.plan.asked_queries import Needs
 from backend.study.plan.counterbalancing import design_of
-from backend.study.plan.queries import Needs
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import STAGES, stage_keys
 

@@ -22,14 +22,14 @@ from backend.study.kinds.consent import ConsentStage
 from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.kinds.evaluation import EvaluationStage
 from backend.study.kinds.wait import TrainStage
-from backend.study.personalising.training import Training
+from backend.study.personalising.alignment_jobs import Training
 from backend.study.protocol.analysis_checks import analysis_problems
 from backend.study.protocol.checking import problems_across
 from backend.study.protocol.naming import all_questionnaires, all_texts
+from backend.study.protocol.numbers_in_texts import filled
 from backend.study.protocol.reading import Read, Reader, checked_length, checked_size
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import T, stage_keys
-from backend.study.protocol.texts import filled
 
 PROTOCOLS = Path(__file__).resolve().parents[3] / "study_protocols"
 DATASETS = PROTOCOLS.parent / "datasets"

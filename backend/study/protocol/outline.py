@@ -11,10 +11,10 @@ from backend.study.kinds import Step
 from backend.study.kinds.base import PAGE_S, Pace
 from backend.study.plan.counterbalancing import design_of
 from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.protocol.numbers_in_texts import filled
 from backend.study.protocol.planning import example_queries, make_plan
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import StageEntry, stage_keys
-from backend.study.protocol.texts import filled
 
 SECONDS_ALONE = 35.0  # ours: a rollout of 6 m at about 0.2 m/s, and a press on the button
 

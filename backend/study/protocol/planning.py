@@ -14,8 +14,8 @@ import numpy as np
 from backend.study.grammar.conditions import Ordered
 from backend.study.kinds import Step
 from backend.study.kinds.base import Planning
+from backend.study.plan.asked_queries import AnyQuery, Placeholder, PlanError, draw, placeholders
 from backend.study.plan.counterbalancing import Place, design_of
-from backend.study.plan.queries import AnyQuery, Placeholder, PlanError, draw, placeholders
 
 if TYPE_CHECKING:
     from backend.study.protocol.schema import Protocol

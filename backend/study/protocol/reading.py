@@ -18,8 +18,8 @@ from backend.study.grammar.skipping import problems_within
 from backend.study.grammar.source import Problem, ProtocolError, Source
 from backend.study.grammar.texts import variant
 from backend.study.protocol.naming import all_texts
+from backend.study.protocol.numbers_in_texts import text_numbers
 from backend.study.protocol.schema import Protocol
-from backend.study.protocol.texts import text_numbers
 
 _BRACES = re.compile(r"\{(\w+)\}")
 MOST_STAGES = 100  # (ours) the shipped ones have up to 10

@@ -12,7 +12,7 @@ from backend.store.models import Participant, ProblemReport, Session
 from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
 from backend.study.kinds import kind_of
-from backend.study.personalising import training
+from backend.study.personalising import alignment_jobs
 from backend.study.session import states
 from backend.study.session.versions import protocol_of
 from backend.study.session.view import refused, require_active, step_of
@@ -56,7 +56,7 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
         states.change(one, "withdraw", "participant")  # a later appointment, too
     if session.state != "withdrawn":
         states.change(session, "withdraw", "participant")
-    for job in training.jobs_of(s, session):
+    for job in alignment_jobs.jobs_of(s, session):
         if job.state not in (*ENDED, "cancelling"):
             cancel_job(s, job.id, by="withdrawal")
     set_aside_snapshots(s, participant.id)

@@ -1,4 +1,4 @@
-"""The protocol a session runs on, read. Which row holds it is `study/rows.py`'s, new versions `study/revising.py`'s."""
+"""The protocol a session runs on, read. Which row holds it: `protocol_rows.py`; new versions: `revising.py`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Session, Study
 from backend.study.protocol.freezing import FrozenProtocol, thaw
-from backend.study.rows import newest_number, protocol_row, row_of
+from backend.study.protocol_rows import newest_number, protocol_row, row_of
 
 
 def protocol_of(s: DatabaseSession, session: Session) -> FrozenProtocol:

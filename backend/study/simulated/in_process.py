@@ -19,7 +19,7 @@ from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job
 from backend.study.drawing import paths, strokes, walks
 from backend.study.links import next_token
-from backend.study.personalising import training
+from backend.study.personalising import alignment_jobs
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
@@ -77,7 +77,7 @@ class _InProcess:
 
     def state(self) -> State:
         def act(s: DatabaseSession, session: Session) -> None:
-            for job in training.jobs_of(s, session) if self._without_jobs else ():
+            for job in alignment_jobs.jobs_of(s, session) if self._without_jobs else ():
                 if job.state == "queued":
                     cancel_job(s, job.id, by="a walk without jobs")
             machine.settle(s, self._files, session, now=utc_now())

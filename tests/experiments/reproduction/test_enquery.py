@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.experiments.reproduction.enquery.alignment_settings import read_alignment, stored_alignment
 from backend.experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
 from backend.experiments.reproduction.enquery.figures import accuracy_picture, sweep_picture, table_picture

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
 from backend.learning.alignment.fine_tuning import FineTuningConfig
 from backend.learning.alignment.gate import GateRule

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 
-from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.experiments.reproduction.enquery.budgets import CONDITIONS, MODELS, RECIPES, SETUP, TEST_SETS
 from backend.experiments.reproduction.enquery.computing import stored_policies, table_scenes
 from backend.experiments.reproduction.enquery.plan import EnqueryPlan

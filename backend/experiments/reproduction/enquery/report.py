@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, TEST_SETS
 from backend.experiments.reproduction.enquery.plan import EnqueryPlan, query_seed
 from backend.experiments.reproduction.enquery.results import (

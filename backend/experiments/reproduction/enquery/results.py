@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.analysis.t_tests import TTest, student_t, student_t_against
 from backend.analysis.tested import holm, mean_of
-from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.experiments.reproduction.enquery.budgets import CONDITIONS, MODELS, SOURCES, TEST_SETS
 from backend.experiments.reproduction.enquery.plan import EnqueryPlan
 from backend.experiments.reproduction.tasks import TaskResult

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from backend.analysis.t_tests import TTest
 from backend.analysis.tested import p_in_words
-from backend.experiments.reproduction.enquery import thesis
+from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, SOURCES
 from backend.experiments.reproduction.enquery.results import FIRST, RAW, CurvePoint, EnqueryResults, TableRow
 from backend.explain.printed import Table

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Artefact, Session
-from backend.study.personalising.training import jobs_of
+from backend.study.personalising.alignment_jobs import jobs_of
 
 ARMS = {"own": "own", "dwa": "base", "social_cost": "social_cost"}  # controller -> its word in the job's result
 

@@ -7,7 +7,12 @@ import pytest
 from typer.testing import CliRunner
 
 from backend.cli import app
-from backend.experiments.benchmarks.preferences import PreferencesConfig, _answers, _queries, benchmark_preferences
+from backend.experiments.benchmarks.preference_learning import (
+    PreferencesConfig,
+    _answers,
+    _queries,
+    benchmark_preferences,
+)
 from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.oracles import make_oracle

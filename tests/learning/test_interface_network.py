@@ -10,7 +10,7 @@ from backend.learning.policies.shipped import load_queries
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.preferences import Preference
 from backend.learning.rewards.held_out import accuracy
-from backend.learning.rewards.interface_study import InterfaceConfig, InterfaceRewardModel, fit_interface
+from backend.learning.rewards.interface_network import InterfaceConfig, InterfaceRewardModel, fit_interface
 from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 
 BRIEF = InterfaceConfig(epochs=60)
