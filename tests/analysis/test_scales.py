@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from backend.analysis.scales import SCALES, wording_digest
+from backend.analysis.scale_wordings import SCALES
+from backend.analysis.scales import wording_digest
 
 SUS, TLX = SCALES["sus"], SCALES["raw_tlx"]
 
@@ -25,6 +26,37 @@ def test_the_raw_task_load_is_the_mean_of_six_answers_in_steps_of_five():
     assert TLX.score(ratings) == pytest.approx(sum((one - 1) * 5 for one in ratings.values()) / 6)
 
 
+def test_trust_in_automation_is_the_mean_of_seven_points_with_distrust_turned_round():
+    """Jian et al.'s items 1 to 5 are distrust; the short form is items 6, 10 and 11 (McGrath et al.)."""
+    trust, short = SCALES["tias"], SCALES["s_tias"]
+    assert [item.reversed for item in trust.items] == [True] * 5 + [False] * 7
+    sheet = dict(zip((item.key for item in trust.items), (1, 2, 3, 2, 1, 6, 5, 5, 6, 7, 6, 4), strict=True))
+    assert trust.score(sheet) == pytest.approx((7 + 6 + 5 + 6 + 7 + 6 + 5 + 5 + 6 + 7 + 6 + 4) / 12)
+    assert short.score({key: sheet[key] for key in ("trust_6", "trust_10", "trust_11")}) == pytest.approx(19 / 3)
+    assert trust.score({key: 1 if item.reversed else 7 for key, item in zip(sheet, trust.items, strict=True)}) == 7.0
+    assert [item.text["en"] for item in short.items] == [
+        "I am confident in the system.",
+        "The system is reliable.",
+        "I can trust the system.",
+    ]
+
+
+@pytest.mark.parametrize("name", ["godspeed_likeability", "godspeed_intelligence"])
+def test_godspeed_is_the_mean_of_five_pairs_of_words(name):
+    scale = SCALES[name]
+    keys = [item.key for item in scale.items]
+    assert scale.score(dict(zip(keys, (1, 2, 5, 4, 4), strict=True))) == pytest.approx(16 / 5)
+    assert (scale.lowest, scale.highest, scale.points) == (1.0, 5.0, 5)
+    assert "CC BY-NC" in scale.licence
+
+
+def test_every_scale_says_where_it_is_from_and_why_it_may_be_shipped():
+    for scale in SCALES.values():
+        assert len(scale.source) > 40
+        assert scale.licence
+        assert len({item.key for item in scale.items}) == len(scale.items)
+
+
 def test_a_missing_or_impossible_answer_is_named():
     answers = {item.key: 3 for item in SUS.items}
     with pytest.raises(ValueError, match="sus_4 = None: sus needs an answer from 1 to 5"):
@@ -38,5 +70,5 @@ def test_one_changed_word_is_another_wording(scale):
     for language in scale.languages:
         items = [(item.text[language], item.low[language], item.high[language]) for item in scale.items]
         assert wording_digest(items, scale.points) == scale.digest(language)
-        changed = [(items[0][0].replace("I ", "We ").replace("Ich ", "Wir ").replace("How ", "So how "), *items[0][1:])]
+        changed = [(items[0][0].replace(" ", " so ", 1), *items[0][1:])]
         assert wording_digest(changed + items[1:], scale.points) != scale.digest(language)

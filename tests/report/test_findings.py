@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from backend.analysis.metrics import measure
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.analysis.triads import is_circular
 from backend.learning.policies.shipped import load_queries
 from backend.report.analysis_plan import AnalysisPlan, declared_plan, deviations, read_plan

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.report.analysis_plan import AnalysisPlan, Equivalence
 from backend.report.findings import Findings, analyse
 from backend.report.further_findings import Further

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.explain.printed import Section
 from backend.report.analysis_plan import AnalysisPlan, Equivalence
 from backend.report.findings import Findings, analyse

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.made_up_cohorts import CONDITIONS, Cohort, made_up_study
 from backend.report.planned_design import Assumed, PlannedDesign

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import NothingToReport
 from backend.report.made_up_cohorts import Cohort, made_up_study

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 import pytest
 import yaml
 
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.report.study_data import StudyData
 from backend.report.tidy_tables import tidy
 

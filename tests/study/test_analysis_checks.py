@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.findings import analyse
+from backend.report.study_data import ItemText, ParticipantRow, Rating, StudyData
 from backend.study.protocol.freezing import freeze_text, shipped_protocols, thaw, validate_protocol_file
 from tests.study.small_protocol import BLOCK, CROSSED, RATING, VIEWS, protocol_text, write_files
 
@@ -20,6 +23,7 @@ def probed(repeat: int) -> dict:
 
 
 def errors(folder: Path, stages: list[dict], **analysis: object) -> list[tuple[str, str]]:
+    folder.mkdir(exist_ok=True)
     write_files(folder)
     (folder / "small.yaml").write_text(protocol_text(stages, analysis=analysis))
     return [(one["field"], one["message"]) for one in validate_protocol_file(folder / "small.yaml")["errors"]]
@@ -47,7 +51,7 @@ def errors(folder: Path, stages: list[dict], **analysis: object) -> list[tuple[s
             [CROSSED],
             {"equivalence": {"rating": 0.5}},
             "equivalence.rating",
-            "no questionnaire is answered about several",
+            "nothing is rated or answered about several",
         ),
     ],
 )
@@ -94,3 +98,33 @@ def test_a_study_of_before_opens_with_a_plan_that_would_be_refused_now(tmp_path:
         files = fine.files
 
     assert thaw(Stored()).protocol.analysis.items == "nonsense"
+
+
+SCALE = {"question": {"en": "How was it?"}, "points": 5, "low": {"en": "bad"}, "high": {"en": "good"}}
+
+
+def test_a_stage_of_ratings_can_be_named_as_the_items(tmp_path: Path) -> None:
+    """By the key that its answers carry; where it has one condition nothing is compared."""
+    rated = {"rating": {"each": VIEWS, "count": 2, "scale": SCALE}}
+    assert errors(tmp_path / "both", [rated], items="rating", equivalence={"rating": 0.5}) == []
+    alone = {"rating": {"view": "top_down", "count": 2, "scale": SCALE}}
+    ((field, told),) = errors(tmp_path / "alone", [CROSSED, alone], items="rating")
+    assert field == "analysis.items"
+    assert "about one condition only" in told
+    ((field, told),) = errors(tmp_path / "unknown", [rated], items="ratings")
+    assert "asked are rating; did you mean rating?" in told
+
+
+def test_the_report_tests_what_the_named_stage_rated(tmp_path: Path) -> None:
+    ratings = [
+        Rating(f"P{n}", view, stage, "rating", n % 3 + (stage == "rating_2" and view == "immersive") + 1)
+        for n in range(12)
+        for view in ("top_down", "immersive")
+        for stage in ("rating", "rating_2")
+    ]
+    people = [ParticipantRow(f"P{n}", False, None, False, "completed", ("top_down", "immersive")) for n in range(12)]
+    items = [ItemText(stage, "rating", "scale", stage, 5, {}) for stage in ("rating", "rating_2")]
+    data = StudyData("By hand", "1", {}, "", items, people, [], ratings, [])
+    for stage, differs in (("rating", False), ("rating_2", True)):
+        (one,) = analyse(data, lambda _: None, plan=AnalysisPlan(items=stage, metrics=())).items
+        assert (one.item.questionnaire, one.significant(0.05)) == (stage, differs)

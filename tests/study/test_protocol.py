@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from backend.analysis.scales import SCALES
+from backend.analysis.scale_wordings import SCALES
 from backend.study.grammar.questionnaires import Questionnaire
 from backend.study.kinds import kind_of, read_step
 from backend.study.kinds.base import Page
@@ -316,6 +316,14 @@ def test_a_validated_scale_is_asked_by_its_name_word_by_word_and_kept_in_the_stu
     assert [item.reversed for item in items[:4]] == [False, True, False, True]
     assert {"scales/sus.json", "scales/raw_tlx.json"} <= set(frozen.files)
     assert asked(tmp_path, blocks=[{"scale": "sus", "items": items_of("sus")}]) == []
+
+
+def test_a_scales_name_may_hold_another_ones(tmp_path):
+    """The short form of the trust scale is asked; its name has the long one's in it."""
+    title = {"en": "Short Trust in Automation Scale (S-TIAS)"}
+    assert asked(tmp_path, title=title, blocks=[{"scale": "s_tias"}]) == []
+    (error,) = asked(tmp_path, title={"en": "Trust in Automation Scale"}, blocks=[{"scale": "s_tias"}])
+    assert "the validated scale TIAS, whose items are not asked here" in error["message"]
 
 
 def test_a_reworded_item_cannot_carry_a_scales_name(tmp_path):

@@ -14,6 +14,7 @@ from backend.study.grammar.questionnaires import Questionnaire
 from backend.study.grammar.source import Problem, Source
 from backend.study.grammar.words import VIEWS
 from backend.study.kinds.comparison import ComparisonStage
+from backend.study.kinds.rating import RatingStage
 from backend.study.protocol.block import BlockStage
 from backend.study.protocol.schema import Protocol
 
@@ -28,7 +29,9 @@ def analysis_problems(
     if plan is None:
         return
     compared, asked = _compared(protocol), _asked(protocol)
-    yield from _items(plan, compared, asked, questionnaires, source)
+    rated = _rated(protocol)
+    several = [*compared, *(name for name, count in rated.items() if count > 1)]
+    yield from _items(plan, several, [*asked, *rated], questionnaires, source)
     yield from _ranking(protocol, plan, asked, questionnaires, source)
     yield from _probes(protocol, plan, source)
     comparison = protocol.stage_of(ComparisonStage)
@@ -37,7 +40,7 @@ def analysis_problems(
         message = "is about choices for the own policy; add a comparison stage, or remove it"
         yield source.problem(("analysis", "equivalence", "share"), message)
     rankings = [name for name in asked if _has(questionnaires.get(name), ("ranking",))]
-    if not compared and not rankings and comparison is None and not _conditions(protocol):
+    if not several and not rankings and comparison is None and not _conditions(protocol):
         message = (
             "declares an analysis of a protocol that compares nothing: no two conditions, no ranking, no comparison of "
             "policies; add one of these, or remove 'analysis' (answers are described all the same)"
@@ -70,6 +73,15 @@ def _compared(protocol: Protocol) -> list[str]:
     return [name for name, count in times.items() if count > 1]
 
 
+def _rated(protocol: Protocol) -> dict[str, int]:
+    """Stages in which trajectories are rated, by the key that answers carry, with their number of conditions."""
+    return {
+        key: sum(len(stage.conditions(group)) for group in range(len(stage.groups)))
+        for key, stage in protocol.keyed_stages
+        if isinstance(stage, RatingStage)
+    }
+
+
 def _asked(protocol: Protocol) -> list[str]:
     return list(dict.fromkeys(name for entry in protocol.stages for name, _ in entry.stage.questionnaires()))
 
@@ -88,7 +100,7 @@ def _items(
     name, here = plan.items, ("analysis", "items")
     if name is None:
         if plan.equivalence is not None and plan.equivalence.rating is not None and not compared:
-            message = "is about ratings of several conditions, and no questionnaire is answered about several"
+            message = "is about ratings of several conditions, and nothing is rated or answered about several"
             yield source.problem(("analysis", "equivalence", "rating"), message)
         return
     if name not in asked:
@@ -96,7 +108,7 @@ def _items(
         yield source.problem(here, message)
     elif name not in compared:
         message = (
-            "is answered about one condition only, so nothing is compared; ask it in a block with several conditions"
+            "is answered about one condition only, so nothing is compared; ask it in a stage with several conditions"
         )
         yield source.problem(here, message + (f", or name one of {', '.join(compared)}" if compared else ""))
     elif name in questionnaires and not _has(questionnaires[name], RATED):

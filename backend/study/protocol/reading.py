@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from backend.analysis.scales import SCALES, Scale, frozen_items, wording_digest
+from backend.analysis.scale_wordings import SCALES
+from backend.analysis.scales import Scale, frozen_items, wording_digest
 from backend.study.grammar import source as yaml_source
 from backend.study.grammar.conditions import Crossed
 from backend.study.grammar.error_words import meant, parsed
@@ -233,14 +234,21 @@ def _keys_twice(questionnaire: Questionnaire, own: Source) -> list[Problem]:
     return problems
 
 
+def _named(names: Sequence[str]) -> re.Pattern[str]:
+    """Any of these names as words of a text, the longest first."""
+    longest = sorted(map(re.escape, names), key=len, reverse=True)
+    return re.compile(rf"\b({'|'.join(longest)})\b", re.IGNORECASE)
+
+
 def _borrowed_names(name: str, questionnaire: Questionnaire, own: Source) -> list[Problem]:
-    """A validated scale's name over items that are not its own."""
+    """A validated scale's name over items that are not its own. The names of those that are asked may hold others'."""
     asked = {block.scale for block in questionnaire.blocks}
+    rightly = _named([n for scale in asked if scale in SCALES for n in SCALES[scale].names] or ["\n"])
     problems = []
     for scale in SCALES.values():
         if scale.name in asked:
             continue
-        words = re.compile(r"\b(" + "|".join(map(re.escape, (*scale.names, scale.name))) + r")\b", re.IGNORECASE)
+        words = _named([*scale.names, scale.name])
         message = (
             f"carries the name of the validated scale {scale.names[0]}, whose items are not asked here; "
             f"ask it with '- scale: {scale.name}', or choose another name"
@@ -248,7 +256,9 @@ def _borrowed_names(name: str, questionnaire: Questionnaire, own: Source) -> lis
         titles: list[tuple[yaml_source.Path, dict[str, str] | None]] = [(("title",), questionnaire.title)]
         titles += [(("blocks", b, "title"), block.title) for b, block in enumerate(questionnaire.blocks)]
         problems += [
-            own.problem(path, message) for path, title in titles if words.search(" / ".join((title or {}).values()))
+            own.problem(path, message)
+            for path, title in titles
+            if words.search(rightly.sub("", " / ".join((title or {}).values())))
         ]
         if words.fullmatch(name):
             problems.append(own.problem(("title",), f"the file's name {message}"))
