@@ -24,7 +24,6 @@ from backend.report.planned_design import Assumed
 from backend.report.simulated_power import WANTED, Power
 
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
-BAR = 0.26
 
 
 def pictures(found: Findings) -> list[Picture]:
@@ -185,7 +184,8 @@ def agreement_picture(found: Findings) -> Picture:
             )  # fmt: skip
         ax.axvline(0.5, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
         ax.set_yticks([-k for k in range(len(lines))], [words for _, words, _ in lines])
-        ax.set(xlim=(0.4, 1.0), xlabel="share of the same answers, mean over people")
+        lowest = min((mean.low for _, _, mean in lines if not math.isnan(mean.low)), default=1.0)
+        ax.set(xlim=(min(0.4, lowest - 0.02), 1.0), xlabel="share of the same answers, mean over people")
         ax.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         quiet(ax)
     rows: Rows = [{"kind": kind, "what": words, **_mean_row(mean)} for kind, words, mean in lines]
