@@ -421,6 +421,25 @@ def design_cohorts_command(
     say(result, as_json)
 
 
+@commands.command("further-cohorts")
+@plain_errors
+def further_cohorts_command(
+    cohorts: Annotated[int, typer.Option(min=1)] = 200,
+    participants: Annotated[str, typer.Option(help="Numbers of people.")] = "6,12,31",
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how often what stands beside the declared tests is said rightly and wrongly."""
+    from backend.experiments.cohorts.further_cohorts import further_cohorts
+
+    sizes = [int(number) for number in participants.split(",") if number.strip().isdecimal()]
+    result = {"simulated": True, "seed": seed, "alpha": 0.05, "rates": further_cohorts(cohorts, sizes, seed=seed)}
+    if out is not None:
+        _write(out, result)
+    say(result, as_json)
+
+
 @commands.command("known-cohorts")
 @plain_errors
 def known_cohorts_command(

@@ -27,6 +27,8 @@ from backend.report.rating_findings import Measure
 from backend.report.study_data import Choice, StudyData
 from backend.report.study_design import StudyDesign
 
+UNBOUNDED = 30.0  # log odds: likelier than a million millions to one
+
 
 @dataclass(frozen=True)
 class Weighed:
@@ -48,7 +50,7 @@ class ScaleReliability:
 @dataclass(frozen=True)
 class Modelled:
     """A mixed model. effects: what differs from the first condition, as odds ratios with 95 % intervals, or a chance;
-    test: of all conditions together; problem: why there is no fit."""
+    test: of all conditions together; problem: why there are no effects."""
 
     about: str
     effects: Sequence[tuple[str, float, float, float]]
@@ -247,8 +249,9 @@ def _model(about: str, rows: Sequence[tuple[str, int, float]], conditions: Seque
         fit = cumulative_logit(answers, dummies, people, names)
     except NoFit as wrong:
         return Modelled(about, (), None, None, str(wrong))
-    effects = []
-    for k, name in enumerate(names):
-        low, high = fit.interval(k)
-        effects.append((name, math.exp(fit.coefficients[k]), math.exp(low), math.exp(high)))
+    ends = [(fit.coefficients[k], *fit.interval(k)) for k in range(len(names))]
+    if not all(math.isfinite(end) and abs(end) < UNBOUNDED for of in ends for end in of):
+        told = "answers separate the conditions, so that no odds ratio is finite"
+        return Modelled(about, (), None, ratio_test(fit, alone), told)
+    effects = [(name, *map(math.exp, of)) for name, of in zip(names, ends, strict=True)]
     return Modelled(about, effects, fit.person_sd, ratio_test(fit, alone))

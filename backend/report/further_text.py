@@ -123,7 +123,7 @@ def _models(found: Findings) -> Section:
     for one in of:
         test = NONE if one.test is None else f"χ²({one.test.df}) = {one.test.statistic:.2f}, {p_in_words(one.test.p)}"
         if one.problem is not None:
-            rows.append([one.about, one.problem, NONE, NONE, NONE])
+            rows.append([one.about, one.problem, NONE, test, NONE])
         for name, at, low, high in one.effects:
             sd = NONE if one.person_sd is None else f"{one.person_sd:.2f}"
             rows.append([one.about, name, f"{at:.2f} [{low:.2f}, {high:.2f}]", test, sd])

@@ -155,6 +155,17 @@ def test_three_policies_have_worths() -> None:
     assert found(study(("base",)))[1].worths == []
 
 
+def test_answers_that_separate_the_conditions_have_a_test_but_no_odds_ratio() -> None:
+    """Everybody rates one condition with the lowest and the other with the highest: there is no finite estimate."""
+    of, beside = found(crossover([(1, 7)] * 6, [(X, Y)] * 3 + [(Y, X)] * 3), AnalysisPlan(metrics=(), models=True))
+    (model,) = beside.models
+    assert model.effects == ()
+    assert model.problem is not None
+    assert model.test is not None
+    assert model.test.p < 0.01
+    assert "separate the conditions" in said(of, "Mixed models")
+
+
 def test_mixed_models_beside_the_tests() -> None:
     data = made_up_study(
         Cohort(ratings={"fun": {"immersive": 1.5}}, second_shown=0.0), 24, items=("fun",), comparisons=4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from backend.analysis.repeated_measures import friedman
 from backend.experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
+from backend.experiments.cohorts.further_cohorts import CASES, further_cohorts
 from backend.experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
 from backend.experiments.cohorts.null_cohorts import null_cohorts
 from backend.experiments.cohorts.null_ratings import friedman_p, null_family
@@ -26,7 +28,7 @@ from backend.report.made_up_cohorts import (
     read_cohort,
 )
 from backend.report.planned_design import Assumed, PlannedDesign
-from backend.report.simulated_power import COMPARISONS, analysed, enough, power
+from backend.report.simulated_power import COMPARISONS, analysed, enough, power, rate
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 1.5}, "boredom": {"first_person": 1.5}},
@@ -109,6 +111,36 @@ def test_what_is_put_in_is_found_over_many_cohorts_and_nothing_else() -> None:
     assert blind.rate < 0.5
     with pytest.raises(ValueError, match=r"ratings\.joy: known are"):
         known_cohorts(replace(DIFFERENT, ratings={"joy": {}}), 1, 31)
+
+
+def test_people_lent_the_same_policy_find_too_much_unless_they_count_as_one() -> None:
+    """Groups of ten who finish together: as people they find a difference that is none far too often; clustered, or
+    lent different policies, they do not."""
+    found: Counter[str] = Counter()
+    for k in range(150):
+        found.update(name for name, hit in CASES["nobody prefers the own policy"](31, k) if hit)
+    rates = {name: rate(name, count, 150) for name, count in found.items()}
+    signed = "Wilcoxon signed-rank, own against other's"
+    assert rates[f"{signed}, the same policy for a group, counted by people"].low > 0.08
+    for words in ("the same policy for a group", "different policies"):
+        assert found[f"{signed}, {words}, counted by lent policies"] <= 15
+
+
+def test_what_stands_beside_the_tests_is_said_where_something_differs_and_seldom_elsewhere() -> None:
+    """A small version of `benchmark further-cohorts`."""
+    rows = {(row["truth"], row["statement"]): row for row in further_cohorts(8, [20], seed=1)}
+    said = {truth: {s for t, s in rows if t == truth} for truth, _ in rows}
+    assert said["nothing differs"] == said["something differs"]
+    assert {"Period", "Carry-over", "Guess", "Mixed model, rating of fun"} <= said["nothing differs"]
+    for statement in said["nothing differs"]:
+        assert rows["nothing differs", statement]["low"] <= 0.05, statement
+    agreeing = "Agreement between conditions is below consistency"
+    for statement in ("Period", "Guess", "Mixed model, rating of fun", agreeing):
+        assert rows["something differs", statement]["rate"] > 0.5, statement
+    margin = rows["the difference is the margin", "Equivalence within the margin"]
+    assert margin["low"] <= 0.05
+    assert rows["no difference", "Equivalence within the margin"]["rate"] > 0.7
+    assert all(row["high"] > 0.9 for (truth, _), row in rows.items() if truth == "intervals")
 
 
 def test_ratings_alone_are_tested_as_the_analysis_tests_them() -> None:

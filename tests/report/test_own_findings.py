@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,31 @@ def test_the_text_says_no_more_than_the_tests(base: tuple, other: tuple, said: s
     own, others = of.personalised[0], of.personalised[-1]
     assert own.preferred(0.05) == (base[0] > base[1])
     assert others.preferred(0.05) == ((other[0] or base[0]) > (other[1] if other[0] is not None else base[1]))
+
+
+def test_stand_ins_are_told_and_show_no_other_participant() -> None:
+    """Three of nine were lent a simulated person's policy: said. All nine: it does not show that it is personal."""
+    base = [one for k in range(9) for one in compared(f"P-{k}", "base", 3, 0)]
+    other = [one for k in range(9) for one in compared(f"P-{k}", "other", 3, 0, f"policy-{k}")]
+    some = [replace(one, stand_in=one.person < "P-3") for one in other]
+    of = found(base + some)
+    assert [one.stand_ins for one in of.personalised] == [0, 3]
+    assert "3 of the people who were lent another's policy were lent one made from a simulated" in verdict(of)
+    assert "is not only what everybody likes" in verdict(of)
+    everybody = verdict(found(base + [replace(one, stand_in=True) for one in other]))
+    assert "made from a simulated person's" in everybody
+    assert "does not show that it is personal" in everybody
+    assert "is not only what everybody likes" not in everybody
+    assert "stand-in" not in verdict(found(base + other))
+
+
+def test_the_verdict_names_what_the_own_policy_is_preferred_to() -> None:
+    neutral = [one for k in range(9) for one in compared(f"P-{k}", "neutral", 3, 0)]
+    other = [one for k in range(9) for one in compared(f"P-{k}", "other", 1, 1, f"policy-{k}")]
+    told = verdict(found(neutral + other))
+    assert "is preferred to the conditioned policy without preferences, but was not shown" in told
+    base = [one for k in range(9) for one in compared(f"P-{k}", "base", 1, 1)]
+    assert "the base policy, but" not in verdict(found(base + neutral + other))
 
 
 def test_a_neutral_arm_is_a_comparison_of_its_own() -> None:
