@@ -253,5 +253,7 @@ def _model(about: str, rows: Sequence[tuple[str, int, float]], conditions: Seque
     if not all(math.isfinite(end) and abs(end) < UNBOUNDED for of in ends for end in of):
         told = "answers separate the conditions, so that no odds ratio is finite"
         return Modelled(about, (), None, ratio_test(fit, alone), told)
-    effects = [(name, *map(math.exp, of)) for name, of in zip(names, ends, strict=True)]
+    effects = [
+        (name, math.exp(at), math.exp(low), math.exp(high)) for name, (at, low, high) in zip(names, ends, strict=True)
+    ]
     return Modelled(about, effects, fit.person_sd, ratio_test(fit, alone))
