@@ -30,10 +30,10 @@ from backend.simulation.trajectory import Trajectory
 COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
 COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
 NAMED = {
-    "instant": "instant policy for",
-    "conditioning_search": "conditioning searched for",
-    "fine_tuning": "aligned with",
-    "thesis": "aligned with",
+    "instant": "instant policy",
+    "conditioning_search": "conditioning-searched policy",
+    "fine_tuning": "fine-tuned policy",
+    "thesis": "relabelled policy",
 }
 """By algorithm, how lists tell the policies apart that one person can have."""
 
@@ -74,7 +74,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     policy = keep(
         context,
         kind="policy",
-        name=f"{NAMED[params.algorithm]} {snapshot_artefact.name}",
+        name=f"{NAMED[params.algorithm]}: {snapshot_artefact.name}, seed {params.seed}",
         setup=setup,
         # Many people prefer the same: without their names on them, these would be one policy, first made for the first.
         content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),

@@ -135,7 +135,7 @@ def keep_reward_model(
     return keep(
         context,
         kind="reward_model",
-        name=f"{name} reward model of {artefact.name}",
+        name=f"{name} reward model: {artefact.name}, seed {params.model_dump()['seed']}",
         setup=snapshot.setup,
         content=reward_model_to_bytes(model),
         params=params,

@@ -35,7 +35,7 @@ def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
     kept = keep(
         context,
         kind="evaluation",
-        name=f"{artefact.name}, {params.scenes} scenes",
+        name=f"{artefact.name}, {params.scenes} scenes, seed {params.seed}",
         setup=policy.setup,
         content=_json(content),
         params=params,
@@ -85,7 +85,7 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     kept = keep(
         context,
         kind="evaluation",
-        name=f"{artefact_b.name} against {artefact_a.name}, {params.scenes} scenes",
+        name=f"{artefact_b.name} against {artefact_a.name}, {params.scenes} scenes, seed {params.seed}",
         setup=setup,
         content=_json(content),
         params=params,

@@ -51,7 +51,7 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     policy_id = keep(
         context,
         kind="policy",
-        name=f"learned from {artefact.name}",
+        name=f"controller: {artefact.name}, seed {params.seed}",
         setup=policy.setup,
         content=policy.to_bytes(),
         params=params,

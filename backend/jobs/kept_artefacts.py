@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from sqlalchemy import select
 from sqlalchemy.orm import Session as DbSession
 
 from backend.jobs.context import JobContext
@@ -14,6 +15,7 @@ from backend.jobs.kinds import Params
 from backend.learning.cards import source_commit
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
+from backend.store.artefact_upkeep import LONGEST_NAME
 from backend.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
 from backend.store.models import Artefact, Job
 from backend.store.shipped_policies import policy_artefact
@@ -36,6 +38,23 @@ def find_artefact(s: DbSession, reference: str, kind: str) -> Artefact:
         raise ArtefactError(f"{reference!r} is a {found.kind}, needed is a {kind}")
     if found.quarantined_at is not None:
         raise ArtefactError(f"{kind} {reference!r} is quarantined: {QUARANTINED}")
+    return found
+
+
+def free_name(s: DbSession, kind: str, name: str) -> str:
+    """The name with what tells it from others of its kind: a number where the same was made with other settings. Long
+    ones lose their middle, which is a study's name or another artefact's."""
+
+    def fitting(told: str) -> str:
+        kept = LONGEST_NAME - len(told)
+        return (name if len(name) <= kept else f"{name[: kept // 3]}…{name[-(kept - kept // 3 - 1) :]}") + told
+
+    taken = set(
+        s.scalars(select(Artefact.name).where(Artefact.kind == kind, Artefact.name.startswith(fitting("")[:40])))
+    )
+    number = 1
+    while (found := fitting(f" ({number})" if number > 1 else "")) in taken:
+        number += 1
     return found
 
 
@@ -77,6 +96,7 @@ def keep(
         require_job(s, context)
         for parent, _ in parents:
             find_artefact(s, parent.id, parent.kind)
+        name = free_name(s, kind, name)
         card = {
             "kind": kind,
             "name": name,

@@ -319,7 +319,10 @@ def _freeze(
         ratings=tuple(ratings),
     )
     given: list[Answer | RatedTrajectory] = [*answers, *ratings]
-    whom = given[0].participant if session_id else WHOSE_WORDS[whose]  # in lists, different people's models differ
+    people = sorted({one.participant for one in given})
+    # in lists, different people's models differ
+    many = "participants" if whose == "all" else WHOSE_WORDS[whose]
+    whom = people[0] if len(people) == 1 else f"{len(people)} {many}"
     ending = f", {len(given)} answers of {whom}{f' in {view}' if view else ''}"
     return save_artefact(
         s,

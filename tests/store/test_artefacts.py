@@ -167,7 +167,7 @@ def test_a_snapshot_holds_the_answers_that_count_and_says_what_it_left_out(study
         again = take_snapshot(s, study.files, study_id=study.id)
     assert again.id == row.id
     assert not row.simulated
-    assert row.name == "Passing people, 4 answers of people"
+    assert row.name == "Passing people, 4 answers of P1"
     assert (row.card["whose"], row.card["participants"], row.card["human"]) == ("people", 1, 4)
     with study.database.session() as s:
         snapshot = load_snapshot(s, study.files, row.id)
@@ -213,9 +213,9 @@ def test_people_and_simulated_participants_are_mixed_only_on_demand(study: Small
     assert [whose for whose, row in taken.items() if row.simulated] == ["simulated", "all", "session"]
     assert len({row.id for row in taken.values()}) == 4
     assert [row.name.partition(", ")[2] for row in taken.values()] == [
-        "2 answers of people",
-        "3 answers of simulated participants",
-        "5 answers of people and simulated participants",
+        "2 answers of P1",
+        "3 answers of bot",
+        "5 answers of 2 participants",
         "3 answers of bot",
     ]
     assert contents["simulated"].left_out["people"] == 3

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any, get_args
 
 from fastapi import APIRouter, Depends, Request
@@ -37,9 +37,9 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
 
 @router.get("/lab/snapshots")
-def snapshots(request: Request, database: Db) -> Response:
+def snapshots(request: Request, database: Db, archived: bool = False) -> Response:
     with database.session() as s:
-        return _snapshots_page(request, s)
+        return _snapshots_page(request, s, archived=archived)
 
 
 @router.post("/lab/snapshots")
@@ -120,17 +120,25 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 
 
 @router.get("/lab/policies")
-def policies(request: Request, database: Db) -> Response:
+def policies(request: Request, database: Db, archived: bool = False) -> Response:
     with database.session() as s:
         kinds = ("policy", "conditioned_policy", "reward_model", "query_set")
         seen = seen_artefacts(rights_in(request))
         chosen = select(Artefact).where(Artefact.kind.in_(kinds), seen).order_by(Artefact.created_at.desc())
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}
-        for artefact in s.scalars(chosen):
+        listed_here, archived_count = without_archived(s.scalars(chosen), archived)
+        for artefact in listed_here:
             found[artefact.kind].append(artefact)
         for listed in found.values():  # one's own first, newest first; then what came with the product, by name
             listed.sort(key=lambda one: "" if one.job_id else one.name)
-        return lab_page(request, "analyst/policies.html", found=found, measured_of=measured_of)
+        return lab_page(
+            request,
+            "analyst/policies.html",
+            found=found,
+            measured_of=measured_of,
+            archived=archived,
+            archived_count=archived_count,
+        )
 
 
 @router.get("/lab/policies/{artefact_id}")
@@ -228,6 +236,13 @@ def artefact_href(artefact: Artefact) -> str:
     return f"/lab/compare/{artefact.id}" if is_comparison(artefact) else f"/lab/artefacts/{artefact.id}"
 
 
+def without_archived(found: Iterable[Artefact], wanted: bool) -> tuple[list[Artefact], int]:
+    """Of a list what is shown, and how many archived ones there are; wanted: whether these are shown, too."""
+    everything = list(found)
+    archived = sum(one.archived_at is not None for one in everything)
+    return [one for one in everything if wanted or one.archived_at is None], archived
+
+
 def is_comparison(artefact: Artefact) -> bool:
     """Whether an evaluation is one of two policies."""
     return artefact.kind == "evaluation" and "paired" in artefact.card.get("results", {})
@@ -285,7 +300,9 @@ def _answers(s: DatabaseSession, tree: Lineage) -> list[tuple[str, int]]:
 def _held_out(artefact: Artefact) -> list[dict[str, Any]]:
     """One row per participant; an alignment's card holds one for all of them."""
     rows: list[dict[str, Any]] | dict[str, Any] = artefact.card.get("results", {}).get("held_out") or []
-    return [{"participant": "–", **rows}] if isinstance(rows, dict) else rows
+    if isinstance(rows, dict):  # a `rewards.held_out.Predicted`
+        return [{"participant": "–", "n": rows["answers"], "method": f"{rows['folds']}_folds", **rows}]
+    return rows
 
 
 def _held_out_figure(request: Request, artefact: Artefact) -> Markup | None:
@@ -315,17 +332,20 @@ def _snapshots_page(
     study: str = "",
     participant: str = "",
     whose: str = "people",
+    archived: bool = False,
     status: int = 200,
 ) -> Response:
     rights = rights_in(request)
     taken = select(Artefact).where(Artefact.kind == "snapshot", seen_artefacts(rights))
-    found = list(s.scalars(taken.order_by(Artefact.created_at.desc())))
+    found, archived_count = without_archived(s.scalars(taken.order_by(Artefact.created_at.desc())), archived)
     studies = list(s.scalars(select(Study).where(in_studies(rights, Study.id)).order_by(Study.created_at.desc())))
     return lab_page(
         request,
         "analyst/snapshots.html",
         status=status,
         snapshots=found,
+        archived=archived,
+        archived_count=archived_count,
         studies=studies,
         analysed=[one for one in studies if rights.may(Right.ANALYSE, one.id)],
         names={one.id: one.name for one in studies},

@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
-from backend.api.analyst.artefact_pages import is_comparison
+from backend.api.analyst.artefact_pages import is_comparison, without_archived
 from backend.api.analyst.compared_scenes import (
     SIDES,
     bins_of,
@@ -74,18 +74,21 @@ class Row:
 
 
 @router.get("/lab/compare")
-def compare(request: Request, database: Db, policy_a: str = "", policy_b: str = "") -> Response:
+def compare(request: Request, database: Db, policy_a: str = "", policy_b: str = "", archived: bool = False) -> Response:
     """Choose two policies, and the comparisons there are."""
     given = {name: value for name, value in (("policy_a", policy_a), ("policy_b", policy_b)) if value}
     with database.session() as s:
         rights = rights_in(request)
         evaluated = select(Artefact).where(Artefact.kind == "evaluation", seen_artefacts(rights))
-        evaluations = s.scalars(evaluated.order_by(Artefact.created_at.desc()))
+        evaluations = [one for one in s.scalars(evaluated.order_by(Artefact.created_at.desc())) if is_comparison(one)]
+        shown, archived_count = without_archived(evaluations, archived)
         return lab_page(
             request,
             "analyst/compare_new.html",
             fields=form_fields(s, KINDS["compare"], given, rights),
-            comparisons=[one for one in evaluations if is_comparison(one)],
+            comparisons=shown,
+            archived=archived,
+            archived_count=archived_count,
         )
 
 

@@ -59,10 +59,11 @@ def form_fields(
 ) -> list[FormField]:
     """The fields of a kind (of the algorithm that `values` name), filled with `values` (else the defaults), with what
     is wrong at each. Nothing is asked that has only one answer, nothing offered that `rights` keep from a job."""
+    setup = _setup_of(s, kind, values)
     problems = {problem["field"].split(".")[0]: problem for problem in wrong.problems} if wrong else {}
     fields = kind.model_for(values).model_fields.items()
     return [
-        _field(s, rights, name, info, values.get(name), problems.get(name))
+        _field(s, rights, name, info, values.get(name), problems.get(name), setup)
         for name, info in fields
         if not _is_given(info)
     ]
@@ -81,7 +82,13 @@ def typed_values(kind: Kind, form: FormData) -> dict[str, Any]:
 
 
 def _field(
-    s: Session, rights: Rights, name: str, info: FieldInfo, value: Any, wrong: Mapping[str, Any] | None
+    s: Session,
+    rights: Rights,
+    name: str,
+    info: FieldInfo,
+    value: Any,
+    wrong: Mapping[str, Any] | None,
+    of: tuple[str, str] | None,
 ) -> FormField:
     extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
     default = None if info.is_required() else info.get_default()
@@ -98,6 +105,8 @@ def _field(
     if artefact_kind:
         control = "artefacts" if _is_many(info) else "artefact"
         artefacts = tuple(_usable(s, rights, artefact_kind))
+        if of is not None and of[0] != name:
+            artefacts = tuple(one for one in artefacts if one.setup == of[1])
         shown = _as_ids(artefacts, shown)
     elif choices:
         control = "choice"
@@ -129,6 +138,16 @@ def _explained(wrong: Mapping[str, Any]) -> dict[str, Any]:
         "expected": limits.get("expected", ""),
         "message": wrong["message"],
     }
+
+
+def _setup_of(s: Session, kind: Kind, values: Mapping[str, Any]) -> tuple[str, str] | None:
+    """(field, setup) of the first artefact that is chosen: what else is offered has to fit it. None: nothing yet."""
+    for name, info in kind.model_for(values).model_fields.items():
+        given = values.get(name)
+        if isinstance(info.json_schema_extra, dict) and "artefact" in info.json_schema_extra and given:
+            first = s.get(Artefact, str(given[0] if isinstance(given, list | tuple) else given))
+            return (name, first.setup) if first is not None else None
+    return None
 
 
 def _usable(s: Session, rights: Rights, kind: str) -> Sequence[Artefact]:

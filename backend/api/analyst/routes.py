@@ -14,8 +14,9 @@ from backend.api.analyst import (
     explanation_pages,
     flow_pages,
     job_pages,
+    upkeep_pages,
 )
 
 router = APIRouter()
-for part in (job_pages, artefact_pages, compare_pages, flow_pages, explanation_pages, demonstration_pages):
+for part in (job_pages, artefact_pages, compare_pages, flow_pages, explanation_pages, demonstration_pages, upkeep_pages):
     router.include_router(part.router)

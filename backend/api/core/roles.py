@@ -115,6 +115,10 @@ CHANGING: dict[str, Rule] = {
     "/lab/settings/accounts/{name}/remove": Rule(Right.MANAGE, "account_removed"),
     "/lab/snapshots": Rule(Right.ANALYSE, "snapshot_taken"),
     "/lab/jobs/new/{kind_name}": Rule(Right.ANALYSE, "job_started"),
+    "/lab/artefacts/{artefact_id}/rename": Rule(Right.TIDY, "artefact_renamed"),
+    "/lab/artefacts/{artefact_id}/archive": Rule(Right.TIDY, "artefact_archived"),
+    "/lab/artefacts/{artefact_id}/restore": Rule(Right.TIDY, "artefact_restored"),
+    "/lab/artefacts/{artefact_id}/delete": Rule(Right.TIDY, "artefact_deleted"),
     "/lab/jobs/{job_id}/cancel": Rule(Right.TIDY, "job_cancelled"),
     "/lab/jobs/{job_id}/retry": Rule(Right.TIDY, "job_retried"),
 }
@@ -142,6 +146,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/audit": Rule(Right.MANAGE),
     "/lab/jobs/new": Rule(Right.ANALYSE),
     "/lab/jobs/new/{kind_name}": Rule(Right.ANALYSE),
+    "/lab/artefacts/{artefact_id}/upkeep": Rule(Right.TIDY),
     "/lab/artefacts/{artefact_id}/content": Rule(Right.TAKE, "artefact_taken"),
     "/lab/policies/{artefact_id}/policy.zip": Rule(Right.TAKE, "artefact_taken"),
     "/lab/policies/{artefact_id}/policy.onnx": Rule(Right.TAKE, "artefact_taken"),
