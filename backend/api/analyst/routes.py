@@ -18,5 +18,13 @@ from backend.api.analyst import (
 )
 
 router = APIRouter()
-for part in (job_pages, artefact_pages, compare_pages, flow_pages, explanation_pages, demonstration_pages, upkeep_pages):
+for part in (
+    job_pages,
+    artefact_pages,
+    compare_pages,
+    flow_pages,
+    explanation_pages,
+    demonstration_pages,
+    upkeep_pages,
+):
     router.include_router(part.router)
