@@ -209,7 +209,7 @@ def evaluate(
 
 
 def find_policy(reference: str) -> Policy:
-    """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its wants
+    """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its weights
     (`ID@farther=1`). Raises LookupError.
     """
     from backend.learning.policies.shipped import load_policy, names_policy, policy_conditioned_on

@@ -54,7 +54,7 @@ class Explained:
 
 
 @dataclass(frozen=True)
-class Way:
+class Options:
     """How is explained, as the address says. at_s: None: where the robot slowed down or turned most."""
 
     method: Method
@@ -74,20 +74,20 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
 
     t = services_of(request).texts.get(lab_language(request))
     given = request.query_params
-    asked = way = problem = None
+    asked = options = problem = None
     shown: list[Explained] = []
     with database.session() as s:
         choices = choices_of(s, rights_in(request))
     try:
         with database.session() as s:
             asked = asked_of(request, s)
-        way = _way(given)
+        options = _options(given)
         if asked is not None:
-            shown = [_drawn(request, t, files, asked, way, side) for side in asked.sides]
+            shown = [_drawn(request, t, files, asked, options, side) for side in asked.sides]
     except Undrawable as wrong:
         problem = t(f"flow.problems.{wrong.key}", **wrong.values)
     except LearningError as wrong:
-        problem = t("flow.problems.wants", message=str(wrong))
+        problem = t("flow.problems.weights", message=str(wrong))
     except AttributionError as wrong:
         problem = t("explanation.problem", message=str(wrong))
     except FigureError as wrong:
@@ -108,7 +108,7 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
         commands=COMMANDS,
         problem=problem,
         asked=asked,
-        way=way,
+        options=options,
         shown=shown,
         thing=lambda name: _thing(t, name),
         command_line=command_line,
@@ -125,7 +125,7 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
         if asked is None or letter not in SIDES[: len(asked.sides)]:
             raise LabRefusal(404, "no_figure")
         side = asked.sides[SIDES.index(letter)]
-        made = _drawn(request, t, files, asked, _way(request.query_params), side)
+        made = _drawn(request, t, files, asked, _options(request.query_params), side)
     except FigureError as wrong:
         if wrong.busy:
             return Response(status_code=503, headers={"Retry-After": "5"})
@@ -144,34 +144,36 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
     return Response(made.figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
 
 
-def _way(given: Mapping[str, str]) -> Way:
+def _options(given: Mapping[str, str]) -> Options:
     """Raises AttributionError for an unknown method or command, or a moment that is no number of seconds."""
     method, command = checked(given.get("method") or METHODS[0], given.get("command") or COMMANDS[0])
     said = given.get("at", "").strip().replace(",", ".")
     if not said:
-        return Way(method, command, None)
+        return Options(method, command, None)
     try:
         at_s = float(said)
     except ValueError:
         at_s = math.nan
     if not 0 <= at_s <= LONGEST_S:
         raise AttributionError(f"at = {said[:20]!r}: must be seconds since the start, such as 1.4")
-    return Way(method, command, at_s)
+    return Options(method, command, at_s)
 
 
-def _drawn(request: Request, t: Catalogue, files: ArtefactStore, asked: Asked, way: Way, side: Side) -> Explained:
+def _drawn(
+    request: Request, t: Catalogue, files: ArtefactStore, asked: Asked, options: Options, side: Side
+) -> Explained:
     words: dict[str, Any] = {
         **{name: t(f"explanation.words.{name}") for name in ("x", "y", "time", "score", "speed", "turning")},
-        "title": t(f"explanation.titles.{way.command}", method=t(f"explanation.methods.{way.method}")),
+        "title": t(f"explanation.titles.{options.command}", method=t(f"explanation.methods.{options.method}")),
         "things": t.table("explanation.things"),
     }
     order = ExplanationOrder(
         side.name,
         side.policy(files).without_critic().to_bytes(),
         asked.scene_seed,
-        way.method,
-        way.command,
-        way.at_s,
+        options.method,
+        options.command,
+        options.at_s,
         words,
     )
     mark, figure = services_of(request).figures.draw(order)
@@ -185,10 +187,10 @@ def _thing(t: Catalogue, name: str) -> str:
     return t(f"explanation.things.{kind}") + number
 
 
-def command_line(asked: Asked, way: Way, side: Side) -> str:
+def command_line(asked: Asked, options: Options, side: Side) -> str:
     """What draws the same from the command line."""
-    at = "" if way.at_s is None else f" --at {way.at_s:g}"
+    at = "" if options.at_s is None else f" --at {options.at_s:g}"
     return (
-        f"desirepath explain {side.reference} --scene {asked.scene_seed} --method {way.method} "
-        f"--command {way.command}{at} --out explanation"
+        f"desirepath explain {side.reference} --scene {asked.scene_seed} --method {options.method} "
+        f"--command {options.command}{at} --out explanation"
     )

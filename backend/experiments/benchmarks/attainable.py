@@ -125,7 +125,7 @@ def attained(
     config: PlannerConfig | None = None,
     guides: Sequence[NDArray[np.floating[Any]]] | None = None,
 ) -> tuple[Doubles, MeasuredRollouts]:
-    """(n,) the most that a planned drive that arrives is worth by preference weights (9,), in typical differences
+    """(n,) the most that a planned rollout that arrives gains by preference weights (9,), in typical differences
     (NOT_ARRIVED where none does), and what the best rollouts measured.
 
     guides: (steps, 2 or more) positions per scene of somebody's drive, which the search begins beside; None: beside the

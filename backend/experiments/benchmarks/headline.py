@@ -171,9 +171,9 @@ def compared_with_attained(
     """
     few = len(planned)
     typical = typical_differences(setup)
-    worth = [gains(one.measured[:few] / typical) @ true for one in (base, own, given)]
+    gained = [gains(one.measured[:few] / typical) @ true for one in (base, own, given)]
     both = base.success[:few] & own.success[:few] & given.success[:few] & (planned > NOT_ARRIVED)
-    at_base, at_own, at_given = (one[both] for one in worth)
+    at_base, at_own, at_given = (one[both] for one in gained)
     best = np.max([planned[both], at_base, at_own, at_given], axis=0)
     possible = float((best - at_base).mean())
     return {

@@ -90,7 +90,7 @@ def write_results(path: Path, run: Run, budget: DataclassInstance, **results: An
         "core_seconds": run.core_seconds,
         "simulated": True,
         **results,
-        "pieces": run.made,
+        "tasks": run.made,
     }
     path.write_text(json.dumps(plain(written), indent=1) + "\n", encoding="utf-8")
     return written

@@ -27,10 +27,10 @@ Doubles = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Objective:
-    """One thing that people may want more of.
+    """One thing that people may prefer more of.
 
     name: also the key of its words (`shared.objectives.NAME`, `flow.objectives.NAME`). measured_by: one of MEASURES,
-    whose table knows unit and typical difference; sign: +1 wants more of that, -1 less. step_term: (n,) in [-1, 0],
+    whose table knows unit and typical difference; sign: +1 for more of that, -1 for less. step_term: (n,) in [-1, 0],
     what a policy is rewarded by. bound: the best value of its measure that a scene allows. scale: by setup, reward per
     step of the step term at full weight, where a conditioned policy is trained. opposite: what nobody prefers at the
     same time; mirrored: what it is in a world with left and right exchanged, itself where there is no side to it.

@@ -226,11 +226,11 @@ class Oracle:
 
 
 def _peak_and_end(value: Value, trajectories: Sequence[Trajectory]) -> Doubles:
-    """(n,) mean of what the most extreme moment and the last one are worth; extreme: farthest from the whole's."""
+    """(n,) mean value of the most extreme moment and the last one; extreme: farthest from the whole's."""
     found = np.zeros(len(trajectories))
     for k, (trajectory, whole) in enumerate(zip(trajectories, value(trajectories), strict=True)):
-        worth = value(moments(trajectory, PEAK_S))
-        found[k] = (worth[np.abs(worth - whole).argmax()] + worth[-1]) / 2
+        values = value(moments(trajectory, PEAK_S))
+        found[k] = (values[np.abs(values - whole).argmax()] + values[-1]) / 2
     return found
 
 

@@ -33,7 +33,7 @@ def beginning(trajectory: Trajectory, seconds: float) -> Trajectory:
 
 
 def moments(trajectory: Trajectory, seconds: float) -> list[Trajectory]:
-    """A trajectory in pieces of so many seconds one after another, the last one what is left."""
+    """A trajectory in spans of so many seconds one after another, the last one what is left."""
     steps, n = max(1, round(seconds / trajectory.dt)), len(trajectory.actions)
     return [_part(trajectory, first, min(first + steps, n)) for first in range(0, n, steps)]
 

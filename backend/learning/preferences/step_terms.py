@@ -22,7 +22,7 @@ Floats = NDArray[np.floating[Any]]
 
 @dataclass(frozen=True)
 class Closeness:
-    """What a step costs who wants to be `closer`: `least` in any case, since staying beside the person must not be
+    """What a step costs who prefers `closer`: `least` in any case, since staying beside the person must not be
     free, rising to 1 over some `range_m`, from `enough_m` on: less never pays, 0.48 m is contact.
     """
 

@@ -71,16 +71,16 @@ function dialogs() {
   });
 }
 
-/** A form with data-wants="TEXT" can be sent once its field [data-typed] holds that text. The server checks too. */
+/** A form with data-typed-name="TEXT" can be sent once its field [data-typed] holds that text. The server checks too. */
 function typedConfirmations() {
-  for (const form of document.querySelectorAll("form[data-wants]")) {
+  for (const form of document.querySelectorAll("form[data-typed-name]")) {
     const typed = form.querySelector("[data-typed]");
     const button = form.querySelector("button[data-needs-typed]");
     if (!(form instanceof HTMLFormElement && typed instanceof HTMLInputElement && button instanceof HTMLButtonElement)) {
       continue;
     }
     const check = () => {
-      button.disabled = typed.value.trim() !== form.dataset.wants;
+      button.disabled = typed.value.trim() !== form.dataset.typedName;
     };
     typed.addEventListener("input", check);
     check();

@@ -20,10 +20,10 @@ class FamilyMember(ABC):
 
     @abstractmethod
     def scores(self, trajectories: Sequence[Trajectory]) -> Doubles:
-        """(n,) what each trajectory is worth, more is better, on a scale of the member's own."""
+        """(n,) the value of each trajectory, more is better, on a scale of the member's own."""
 
     def score(self, trajectory: Trajectory) -> float:
-        """What one trajectory is worth."""
+        """The value of one trajectory."""
         return float(self.scores([trajectory])[0])
 
     def after(self, answers: int) -> FamilyMember:
@@ -38,11 +38,11 @@ class FamilyMember(ABC):
 
 
 class StepFamilyMember(FamilyMember):
-    """Somebody who values every step; a trajectory is worth their mean."""
+    """Somebody who values every step; a trajectory's value is their mean."""
 
     @abstractmethod
     def step_scores(self, steps: SeenSteps) -> Doubles:
-        """(n,) what each step is worth."""
+        """(n,) the value of each step."""
 
     def scores(self, trajectories: Sequence[Trajectory]) -> Doubles:
         steps = SeenSteps.of_trajectories(trajectories)

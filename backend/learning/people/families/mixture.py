@@ -37,7 +37,7 @@ class MixedMember(FamilyMember):
 
 
 def mixed(setup: str, *parts: tuple[FamilyMember, float]) -> MixedMember:
-    """Members by shares: how much a typical pair of each is worth."""
+    """Members by shares: how much a typical pair of each weighs."""
     return MixedMember(tuple((member, share / member.unit(setup)) for member, share in parts))
 
 
