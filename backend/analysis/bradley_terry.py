@@ -43,13 +43,13 @@ def bradley_terry(wins: ArrayLike, names: Sequence[str], *, shared: float = 0.5)
 
     def loss(free: Array) -> tuple[float, Array]:
         beta = np.append(free, -free.sum())
-        chance = _chances(beta)
+        chance = _probabilities(beta)
         slope = (counts - (counts + counts.T) * chance).sum(axis=1)
         return -float((counts * np.log(chance)).sum()), -(slope[:-1] - slope[-1])
 
     fit = optimize.minimize(loss, np.zeros(k - 1), jac=True, method="BFGS")
     beta = np.append(fit.x, -fit.x.sum())
-    chance = _chances(beta)
+    chance = _probabilities(beta)
     weight = (counts + counts.T) * chance * (1 - chance)
     information = np.diag(weight.sum(axis=1)) - weight
     inverse = np.linalg.pinv(information)
@@ -66,5 +66,5 @@ def bradley_terry(wins: ArrayLike, names: Sequence[str], *, shared: float = 0.5)
     ]
 
 
-def _chances(beta: Array) -> Array:
+def _probabilities(beta: Array) -> Array:
     return np.asarray(1 / (1 + np.exp(beta[None, :] - beta[:, None])))

@@ -201,9 +201,9 @@ def prefix_distances(a: ArrayLike, b: ArrayLike, *, discrete: bool = False, exac
 
 @dataclass(frozen=True)
 class Deviation:
-    """Up to where a driven path follows a demonstrated one, and how closely (ch. 3). Read both numbers together.
+    """Up to where a rollout's path follows a demonstrated one, and how closely (ch. 3). Read both numbers together.
 
-    t_star: share of the driven path's length, 1 if it follows to its end. distance_m: f(A, B, t*).
+    t_star: share of the rollout's length, 1 if it follows to its end. distance_m: f(A, B, t*).
     point: (x, y) of A at t*. backwards: both paths were compared from their ends. cost: C(t*), the higher the better.
     """
 
@@ -214,13 +214,13 @@ class Deviation:
     cost: float
 
 
-def deviation(driven: ArrayLike, demonstrated: ArrayLike, *, exact_m: float = 1e-4) -> Deviation:
+def deviation(rollout: ArrayLike, demonstrated: ArrayLike, *, exact_m: float = 1e-4) -> Deviation:
     """The deviation point t* = argmax C(t), C(t) = cos(phi) f(A, B, t) + sin(phi) t, and f there.
 
-    driven (n, 2 or more), demonstrated (m, 2 or more): metres. t runs over A's points by their share of its length.
+    rollout (n, 2 or more), demonstrated (m, 2 or more): metres. t runs over A's points by their share of its length.
     Where the ends are closer than the starts both are reversed.
     """
-    a, b = _path(driven, "driven"), _path(demonstrated, "demonstrated")
+    a, b = _path(rollout, "rollout"), _path(demonstrated, "demonstrated")
     backwards = bool(np.linalg.norm(a[-1] - b[-1]) < np.linalg.norm(a[0] - b[0]))
     if backwards:
         a, b = a[::-1].copy(), b[::-1].copy()

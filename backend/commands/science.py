@@ -56,7 +56,7 @@ def base(
     more: SetFlag = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Train a base policy from nothing."""
+    """Train a base policy from scratch."""
     run_job("train_base", {"setup": setup, "seed": seed, **parsed_settings(more)}, out, as_json)
 
 

@@ -45,9 +45,9 @@ def free_name(s: DbSession, kind: str, name: str) -> str:
     """The name with what tells it from others of its kind: a number where the same was made with other settings. Long
     ones lose their middle, which is a study's name or another artefact's."""
 
-    def fitting(told: str) -> str:
-        kept = LONGEST_NAME - len(told)
-        return (name if len(name) <= kept else f"{name[: kept // 3]}…{name[-(kept - kept // 3 - 1) :]}") + told
+    def fitting(ending: str) -> str:
+        kept = LONGEST_NAME - len(ending)
+        return (name if len(name) <= kept else f"{name[: kept // 3]}…{name[-(kept - kept // 3 - 1) :]}") + ending
 
     taken = set(
         s.scalars(select(Artefact.name).where(Artefact.kind == kind, Artefact.name.startswith(fitting("")[:40])))

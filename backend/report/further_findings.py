@@ -251,8 +251,8 @@ def _model(about: str, rows: Sequence[tuple[str, int, float]], conditions: Seque
         return Modelled(about, (), None, None, str(wrong))
     ends = [(fit.coefficients[k], *fit.interval(k)) for k in range(len(names))]
     if not all(math.isfinite(end) and abs(end) < UNBOUNDED for of in ends for end in of):
-        told = "answers separate the conditions, so that no odds ratio is finite"
-        return Modelled(about, (), None, ratio_test(fit, alone), told)
+        why = "answers separate the conditions, so that no odds ratio is finite"
+        return Modelled(about, (), None, ratio_test(fit, alone), why)
     effects = [
         (name, math.exp(at), math.exp(low), math.exp(high)) for name, (at, low, high) in zip(names, ends, strict=True)
     ]

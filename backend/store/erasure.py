@@ -149,15 +149,17 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     own = {t for row in s.execute(shown.where(Trial.session_id.in_(sessions))) for t in row}
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
     used = {t for row in s.execute(shown.where(Trial.session_id.not_in(sessions))) for t in row}
-    driven: dict[bool, set[str]] = {True: set(), False: set()}
+    rolled_out: dict[bool, set[str]] = {True: set(), False: set()}
     strokes = select(StrokeRow.session_id, StrokeRow.walk, StrokeRow.trajectory, StrokeRow.demonstration)
     for session_id, walk, trajectory, demonstration in s.execute(strokes):
-        driven[session_id in sessions] |= trajectories_of(walk, trajectory) | (
+        rolled_out[session_id in sessions] |= trajectories_of(walk, trajectory) | (
             {demonstration} if demonstration else set()
         )
-    doomed.demonstrations = driven[True] - driven[False]  # two may have drawn the very same, if they are programs
-    own |= driven[True]
-    used |= driven[False]
+    doomed.demonstrations = (
+        rolled_out[True] - rolled_out[False]
+    )  # two may have drawn the very same, if they are programs
+    own |= rolled_out[True]
+    used |= rolled_out[False]
     for job in s.execute(select(Job.id, Job.session_id, Job.study_id, Job.params, Job.result)):
         payload = [job.params, job.result]
         # Another study may have a participant of the same code.

@@ -151,7 +151,7 @@ def test_a_path_that_is_followed_perfectly_deviates_at_its_end() -> None:
     assert deviation(STRAIGHT[:11], STRAIGHT).t_star == 1.0
 
 
-def test_the_deviation_point_is_where_the_driven_path_turns_off() -> None:
+def test_the_deviation_point_is_where_the_rollout_turns_off() -> None:
     turned = np.concatenate([STRAIGHT[:15], STRAIGHT[14] + np.stack([np.zeros(12), np.linspace(0.5, 6, 12)], axis=1)])
     found = deviation(turned, STRAIGHT + np.array([0.0, 0.1]))
     assert found.t_star == pytest.approx(7.0 / 13.0, abs=0.05)
@@ -169,5 +169,5 @@ def test_where_the_ends_meet_both_paths_are_read_backwards() -> None:
 def test_what_is_no_path_is_refused() -> None:
     with pytest.raises(ValueError, match="b has shape"):
         frechet_distance(STRAIGHT, np.zeros((0, 2)))
-    with pytest.raises(ValueError, match="driven has shape"):
+    with pytest.raises(ValueError, match="rollout has shape"):
         deviation([[0.0, math.nan]], STRAIGHT)

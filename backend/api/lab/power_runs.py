@@ -86,8 +86,8 @@ class PowerAsked:
     @property
     def query(self) -> dict[str, str]:
         """The same as `of` reads it."""
-        told = {name: f"{value:g}" for name, value in self.numbers}
-        return {"participants": ",".join(map(str, self.participants)), **told}
+        numbers = {name: f"{value:g}" for name, value in self.numbers}
+        return {"participants": ",".join(map(str, self.participants)), **numbers}
 
     @property
     def options(self) -> list[str]:
@@ -135,12 +135,12 @@ def _numbers(given: Mapping[str, str]) -> list[tuple[str, float]]:
 @dataclass
 class PowerRun:
     """One analysis. state: waiting, walking (bots through the study), counting, ready or failed; at: how many
-    participants the studies have that are made up now; told: the command's result; files: name -> content."""
+    participants the studies have that are made up now; result: the command's result; files: name -> content."""
 
     asked: PowerAsked
     state: str = "waiting"
     at: int = 0
-    told: dict[str, Any] = field(default_factory=dict)
+    result: dict[str, Any] = field(default_factory=dict)
     files: dict[str, bytes] = field(default_factory=dict)
     problem: str = ""
 
@@ -152,7 +152,7 @@ class PowerRun:
     def tests(self) -> dict[str, dict[int, dict[str, Any]]]:
         """Test -> number of participants -> power with its interval."""
         found: dict[str, dict[int, dict[str, Any]]] = {}
-        for row in self.told.get("rows", []):
+        for row in self.result.get("rows", []):
             found.setdefault(row["test"], {})[row["participants"]] = row
         return found
 
@@ -210,10 +210,10 @@ class PowerRuns:
             run.problem, run.state = str(problem), "failed"
 
     def _carry_out(self, run: PowerRun, study: str, folder: Path) -> None:
-        out, told = folder / "out", folder / "told.json"
+        out, answer_file = folder / "out", folder / "answer.json"
         asked = ["study", "power", study, *run.asked.options, "--out", str(out), "--json"]
         run.state = "walking"
-        with told.open("wb") as answer:
+        with answer_file.open("wb") as answer:
             child = subprocess.Popen(
                 [sys.executable, "-m", "backend.cli", *asked],
                 stdout=answer,
@@ -235,9 +235,9 @@ class PowerRuns:
             child.kill()
             child.wait()
         try:
-            run.told = json.loads(told.read_bytes())
+            run.result = json.loads(answer_file.read_bytes())
         except ValueError:
             raise RuntimeError("the process ended without an answer") from None
         if child.returncode:
-            raise RuntimeError(str(run.told.get("error", "the process ended without an answer")))
+            raise RuntimeError(str(run.result.get("error", "the process ended without an answer")))
         run.files = {name: (out / name).read_bytes() for name in FILES}

@@ -50,7 +50,7 @@ def refusal_page(request: Request, problem: Exception) -> Response:
     """A Refused as the page (people) or JSON (scripts) that says what happened."""
     assert isinstance(problem, Refused)  # noqa: S101  registered for this class only
     services = services_of(request)
-    wants_json = request.url.path.startswith("/api/") or request.headers.get("content-type", "").startswith(
+    asks_for_json = request.url.path.startswith("/api/") or request.headers.get("content-type", "").startswith(
         "application/json"
     )
     joining = request.url.path.startswith(
@@ -60,7 +60,7 @@ def refusal_page(request: Request, problem: Exception) -> Response:
         counted = count(request, REFUSALS_PER_ADDRESS, "refused", address_of(request))
         if joining and counted:
             log_refusal(services.database, problem, request="join")
-    if wants_json:
+    if asks_for_json:
         return JSONResponse(problem.as_dict(), problem.status)
     languages = services.texts.languages
     return page(

@@ -128,8 +128,8 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
     trials = list(content.trials())
     strokes = strokes_of(s, content.by_id)
-    driven = {one for stroke in strokes for one in trajectories_of(stroke.walk, stroke.trajectory)}
-    shown = sorted(driven | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
+    rolled_out = {one for stroke in strokes for one in trajectories_of(stroke.walk, stroke.trajectory)}
+    shown = sorted(rolled_out | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
     tables: dict[Table, list[Row]] = {
         PARTICIPANTS: list(content.participants()),
