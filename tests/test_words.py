@@ -18,6 +18,7 @@ NAMES = re.compile(
 """Our words of before, as names. The field says trajectory, rollout, side, preference weights, conditioned on, lapse
 rate, response model, choice probability, reward weights, action smoothness penalty, fine-tuning, conditioning search,
 replay collector, recovery policy, services, tasks."""
+KERNEL = {("backend/simulation/kernels.py", "drive"), ("backend/simulation/reference.py", "_drive")}  # the wheels do
 
 SAID = (  # old, new
     ("told what is wanted", "Preference-conditioned policies"),
