@@ -6,7 +6,7 @@ import re
 
 from sqlalchemy import select
 
-from backend.store.models import Job, Session, utc_now
+from backend.store.models import Job, JobMetric, Session, utc_now
 
 
 def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_services, walked):
@@ -31,3 +31,14 @@ def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_serv
     assert "No job matches" in lab.get("/lab/jobs?participant=nobody").text
     states = re.findall(r'class="tag[^"]*">(succeeded|queued|failed|cancelled)', lab.get("/lab/jobs?sort=-state").text)
     assert states == sorted(states, reverse=True)
+
+
+def test_curves_of_jobs_from_before_an_update_bear_todays_names(lab, lab_services):
+    with lab_services.database.transaction() as s:
+        job = Job(kind="align", state="succeeded", params={"recipe": "conditioning_search"}, finished_at=utc_now())
+        s.add(job)
+        s.flush()
+        s.add_all([JobMetric(job_id=job.id, step=step, name="wanted", value=step / 10) for step in (16, 32)])
+        id_ = job.id
+    page = lab.get(f"/lab/jobs/{id_}").text
+    assert "Weighted objectives: gain over the instant policy" in page
