@@ -1,4 +1,4 @@
-"""`python -m backend.experiments.ship WHAT SETUP --seed N`: base, ensemble, conditioned, queries, stand-ins, ...
+"""`python -m backend.experiments.ship WHAT SETUP --seed N`: base, ensemble, conditioned, sharpened, queries, ...
 
 What is made and described lives in `shipping/`, the science in the algorithms' files.
 """
@@ -9,7 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble
+from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble, ship_sharpened
 from backend.experiments.shipping.query_sets import SHIPPED_QUERIES, ship_queries, ship_varied_queries
 from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.learning.shipped_files import DATASETS
@@ -18,7 +18,7 @@ from backend.simulation.setups import SETUPS
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
-    kinds = ("base", "ensemble", "conditioned", "queries", "varied-queries", "triples", "stand-ins")
+    kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "triples", "stand-ins")
     parser.add_argument("what", choices=kinds)
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
@@ -38,7 +38,8 @@ def main() -> None:
     elif arguments.what in ("queries", "triples"):
         ship_queries(*given, count=arguments.count, trajectories=3 if arguments.what == "triples" else 2)
     else:
-        {"base": ship_base, "ensemble": ship_ensemble, "conditioned": ship_conditioned}[arguments.what](*given)
+        makers = {"base": ship_base, "ensemble": ship_ensemble, "conditioned": ship_conditioned}
+        {**makers, "sharpened": ship_sharpened}[arguments.what](*given)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ MEANS = {
     "path_area_m2": "area under the path (m²)",
     "min_human_distance_m": "minimum human distance (m)",
     "mean_speed_m_s": "mean speed (m/s)",
+    "self_intersections": "self-intersections per rollout",
 }
 
 

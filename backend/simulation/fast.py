@@ -264,6 +264,11 @@ class FastEngine:
         if self.auto_reset and self.dones.any():
             self._start_from_pool(np.flatnonzero(self.dones))
 
+    @property
+    def rows(self) -> k.Rows:
+        """(n, columns) the scenes that the robots are in now, as `scene_to_row` writes them."""
+        return self._state.rows
+
     def scene(self, i: int) -> Scene:
         """The scene that environment i is in now."""
         given = self._given[i]

@@ -20,6 +20,10 @@ def test_the_table_holds_every_number_with_its_interval() -> None:
     low, high = measured["intervals"]["success_rate"]
     success = next(row for row in table.rows if row[0] == "success (%)")
     assert success[1] == success[2] == f"{100 * measured['success_rate']:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
+    crossings = next(row for row in table.rows if row[0] == "self-intersections per rollout")
+    low, high = measured["intervals"]["self_intersections"]
+    assert crossings[2] == f"{measured['self_intersections']:.2f} [{low:.2f}, {high:.2f}]"
+    assert rows[1].row()["self_intersections"] == measured["self_intersections"]
     assert list(table.rows[-4]) == ["answers learned from", "775", "–"]
     assert "30 fresh scenes" in section.sentences[0]
     assert section.sentences[1].endswith("nobody is shown it: top down.")

@@ -28,6 +28,7 @@ from backend.learning.queries.queries import Query, QueryConfig
 from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
 from backend.learning.rewards.preference_weights import fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.learning.shipped_files import conditioned_by_default
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
 
@@ -72,7 +73,7 @@ def benchmark_headline(
 ) -> dict[str, Any]:
     """Every preference answers `answers` varied queries per seed; its policy is measured in the seed's own scenes.
 
-    conditioned: None: the shipped one. Result: {"simulated": True, "setup", "config", "scenes", "summary",
+    conditioned: None: what alignments condition. Result: {"simulated": True, "setup", "config", "scenes", "summary",
     "preferences", "rows"}. A row holds what the base policy, the policy of the answers, the policy of the true weights
     and the attained rollouts gain by the preference (mean over the planned scenes in which all arrive, typical
     differences), `share` and `share_true` of the way from base to attained, the success rates in all scenes, and what
@@ -85,7 +86,7 @@ def benchmark_headline(
             f"preferences = {list(config.preferences)}, seeds = {list(config.seeds)}, planned = {config.planned} of "
             f"{config.scenes} scenes: known are {', '.join(MADE_OF_OBJECTIVES)}; at least 1 seed and planned scene"
         )
-    policy = conditioned or load_conditioned(f"{setup}/conditioned")
+    policy = conditioned or load_conditioned(conditioned_by_default(setup))
     base = load_policy(f"{setup}/base")
     rows: list[dict[str, Any]] = []
     for place, seed in enumerate(config.seeds):

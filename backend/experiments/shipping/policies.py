@@ -1,4 +1,6 @@
-"""Shipped policies with their cards: base, ensemble, conditioned. Training itself lives in `backend.learning.td3`."""
+"""Shipped policies with their cards: base, ensemble, conditioned, sharpened. Training itself lives in
+`backend.learning.td3` and `backend.learning.through_simulation`.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
-from backend.learning.policies.conditioned import settings
+from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.evaluate import evaluate_policy
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.steerability import steerability_of
 from backend.learning.scene_sets import Purpose, describe, scene_set
-from backend.learning.shipped_files import DATASETS
+from backend.learning.shipped_files import DATASETS, SHARPENED
 from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
+from backend.learning.through_simulation.sharpening import FIRST_SELECTION_SEED, SHARPENING, sharpen
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
@@ -139,6 +142,44 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
             + (("recovery",) if config.recovery else ())
         ],
         notes=["`told` and `moved`: each objective alone at full strength; `neutral`: all weights zero."],
+    )
+    card.save(card_path(path))
+    return card
+
+
+def ship_sharpened(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Sharpen, measure and store the conditioned policy of the same folder: new alignments condition this one."""
+    base_path, start_path = folder / setup / "base.npz", folder / setup / "conditioned.npz"
+    base, start = Policy.load(base_path), ConditionedPolicy.load(start_path)
+    config = replace(SHARPENING[setup], seed=seed)
+    made = sharpen(start, base, config, on_progress)
+    path = folder / setup / f"{SHARPENED}.npz"
+    made.policy.save(path)
+    reporting = FIRST_CONDITIONED_REPORT_SEED + seed  # the same scenes as on the card of the one it began with
+    scenes = scene_set(setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
+    conditioned = {name: made.policy.at(weights) for name, weights in settings().items()}
+    card = Card(
+        kind="conditioned_policy",
+        name=f"{setup}/{SHARPENED}",
+        setup=setup,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.experiments.ship {SHARPENED} {setup} --seed {seed}",
+        seed=seed,
+        commit=source_commit(),
+        config=config.as_dict(),
+        scenes={
+            "select": describe(Purpose.SELECT, config.selection_scenes, FIRST_SELECTION_SEED + seed),
+            "report": [describe(Purpose.REPORT, REPORT_SCENES, reporting)],
+        },
+        results=steerability_of(conditioned, base, scenes).report()
+        | {"share": made.share, "before": made.before, "selection": made.selection, "history": made.history},
+        parents={f"{setup}/conditioned": file_sha256(start_path), f"{setup}/base": file_sha256(base_path)},
+        departures=[
+            DEPARTURES[key]
+            for key in ("conditioned", "sharpened", "environments") + (("recovery",) if start.base else ())
+        ],
+        notes=["`told` and `moved`: each objective alone at full strength; `neutral`: nothing wanted."],
     )
     card.save(card_path(path))
     return card

@@ -105,9 +105,14 @@ def _head(x: Tensor, layers: list[Layer]) -> Tensor:
     return _linear(torch.relu(_linear(torch.relu(_linear(x, layers[0])), layers[1])), layers[2])
 
 
+def actor_features(observations: Tensor, layers: list[Layer]) -> Tensor:
+    """observations (n, obs) -> (n, 2) what actions are before tanh."""
+    return _head(_features(observations, layers), layers[4:7])
+
+
 def actor_forward(observations: Tensor, layers: list[Layer]) -> Tensor:
     """observations (n, obs) -> actions (n, 2) in [-1, 1]."""
-    return torch.tanh(_head(_features(observations, layers), layers[4:7]))
+    return torch.tanh(actor_features(observations, layers))
 
 
 def critic_forward(observations: Tensor, actions: Tensor, layers: list[Layer], n_heads: int = 2) -> list[Tensor]:

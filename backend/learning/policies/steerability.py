@@ -61,6 +61,7 @@ class Course:
         if blind:
             setup = replace(setup, lidar=replace(setup.lidar, beams=1, sectors=1))
         self._engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+        self.scenes = list(scenes)
         self._starts = self._engine.poses.copy()
         self._people = np.array([(scene.person.pose.x, scene.person.pose.y) for scene in scenes])
 
