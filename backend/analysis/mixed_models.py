@@ -16,6 +16,7 @@ from scipy import optimize, special, stats
 
 Array = NDArray[np.float64]
 NODES = 15  # of the quadrature
+LARGEST_LOG_SD = 4.0  # of people, 55 in log odds: beyond, who answers how is certain
 
 
 class NoFit(ValueError):
@@ -69,7 +70,7 @@ def cumulative_logit(
 
     def unpacked(theta: Array) -> tuple[Array, Array, float]:
         thresholds = np.concatenate([theta[:1], theta[0] + np.cumsum(np.exp(theta[1:cuts]))])
-        return thresholds, theta[cuts : cuts + m], math.exp(theta[-1])
+        return thresholds, theta[cuts : cuts + m], math.exp(min(theta[-1], LARGEST_LOG_SD + 1))
 
     def log_chance(thresholds: Array, eta: Array) -> Array:
         """Log chance of each answer; eta (n, ...)."""
@@ -126,8 +127,8 @@ def cumulative_logit(
         if abs(last - fit.fun) < 1e-6:
             break
         last = fit.fun
-    if not np.isfinite(fit.fun) or np.abs(theta[:-1]).max() > 30:
-        raise NoFit("the likelihood has no maximum: some condition got one answer from everybody")
+    if not np.isfinite(fit.fun) or np.abs(theta[:-1]).max() > 30 or theta[-1] > LARGEST_LOG_SD:
+        raise NoFit("the likelihood has no maximum: answers tell the conditions or the people apart without exception")
     thresholds, beta, sd = unpacked(theta)
     hessian = _hessian(loss, theta)
     free = slice(0, len(theta) if sd > 0.01 else len(theta) - 1)  # at the edge of no differences between people

@@ -77,3 +77,11 @@ def test_what_has_no_fit_says_why() -> None:
         cumulative_logit([3, 3, 3], np.zeros((3, 0)), [1, 2, 3], [])
     with pytest.raises(NoFit):
         cumulative_logit([1] * 20 + [2] * 20, [0] * 20 + [1] * 20, list(range(20)) * 2, ("x",))
+
+
+def test_answers_that_tell_the_conditions_apart_without_exception_have_no_fit() -> None:
+    """Six people who each rate the second condition two or three points lower: the likelihood grows without end."""
+    ratings = [6, 4, 7, 4, 6, 4, 6, 4, 5, 2, 6, 4]
+    people = [f"P-{k // 2}" for k in range(12)]
+    with pytest.raises(NoFit, match="without exception"):
+        cumulative_logit(ratings, np.tile([[0.0], [1.0]], (6, 1)), people, ["second"])
