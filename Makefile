@@ -53,4 +53,5 @@ clean:
 
 # Changes put into the statistics and the report, a sample by lot, and whether the tests notice: docs/numbers.md.
 mutation: setup
+	nice $(BIN)/python scripts/mutation.py --named
 	nice $(BIN)/python scripts/mutation.py --sample 150

@@ -57,6 +57,58 @@ COMPUTED = {
     ast.Mod: ast.Mult, ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd,
 }  # fmt: skip
 UNCHANGED = -1  # number of the change that is none
+NAMED: dict[str, tuple[str, str, str]] = {  # changes that once nothing noticed: file, what stands there, instead
+    "flips pooled over people": (
+        "backend/report/choice_findings.py",
+        "per_person[pair].append(np.mean(flips, axis=0))",
+        "per_person[pair].extend(flips)",
+    ),
+    "correction of own against others taken away": (
+        "backend/report/own_findings.py",
+        "corrected([declared for declared, _ in raw], plan.correction)",
+        "[declared for declared, _ in raw]",
+    ),
+    "paused counted as completed": (
+        "backend/report/findings.py",
+        "person.state == FINISHED",
+        'person.state in (FINISHED, "paused")',
+    ),
+    "probes counted as answers": (
+        "backend/report/choice_findings.py",
+        'regular = [one for one in own if one.role == "regular"]',
+        "regular = own",
+    ),
+    "probes counted in agreement": (
+        "backend/report/findings.py",
+        'regular = [one for one in own.choices if one.role == "regular"]',
+        "regular = list(own.choices)",
+    ),
+    "first and second swapped": (
+        "backend/report/study_data.py",
+        "return self.chosen == self.second",
+        "return self.chosen == self.first",
+    ),
+    "rejected set to chosen": (
+        "backend/report/study_data.py",
+        "return self.first if self.second_chosen else self.second",
+        "return self.chosen",
+    ),
+    "the own policy always wins": (
+        "backend/report/own_findings.py",
+        "counts[one.person][one.chosen] += 1",
+        'counts[one.person]["own"] += 1',
+    ),
+    "preferred whichever side wins": (
+        "backend/report/own_findings.py",
+        "return self.test.significant(alpha) and self.test.effect > 0",
+        "return self.test.significant(alpha)",
+    ),
+    "it is personal whichever side wins": (
+        "backend/report/choice_text.py",
+        "    if other.preferred(alpha):\n",
+        "    if other.test.significant(alpha):\n",
+    ),
+}
 CALLED = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
 
@@ -184,7 +236,11 @@ class _Changed(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     def __init__(self, mutant: Mutant) -> None:
         self.name = mutant.file.removesuffix(".py").replace("/", ".")
         self.path = ROOT / mutant.file
-        tree = copy.deepcopy(ast.parse(self.path.read_text(encoding="utf-8")))
+        source = self.path.read_text(encoding="utf-8")
+        if mutant.change in NAMED:
+            _, there, instead = NAMED[mutant.change]
+            source = source.replace(there, instead)
+        tree = copy.deepcopy(ast.parse(source))
         changed = ast.fix_missing_locations(_Mutator(mutant.number).visit(tree))
         self.code = compile(changed, str(self.path), "exec")
 
@@ -264,6 +320,7 @@ def main() -> None:
     told = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     told.add_argument("--sample", type=int, default=150, help="how many changes, drawn by lot")
     told.add_argument("--all", action="store_true", help="every change; takes hours")
+    told.add_argument("--named", action="store_true", help="the changes that once nothing noticed, no others")
     told.add_argument("--seed", type=int, default=0)
     told.add_argument("--file", default="", help="only files whose path holds this")
     told.add_argument("--slow", action="store_true", help="with the tests that count over hundreds of studies")
@@ -294,6 +351,11 @@ def main() -> None:
     for file in ("backend/analysis/tested.py", "backend/report/findings.py"):
         if not survives(Mutant(file, UNCHANGED, 0, "none"), slow=asked.slow, limit_s=asked.limit_s):
             sys.exit(f"the tests fail with {file} as it is: nothing can be learned from changes")
+    if asked.named:
+        chosen = [Mutant(file, UNCHANGED, 0, name) for name, (file, _, _) in NAMED.items()]
+        for name, (file, there, _) in NAMED.items():
+            if (ROOT / file).read_text(encoding="utf-8").count(there) != 1:
+                sys.exit(f"{name}: {there!r} does not stand in {file} once; say what the change is now")
     begun, tried, alive = time.monotonic(), 0, list[Mutant]()
     for one in chosen:
         if time.monotonic() - begun > 60 * asked.minutes:
@@ -305,8 +367,8 @@ def main() -> None:
         if asked.out:
             with asked.out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
-        if lives:
-            print(f"survives: {one.file}:{one.line}: {one.change}", flush=True)
+        if lives or asked.named:
+            print(f"{'survives' if lives else 'noticed'}: {one.file}:{one.line}: {one.change}", flush=True)
     killed = tried - len(alive)
     low, high = _wilson(killed, tried)
     print(

@@ -101,10 +101,12 @@ def analyse(
     plan: AnalysisPlan | None = None,
     *,
     intervals: bool = True,
+    beside: bool | None = None,
 ) -> Findings:
     """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
     Declared is what the study began with; a plan that came with a later version is used and reported as deviations.
-    intervals: of effects, and all that stands beside the declared tests, which take most of the time.
+    intervals: of effects; beside: all that stands beside the declared tests (default as intervals). Both take most of
+    the time.
 
     Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
     """
@@ -149,7 +151,9 @@ def analyse(
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=personalised(own.comparisons, used),
         guessed=guessed(own.guesses),
-        further=further(own, rated, designs, used, list(combinations(queried, 2))) if intervals else None,
+        further=further(own, rated, designs, used, list(combinations(queried, 2)))
+        if (intervals if beside is None else beside)
+        else None,
         devices=_devices(own.choices, {one.code: one for one in kept}),
     )
 

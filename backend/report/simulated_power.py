@@ -17,6 +17,7 @@ from backend.learning.policies.evaluate import wilson
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, NothingToReport, analyse
 from backend.report.planned_design import Assumed, PlannedDesign, found_tests, power_tests
+from backend.report.planned_statements import statements
 from backend.report.study_data import StudyData
 
 Tell = Callable[[float], None]
@@ -47,14 +48,16 @@ def no_trajectories(trajectory: str) -> Any:
     raise LookupError(f"trajectory {trajectory!r}: made-up people saw none")
 
 
-def analysed(data: StudyData, plan: AnalysisPlan) -> Findings:
-    """A made-up study's analysis, as a real one's, without what needs trajectories. It has no other questionnaires."""
+def analysed(data: StudyData, plan: AnalysisPlan, *, beside: bool = False) -> Findings:
+    """A made-up study's analysis, as a real one's, without what needs trajectories. It has no other questionnaires.
+    beside: with what stands beside the declared tests."""
     return analyse(
         data,
         no_trajectories,
         "simulated",
         plan.model_copy(update={"metrics": (), "items": None, "ranking": None}),
         intervals=False,
+        beside=beside,
     )
 
 
@@ -87,6 +90,7 @@ def power(
 ) -> list[Power]:
     """Share of cohorts in which the analysis finds what was assumed, for each number of participants."""
     plan, cohort = plan or AnalysisPlan(), assumed.cohort(design.conditions)
+    beside = statements(design, assumed, plan)
     results: list[Power] = []
     for size in participants:
         tell(f"{cohorts} studies of {size} participants are made up and analysed")
@@ -94,12 +98,13 @@ def power(
         widths = []
         for k in range(cohorts):
             try:
-                findings = analysed(design.study(cohort, size, first=k * size), plan)
+                findings = analysed(design.study(cohort, size, first=k * size), plan, beside=bool(beside))
             except NothingToReport:  # nobody finished
                 continue
             found.update(found_tests(findings, design, assumed, plan.alpha))
+            found.update(name for name, is_said in beside.items() if is_said(findings))
             widths += [of.share.high - of.share.mean for of in findings.between.values()]
-        rates = [rate(test, found[test], cohorts) for test in power_tests(design, assumed)]
+        rates = [rate(test, found[test], cohorts) for test in (*power_tests(design, assumed), *beside)]
         results.append(Power(size, rates, float(np.mean(widths)) if widths else None))
     return results
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backend.analysis.scale_wordings import SCALES
-from backend.report.analysis_plan import AnalysisPlan
+from backend.report.analysis_plan import AnalysisPlan, Equivalence
 from backend.report.made_up_cohorts import CONDITIONS, Cohort, made_up_study
 from backend.report.planned_design import Assumed, PlannedDesign
 from backend.report.simulated_power import Power, power
@@ -117,3 +117,35 @@ def test_of_two_factors_with_three_levels_each_pair_is_of_its_own_factor() -> No
     (found,) = power(planned, Assumed("fast", "fun", "", effect=2.5), (20,), cohorts=3, plan=plan)
     assert rates(found)["Wilcoxon, speed, against both others"] == 1.0
     assert "Wilcoxon, view, against both others" not in rates(found)
+
+
+def test_what_a_plan_declares_beside_the_tests_has_a_power_of_its_own() -> None:
+    """Of three conditions one is rated higher: evidence of that, no difference of the other two."""
+    planned = PlannedDesign(CONDITIONS, ("fun",), (), 1, 3, opponents=("base", "other"))
+    plan = AnalysisPlan(equivalence=Equivalence(rating=1.0, share=0.2), bayes_factors=True, models=True)
+    assumed = Assumed("immersive", "fun", "", effect=2.0, own=0.8, own_against_other=0.5)
+    few, many = power(planned, assumed, (6, 60), cohorts=8, plan=plan)
+    assert [one.test for one in many.rates][-5:] == [
+        "Bayes factor of at least 3, fun, first person against immersive",
+        "Equivalence, fun, first person against top down",
+        "Bayes factor of at least 3, fun, immersive against top down",
+        "Mixed model, fun (uncorrected)",
+        "Equivalence, own against other",
+    ]
+    assert rates(many)["Equivalence, fun, first person against top down"] > 0.8
+    assert rates(few)["Equivalence, fun, first person against top down"] < 0.6
+    assert rates(many)["Equivalence, own against other"] > 0.8
+    assert rates(many)["Mixed model, fun (uncorrected)"] == 1.0
+    assert rates(many)["Bayes factor of at least 3, fun, immersive against top down"] == 1.0
+    (nothing,) = power(planned, replace(assumed, effect=0.0), (20,), cohorts=4, plan=AnalysisPlan(bayes_factors=True))
+    assert not any("Bayes" in one.test for one in nothing.rates)  # there is nothing to find evidence of
+
+
+def test_drop_out_takes_people_from_what_is_declared_too() -> None:
+    planned = PlannedDesign(CONDITIONS[:2], ("fun",), (), 1, 0)
+    plan = AnalysisPlan(equivalence=Equivalence(rating=1.0))
+    assumed = Assumed(CONDITIONS[0], "fun", "", effect=0.0)
+    (everybody,) = power(planned, assumed, (16,), cohorts=40, plan=plan)
+    (half,) = power(planned, replace(assumed, drop_out=0.5), (16,), cohorts=40, plan=plan)
+    (name,) = [one.test for one in half.rates if "Equivalence" in one.test]
+    assert rates(half)[name] < rates(everybody)[name]
