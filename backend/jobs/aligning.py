@@ -89,11 +89,11 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     comparisons: list[dict[str, Any]] = []
     further: dict[str, list[dict[str, Any]]] = {}
     if made.may_be_shown and params.comparisons:
-        comparisons = _comparisons(context, params, "base", (base, base_artefact.id), (made.policy, policy))
+        comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (made.policy, policy))
         seen = {one["scene_seed"] for one in comparisons}
         for against, rival in _rivals(context, params, setup).items():
             count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
-            further[against] = _comparisons(context, params, against, rival, (made.policy, policy), seen, count)
+            further[against] = comparison_rollouts(context, params, against, rival, (made.policy, policy), seen, count)
             seen |= {one["scene_seed"] for one in further[against]}
     return {
         "policy": policy,
@@ -126,7 +126,7 @@ def _rivals(context: JobContext, params: AlignParams, setup: str) -> dict[str, t
     return rivals
 
 
-def _comparisons(
+def comparison_rollouts(
     context: JobContext,
     params: AlignParams,
     against: str,

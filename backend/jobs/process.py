@@ -120,16 +120,16 @@ class Standing:
     def __init__(self, settings: Settings, *, wanted: bool) -> None:
         self._settings, self._wanted = settings, wanted
         self._lock = threading.Lock()
-        self._ready = start_process(settings) if wanted else None
+        self.ready = start_process(settings) if wanted else None  # stands by, for the next instant job
 
     def take(self, job_id: str) -> subprocess.Popen[bytes]:
         """The standing process if it is free and lives, else a fresh one, with that job."""
         with self._lock:
-            process, self._ready = self._ready, None
+            process, self.ready = self.ready, None
         if process is None or process.poll() is not None:
             return start_process(self._settings, job_id)
         assert process.stdin is not None  # noqa: S101  opened by start_process
-        with contextlib.suppress(BrokenPipeError):  # it died just now, which `_watch` finds
+        with contextlib.suppress(BrokenPipeError):  # it died just now, which `watch` finds
             process.stdin.write(f"{job_id}\n".encode())
             process.stdin.flush()
         return process
@@ -138,18 +138,18 @@ class Standing:
         """Take a process that has done its job; one that cannot stand, or has died, is replaced."""
         stands = process.stdout is not None and process.poll() is None
         with self._lock:
-            if stands and self._wanted and self._ready is None:
-                self._ready = process
+            if stands and self._wanted and self.ready is None:
+                self.ready = process
                 return
         end_group(process)
         with self._lock:
-            if self._wanted and self._ready is None:
-                self._ready = start_process(self._settings)
+            if self._wanted and self.ready is None:
+                self.ready = start_process(self._settings)
 
     def end(self) -> None:
         """Let go of the process that stands ready."""
         with self._lock:
-            process, self._ready, self._wanted = self._ready, None, False
+            process, self.ready, self._wanted = self.ready, None, False
         if process is not None:
             end_group(process)
 
@@ -190,7 +190,7 @@ def run_attempt(
     running[job_id] = process
     code = None
     try:
-        code = _watch(database, job_id, process)
+        code = watch(database, job_id, process)
     finally:
         del running[job_id]
         if code is None or not instant:
@@ -218,11 +218,11 @@ def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
         return is_instant(job)
 
 
-def _watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> int | None:
+def watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> int | None:
     """Wait for the job's exit code, telling every two seconds that we are alive. None: the job is to be cancelled."""
     beat: datetime = utc_now()
     while True:
-        code = _ended(process, POLL_S)
+        code = ended(process, POLL_S)
         if code is not None:
             return code
         with database.session() as s:
@@ -239,7 +239,7 @@ def _watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) ->
                     job.heartbeat_at = beat
 
 
-def _ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
+def ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
     """The job's exit code: what a standing process tells, else the process's own. None: not yet."""
     if process.stdout is None:
         with contextlib.suppress(subprocess.TimeoutExpired):

@@ -49,7 +49,7 @@ class DiskFull(StorageError):
     """There is no room left. Nothing of this change was stored; it may be asked for again once there is."""
 
 
-class _Turns:
+class Turns:
     """Lets the writers of one process in one at a time, first come, first served.
 
     SQLite alone lets a waiting writer sleep up to 0.1 s between two looks, and whoever looks at the right moment goes
@@ -60,6 +60,11 @@ class _Turns:
         self._guard = threading.Lock()
         self._waiting: deque[threading.Lock] = deque()
         self._taken = False
+
+    @property
+    def waiting(self) -> int:
+        """How many stand in line."""
+        return len(self._waiting)
 
     @contextlib.contextmanager
     def turn(self, patience_s: float) -> Iterator[None]:
@@ -153,7 +158,7 @@ class Database:
         else:
             raise StorageError(f"database url {url!r}: known are sqlite:///FILE and postgresql://USER@HOST/NAME")
         self.engine = engine
-        self._turns = _Turns()
+        self.turns = Turns()
         self._reading = engine.execution_options(**reading)
         self._passing = engine.execution_options(**passing)
 
@@ -211,7 +216,7 @@ class Database:
             return
         with contextlib.ExitStack() as held:
             try:
-                held.enter_context(self._turns.turn(TURN_PATIENCE_S))
+                held.enter_context(self.turns.turn(TURN_PATIENCE_S))
             except TimeoutError:
                 said = f"others kept writing for more than {TURN_PATIENCE_S:.0f} s; nothing was stored"
                 raise DatabaseBusy(f"database {self.file}: {said}") from None

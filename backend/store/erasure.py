@@ -121,7 +121,7 @@ def erase_participant(
             files.delete(sha)
         counts["orphans"] = _sweep_orphans(s, files)
         counts["job_files"] = _delete_job_files(data, doomed.jobs)
-        replaced = _replace(s, files, study_id, taken_apart)
+        replaced = replace_artefacts(s, files, study_id, taken_apart)
         tombstone = Tombstone(study_id=study_id, erased_by=by, counts=counts)
         s.add(tombstone)
         s.flush()
@@ -219,7 +219,7 @@ def _quarantine(s: Session, doomed: _Doomed) -> dict[str, list[str]]:
     return others
 
 
-def _replace(s: Session, files: ArtefactStore, study_id: str, others: dict[str, list[str]]) -> dict[str, str]:
+def replace_artefacts(s: Session, files: ArtefactStore, study_id: str, others: dict[str, list[str]]) -> dict[str, str]:
     """Take the snapshots again from the answers that are left; those with too few left get no successor."""
     replaced = {}
     for old_id, answers in others.items():

@@ -220,7 +220,7 @@ def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_eras
     params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2)
     context = begin(services, "align", params.model_dump())
     before: set[str] = set()
-    prepared = aligning._comparisons
+    prepared = aligning.comparison_rollouts
 
     def erase_first(*given: object) -> object:
         before.update(path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file())
@@ -234,7 +234,7 @@ def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_eras
                 erase_participant(database, files, person, "tester", data=settings.data, compact=False)
         return prepared(*given)
 
-    monkeypatch.setattr(aligning, "_comparisons", erase_first)
+    monkeypatch.setattr(aligning, "comparison_rollouts", erase_first)
     with pytest.raises(ArtefactError, match="quarantined" if erased == "quarantined" else "not there any more"):
         align(context, params)
     after = {path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file()}

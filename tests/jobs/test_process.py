@@ -29,7 +29,7 @@ def test_a_training_is_not_lost_because_others_keep_writing(tmp_path: Path, monk
     with closing(sqlite3.connect(file, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         training = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1.5)"])
-        assert process._watch(database, job, training) == 0
+        assert process.watch(database, job, training) == 0
     with database.session() as s:
         assert s.get_one(Job, job).heartbeat_at is None
 

@@ -60,7 +60,7 @@ def test_turning_costs_only_in_the_smoothing_updates() -> None:
     weights = []
     for updates in (0, 100, 110, 120, 140):
         training.agent.updates = updates
-        weights.append(training._smoothness_penalty())
+        weights.append(training.smoothness_penalty())
     assert weights[:2] == [0, 0]
     assert 0 < weights[2] < weights[3] == weights[4] == training.config.smoothness_penalty
     actions = torch.tensor([[0.3, -1.0], [-1.0, 0.5]]).requires_grad_(True)
@@ -74,11 +74,11 @@ def test_the_learning_rate_falls_in_the_second_half_and_again_in_the_smoothing_u
     rates = []
     for updates in (0, 50, 75, 100):
         training.agent.updates = updates
-        rates.append(training._learning_rate())
+        rates.append(training.learning_rate())
     assert rates[0] == rates[1] == training.config.learning_rate
     assert rates[1] > rates[2] > rates[3]
     assert np.isclose(rates[3], training.config.final_learning_rate)
     training.agent.updates = 101
-    assert training._learning_rate() == pytest.approx(training.config.smoothing_learning_rate, rel=0.03)
+    assert training.learning_rate() == pytest.approx(training.config.smoothing_learning_rate, rel=0.03)
     training.agent.updates = 140
-    assert training._learning_rate() == pytest.approx(training.config.final_learning_rate)
+    assert training.learning_rate() == pytest.approx(training.config.final_learning_rate)

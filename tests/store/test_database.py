@@ -90,7 +90,6 @@ def test_writers_that_read_first_queue_instead_of_losing_a_count(database: Datab
 
 
 def test_writers_get_in_in_the_order_in_which_they_came(database: Database):
-    waiting = database._turns._waiting
     order: list[int] = []
 
     def write(number: int) -> None:
@@ -101,7 +100,7 @@ def test_writers_get_in_in_the_order_in_which_they_came(database: Database):
     with database.transaction():
         for number, thread in enumerate(threads):
             thread.start()
-            while len(waiting) <= number:  # the next one comes when this one stands in line
+            while database.turns.waiting <= number:  # the next one comes when this one stands in line
                 time.sleep(0.001)
     for thread in threads:
         thread.join()

@@ -189,7 +189,7 @@ def test_an_erasure_cut_short_can_be_repeated(study: SmallStudy, tmp_path: Path,
         raise KeyboardInterrupt
 
     # There is no other way to stop between the files and the commit.
-    monkeypatch.setattr("backend.store.erasure._replace", die)
+    monkeypatch.setattr("backend.store.erasure.replace_artefacts", die)
     with pytest.raises(KeyboardInterrupt):
         erase_participant(study.database, study.files, person, by="tester")
     assert person in all_ids(study.database, Participant)

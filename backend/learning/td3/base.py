@@ -124,15 +124,15 @@ class BaseTraining:
         self.transitions += config.n_envs
         if not warm:
             return self.agent.updates
-        self.agent.set_learning_rate(self._learning_rate())
-        penalty = self._smoothness_penalty()
+        self.agent.set_learning_rate(self.learning_rate())
+        penalty = self.smoothness_penalty()
         term = (lambda _, actions: smoothness_penalty_gradient(actions, penalty)) if penalty > 0 else None
         for _ in range(config.updates_per_step):
             self.agent.update(self.buffer.sample(config.batch_size, self._sampler), term)
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
         return self.agent.updates
 
-    def _learning_rate(self) -> float:
+    def learning_rate(self) -> float:
         config = self.config
         smoothing = self.agent.updates - config.updates
         if smoothing > 0:
@@ -141,7 +141,7 @@ class BaseTraining:
             begin, share = config.learning_rate, max(0.0, 2 * self.agent.updates / config.updates - 1)
         return begin + min(1.0, share) * (config.final_learning_rate - begin)
 
-    def _smoothness_penalty(self) -> float:
+    def smoothness_penalty(self) -> float:
         smoothing = self.agent.updates - self.config.updates
         if smoothing <= 0:
             return 0.0
