@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -62,6 +63,32 @@ def show(job: str, as_json: JsonFlag = False) -> None:
         if row is None:
             raise LookupError(f"no job with id {job!r}; `desirepath jobs list` shows them")
         say({**_row(row), "params": row.params, "result": row.result, "error": row.error}, as_json)
+
+
+@commands.command()
+@plain_errors
+def tensorboard(
+    job: str,
+    out: Annotated[Path, typer.Option(help="The log folder; made if missing.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a job's learning curves as TensorBoard files, for `tensorboard --logdir OUT`."""
+    from backend.jobs.curves import curves_of
+    from backend.jobs.tensorboard import event_files
+
+    database, _ = open_store()
+    with database.session() as s:
+        row = s.get(Job, job)
+        if row is None:
+            raise LookupError(f"no job with id {job!r}; `desirepath jobs list` shows them")
+        curves = curves_of(s, job)
+    files = event_files(curves, job=job[:8], at=(row.started_at or row.created_at).timestamp())
+    if not files:
+        raise LookupError(f"job {job} has no curves: only jobs that train or search have them")
+    for path, content in files.items():
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (out / path).write_bytes(content)
+    say({"job": job, "folder": str(out), "files": list(files), "curves": list(curves)}, as_json)
 
 
 @commands.command()

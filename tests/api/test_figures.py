@@ -36,7 +36,7 @@ def test_small_numbers_keep_their_digits():
 
 
 def test_curve_rises_where_its_values_do_and_escapes_its_texts():
-    drawn = parsed(svg_figures.curve([(0, 1.0), (10, 3.0), (20, 2.0)], title="a < b & c", x_label="step"))
+    drawn = parsed(svg_figures.curves({"": [(0, 1.0), (10, 3.0), (20, 2.0)]}, title="a < b & c", x_label="step"))
     points = [tuple(map(float, one.split(","))) for one in drawn.find(f"{SVG}polyline").get("points").split()]
     assert [x for x, _ in points] == sorted(x for x, _ in points)
     heights = [-y for _, y in points]
@@ -45,19 +45,31 @@ def test_curve_rises_where_its_values_do_and_escapes_its_texts():
 
 
 def test_flat_curve_can_be_drawn():
-    assert "polyline" in svg_figures.curve([(5, 0.0), (5, 0.0)], title="flat", x_label="step")
+    assert "polyline" in svg_figures.curves({"": [(5, 0.0), (5, 0.0)]}, title="flat", x_label="step")
 
 
 def test_differences_are_counted_on_their_side_of_zero():
     values = np.concatenate([np.full(30, 0.5), np.full(10, -0.5), np.zeros(5)])
-    drawn = parsed(svg_figures.differences(values, mean=(0.2, 0.1, 0.3), title="t", x_label="x", y_label="y"))
+    drawn = parsed(
+        svg_figures.differences(
+            svg_figures.DifferenceBins.of(values, (0.2, 0.1, 0.3)),
+            mean=(0.2, 0.1, 0.3),
+            title="t",
+            x_label="x",
+            y_label="y",
+        )
+    )
     bars = {rect.get("class"): float(rect.get("height")) for rect in drawn.iter(f"{SVG}rect")}
     assert bars["fill-2"] == pytest.approx(3 * bars["fill-1"], rel=0.01)
     assert bars["fill-1"] == pytest.approx(2 * bars["fill-none"], rel=0.02)
 
 
 def test_differences_of_no_scene_are_an_empty_frame():
-    drawn = parsed(svg_figures.differences([], mean=(0, 0, 0), title="t", x_label="x", y_label="y"))
+    drawn = parsed(
+        svg_figures.differences(
+            svg_figures.DifferenceBins.of([], (0, 0, 0)), mean=(0, 0, 0), title="t", x_label="x", y_label="y"
+        )
+    )
     assert [rect.get("class") for rect in drawn.iter(f"{SVG}rect")] == ["paper"]
 
 

@@ -22,12 +22,12 @@ def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_serv
             )  # fmt: skip
     page = lab.get("/lab/jobs").text
     assert "instant</span>" in page
-    assert "thesis</span>" in page
+    assert "thesis&#39;s recipe</span>" in page
     assert re.search(r"93\s?%", page)
     assert "success at the gate" in page
     mine = lab.get(f"/lab/jobs?participant={walked.finished}&kind=align").text
     assert f"/people/{walked.finished}" in mine
-    assert "thesis</span>" not in mine
+    assert "thesis&#39;s recipe</span>" not in mine
     assert "No job matches" in lab.get("/lab/jobs?participant=nobody").text
     states = re.findall(r'class="tag[^"]*">(succeeded|queued|failed|cancelled)', lab.get("/lab/jobs?sort=-state").text)
     assert states == sorted(states, reverse=True)

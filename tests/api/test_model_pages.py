@@ -57,7 +57,7 @@ def test_beside_every_model_and_policy_stands_what_its_answers_predict_with_a_wa
     good = {**PREDICTED, "accuracy": 0.75, "low": 0.64, "high": 0.83, "verdict": "better"}
     strong = add(lab_services, "reward_model", "strong", {"results": {"predicted": good}}, two_studies.snapshot["ours"])
     old = add(lab_services, "policy", "old", CARDS["before it was measured"], two_studies.snapshot["ours"])
-    warning, told = "not told apart from chance", "51% [40%, 62%] of held-out answers; chance 50%, majority 55%"
+    warning, told = "not distinguishable from chance", "51% [40%, 62%] of held-out answers; chance 50%, majority 55%"
     for page in (f"/lab/policies/{weak}", "/lab/policies", f"/lab/snapshots/{two_studies.snapshot['ours']}"):
         shown = lab.get(page).text
         assert told in shown, page

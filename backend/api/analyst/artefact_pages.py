@@ -16,7 +16,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.datastructures import FormData
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.analyst.job_pages import csv_response, posted
+from backend.api.analyst.csv_files import csv_response
+from backend.api.analyst.job_pages import posted
 from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf

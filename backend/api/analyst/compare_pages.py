@@ -24,8 +24,8 @@ from backend.api.analyst.compared_scenes import (
     paired,
     rollouts_in,
 )
+from backend.api.analyst.csv_files import csv_response
 from backend.api.analyst.job_forms import form_fields
-from backend.api.analyst.job_pages import csv_response
 from backend.api.core import svg_figures
 from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue

@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from app.beside import Beside
-from backend.api.analyst.job_pages import csv_response
+from backend.api.analyst.csv_files import csv_response
 from backend.api.analyst.path_rows import (
     Controller,
     Drawn,

@@ -5,91 +5,40 @@ What a kind of job may be asked stands in `backend/jobs/kinds.py`; the forms are
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import datetime
+from itertools import chain
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Request
-from markupsafe import Markup
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.datastructures import FormData
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
+from backend.api.analyst.job_curves import drawn_curves, seconds_to_go
 from backend.api.analyst.job_forms import form_fields, typed_values
-from backend.api.core import svg_figures
+from backend.api.analyst.job_rows import line_of, of_participant, ordered, params_of
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from backend.api.core.permits import in_studies, may_with, seen_artefacts, seen_jobs
+from backend.api.core.permits import in_studies, may_with, seen_jobs
 from backend.api.core.roles import Right, Rights
 from backend.api.lab.lab_data import JobData
 from backend.api.lab.study_rows import found_page
+from backend.jobs.curves import Points, curves_of
 from backend.jobs.kept_artefacts import command_of, find_artefact
-from backend.jobs.kinds import KINDS, JobParamsError, Kind, Params, get_kind
+from backend.jobs.kinds import ALIGNMENTS, KINDS, JobParamsError, Kind, Params, get_kind
 from backend.jobs.process import FINAL_STATES, read_log
 from backend.store.artefacts import ArtefactError
-from backend.store.models import Artefact, Job, JobMetric, Participant, Session, Study, utc_now
+from backend.store.models import Artefact, Job, Study, utc_now
 from backend.store.outbox import cancel_job, enqueue_job
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
 ROWS_PER_PAGE = 50
-RENAMED_CURVES = {"wanted": "preferred"}  # of jobs from before an update
 LOG_TAIL_BYTES = 6_000
 MADE_KEYS = ("policy", "policies", "reward_model", "evaluation", "query_set")  # of a job's result
-
-
-@dataclass(frozen=True)
-class JobLine:
-    """One job as lists show it."""
-
-    job: Job
-    study: Study | None
-    seconds: float | None
-    participant: str | None = None
-
-    @property
-    def recipe(self) -> str | None:
-        """Of an alignment: which algorithm."""
-        given = self.job.params.get("recipe")
-        return str(given) if given else None
-
-    @property
-    def headline(self) -> tuple[str, float] | None:
-        """The number that a reader looks for first: (what, share)."""
-        result: Mapping[str, Any] = self.job.result or {}
-        held = result.get("held_out")
-        if isinstance(held, Mapping) and "accuracy" in held:
-            return "held_out", held["accuracy"]
-        for what, value in (
-            ("gate", (result.get("gate") or {}).get("success_rate")),
-            ("success", (result.get("measured") or {}).get("success_rate")),
-            ("success", result.get("success_rate")),
-            ("training", result.get("training_accuracy")),
-        ):
-            if isinstance(value, int | float):
-                return what, float(value)
-        return None
-
-    @property
-    def unfinished(self) -> bool:
-        return self.job.state not in FINAL_STATES
-
-
-@dataclass(frozen=True)
-class Param:
-    """One parameter of a job, for reading. `artefact` where it names one, `changed` where it is not the default."""
-
-    name: str
-    value: Any
-    source: str
-    changed: bool
-    artefacts: tuple[Artefact, ...]
 
 
 @router.get("/lab/jobs")
@@ -99,29 +48,25 @@ def jobs(
     state: str = "",
     kind: str = "",
     study: str = "",
+    recipe: str = "",
     participant: str = "",
     sort: str = "",
     page: int = 1,
 ) -> Response:
-    """`participant`: a code; `sort`: kind, state or created, with `-` the other way round; else newest first."""
-    given = {"state": state, "kind": kind, "study": study, "participant": participant.strip(), "sort": sort}
-    where = {name: value for name, value in given.items() if value}
+    """`participant`: a code; `sort`: one of SORTS, with `-` the other way round; else newest first."""
+    given = {"state": state, "kind": kind, "recipe": recipe, "study": study, "participant": participant.strip()}
+    where = {name: value for name, value in {**given, "sort": sort}.items() if value}
     rights = rights_in(request)
     chosen = select(Job).where(seen_jobs(rights))
-    columns = {"state": Job.state, "kind": Job.kind, "study": Job.study_id}
+    columns = {"state": Job.state, "kind": Job.kind, "study": Job.study_id, "recipe": Job.params["recipe"].as_string()}
     for name, value in where.items():
         if name in columns:
             chosen = chosen.where(columns[name] == value)
     if "participant" in where:
-        whose = select(Session.id).join(Participant).where(Participant.code == where["participant"])
-        chosen = chosen.where(Job.session_id.in_(whose))
-    by = {"kind": Job.kind, "state": Job.state, "created": Job.created_at}.get(sort.removeprefix("-"))
-    order = (
-        [Job.created_at.desc()] if by is None else [by.desc() if sort.startswith("-") else by, Job.created_at.desc()]
-    )
+        chosen = chosen.where(of_participant(where["participant"]))
     with database.session() as s:
-        listed = found_page(s, chosen.order_by(*order), page, ROWS_PER_PAGE)
-        lines = [_line(s, job) for (job,) in listed.rows]
+        listed = found_page(s, ordered(chosen, sort), page, ROWS_PER_PAGE)
+        lines = [line_of(s, job) for (job,) in listed.rows]
         used_kinds = sorted(s.scalars(select(Job.kind).where(seen_jobs(rights)).distinct()))
     template = "analyst/jobs_part.html" if request.headers.get("X-Fragment") else "analyst/jobs.html"
     return lab_page(
@@ -133,6 +78,7 @@ def jobs(
         page=listed.page,
         pages=listed.pages,
         used_kinds=used_kinds,
+        recipes=list(ALIGNMENTS),
     )
 
 
@@ -184,7 +130,10 @@ def job_page(request: Request, job_id: str, database: Db) -> Response:
     with database.session() as s:
         job = _job(s, job_id)
         return lab_page(
-            request, "analyst/job.html", params=_params(s, rights_in(request), job), **_live(request, s, job)
+            request,
+            "analyst/job.html",
+            params=params_of(s, rights_in(request), job, made_by(s, job)),
+            **_live(request, s, job),
         )
 
 
@@ -209,7 +158,7 @@ def job_state(job_id: str, database: Db) -> dict[str, Any]:
             "error": job.error,
             "params": job.params,
             "result": job.result,
-            "curves": {name: [list(point) for point in points] for name, points in _curves(s, job.id).items()},
+            "curves": {name: _together(lines) for name, lines in curves_of(s, job.id).items()},
         }
 
 
@@ -244,31 +193,6 @@ def log(job_id: str, database: Db, services: TheServices) -> Response:
     return PlainTextResponse(read_log(services.settings, job_id, last_bytes=5_000_000))
 
 
-@router.get("/lab/jobs/{job_id}/curves/{name}.svg")
-def curve_svg(request: Request, job_id: str, name: str, database: Db) -> Response:
-    with database.session() as s:
-        points = _curve(s, job_id, name)
-    return Response(_draw(request, name, points), media_type="image/svg+xml")
-
-
-@router.get("/lab/jobs/{job_id}/curves/{name}.csv")
-def curve_csv(job_id: str, name: str, database: Db) -> Response:
-    with database.session() as s:
-        points = _curve(s, job_id, name)
-    return csv_response(["step", name], points, f"{name}.csv")
-
-
-def csv_response(header: list[str], rows: Any, filename: str) -> Response:
-    """A CSV file to keep."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return Response(
-        out.getvalue(), media_type="text/csv", headers={"Content-Disposition": f'attachment; filename="{filename}"'}
-    )
-
-
 def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
     """What a job made, in the order its result names it; artefacts that were erased since are not among them."""
     ids: list[str] = []
@@ -276,6 +200,11 @@ def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
         named = (job.result or {}).get(key, [])
         ids += named if isinstance(named, list) else [named]
     return [found for found in (s.get(Artefact, one) for one in ids) if found is not None]
+
+
+def _together(lines: Mapping[str, Points]) -> list[list[float]]:
+    """All points of a curve in order; of a step with raw and averaged weights the raw one's first."""
+    return [list(point) for point in sorted(chain.from_iterable(lines.values()), key=lambda point: point[0])]
 
 
 def _kind(name: str) -> Kind:
@@ -310,14 +239,6 @@ def _of_study(s: DatabaseSession, rights: Rights, learns_from: str | None, asked
     studies = in_studies(rights, Study.id, Right.ANALYSE)
     newest = select(Study.id).where(studies).order_by(Study.created_at.desc())
     return None if rights.studies(Right.ANALYSE) is None else s.scalars(newest).first()
-
-
-def _line(s: DatabaseSession, job: Job) -> JobLine:
-    end: datetime | None = job.finished_at or (utc_now() if job.state in ("running", "cancelling") else None)
-    seconds = (end - job.started_at).total_seconds() if job.started_at and end else None
-    of_session = select(Participant.code).join(Session).where(Session.id == job.session_id)
-    code = s.scalars(of_session).first() if job.session_id else None
-    return JobLine(job, s.get(Study, job.study_id) if job.study_id else None, seconds, code)
 
 
 def _form(
@@ -382,31 +303,6 @@ def _problem(field: str, value: object, type_: str, message: str) -> dict[str, A
     return {"field": field, "value": value, "message": message, "type": type_, "limits": {}}
 
 
-def _params(s: DatabaseSession, rights: Rights, job: Job) -> list[Param]:
-    if job.kind not in KINDS:
-        return [Param(name, value, "yours", True, ()) for name, value in job.params.items()]
-    shown = []
-    kind = KINDS[job.kind]
-    given = kind.in_new_words(job.params)
-    for name, info in kind.model_for(given).model_fields.items():
-        extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
-        default = None if info.is_required() else info.get_default()
-        value = given.get(name, default)
-        ids = value if isinstance(value, list | tuple) else [value]
-        named = select(Artefact).where(Artefact.id.in_([str(one) for one in ids]), seen_artefacts(rights))
-        by_id = {one.id: one for one in s.scalars(named)} if "artefact" in extra and value is not None else {}
-        shown.append(
-            Param(
-                name,
-                value,
-                str(extra["source"]),
-                name in given and value != default,
-                tuple(by_id[str(one)] for one in ids if str(one) in by_id),
-            )
-        )
-    return shown
-
-
 def _command(job: Job) -> str | None:
     try:
         return command_of(job.kind, get_kind(job.kind).read(job.params))
@@ -415,40 +311,19 @@ def _command(job: Job) -> str | None:
 
 
 def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
+    t = services_of(request).texts.get(lab_language(request))
     waiting_before = 0
     if job.state == "queued":
         earlier = select(func.count()).select_from(Job).where(Job.state == "queued", Job.created_at < job.created_at)
         waiting_before = s.scalar(earlier) or 0
-    drawn = [(name, Markup(_draw(request, name, points))) for name, points in _curves(s, job.id).items()]  # noqa: S704
     return {
-        "line": _line(s, job),
+        "line": line_of(s, job),
         "job": job,
         "made": made_by(s, job),
-        "curves": drawn,
+        "curves": drawn_curves(t, s, job),
+        "to_go": seconds_to_go(job, utc_now()),
         "log": read_log(services_of(request).settings, job.id, last_bytes=LOG_TAIL_BYTES),
         "waiting_before": waiting_before,
         "known_kind": job.kind in KINDS,
         "command": _command(job),
     }
-
-
-def _curves(s: DatabaseSession, job_id: str) -> dict[str, list[tuple[int, float]]]:
-    """Every curve of a job that has at least two points, in order of first appearance."""
-    found: dict[str, list[tuple[int, float]]] = {}
-    rows = select(JobMetric).where(JobMetric.job_id == job_id).order_by(JobMetric.id)
-    for metric in s.scalars(rows):
-        found.setdefault(RENAMED_CURVES.get(metric.name, metric.name), []).append((metric.step, metric.value))
-    return {name: points for name, points in found.items() if len({step for step, _ in points}) > 1}
-
-
-def _curve(s: DatabaseSession, job_id: str, name: str) -> list[tuple[int, float]]:
-    points = _curves(s, job_id).get(name)
-    if points is None:
-        raise LabRefusal(404, "no_figure")
-    return points
-
-
-def _draw(request: Request, name: str, points: list[tuple[int, float]]) -> str:
-    t = services_of(request).texts.get(lab_language(request))
-    title = t(f"analyst.metrics.{name}") if t.knows(f"analyst.metrics.{name}") else name
-    return svg_figures.curve(points, title=title, x_label=t("analyst.curves.step"), number=svg_figures.exact(t.number))

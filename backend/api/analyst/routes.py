@@ -13,12 +13,14 @@ from backend.api.analyst import (
     demonstration_pages,
     explanation_pages,
     flow_pages,
+    job_curves,
     job_pages,
     upkeep_pages,
 )
 
 router = APIRouter()
 for part in (
+    job_curves,
     job_pages,
     artefact_pages,
     compare_pages,

@@ -127,12 +127,20 @@ def _number(value: float) -> str:
     return f"{value:g}"
 
 
-def curve(
-    points: Sequence[tuple[float, float]], *, title: str, x_label: str, number: Number = _number, width: int = 420
+def curves(
+    lines: Mapping[str, Sequence[tuple[float, float]]],
+    *,
+    title: str,
+    x_label: str,
+    y_label: str = "",
+    number: Number = _number,
+    width: int = 420,
 ) -> str:
-    """A line through (step, value) points, with its last value written at its end."""
-    height, left, right, top, bottom = 200, 56, 28, 14, 40
+    """Lines through (step, value) points by name; several are named below the figure."""
+    below = 22 if len(lines) > 1 else 0
+    height, left, right, top, bottom = 210 + below, 56, 28, 26, 40 + below
     drawing = _Drawing(width, height, title)
+    points = [point for line in lines.values() for point in line]
     xs, ys = [p[0] for p in points], [p[1] for p in points]
     x_low, x_high = min(xs), max(max(xs), min(xs) + 1)
     y_low, y_high = min(ys), max(ys)
@@ -145,6 +153,7 @@ def curve(
             height - bottom - (y - y_low) / (y_high - y_low) * (height - top - bottom),
         )
 
+    drawing.text(6, 14, y_label, anchor="start")
     for tick in ticks(y_low, y_high, 4):
         _, y = at(x_low, tick)
         drawing.line(left, y, width - right, y, stroke=LINE, css="grid")
@@ -152,9 +161,15 @@ def curve(
     for tick in ticks(x_low, x_high, 4):
         x, _ = at(tick, y_low)
         drawing.text(x, height - bottom + 16, number(tick), anchor="middle")
-    drawing.text((left + width - right) / 2, height - 6, x_label, anchor="middle")
-    drawing.path([at(*point) for point in points], stroke=MAIN, css="line-0")
-    drawing.circle(*at(*points[-1]), 3.5, fill=MAIN, css="fill-0")
+    drawing.text((left + width - right) / 2, height - 6 - below, x_label, anchor="middle")
+    for k, ((name, line), (colour, css)) in enumerate(zip(lines.items(), DRAWN, strict=False)):
+        fill = css.replace("line", "fill")
+        drawing.path([at(*point) for point in line], stroke=colour, css=css)
+        drawing.circle(*at(*line[-1]), 3.5, fill=colour, css=fill)
+        if below:
+            x = left + k * (width - left - right) / len(lines)
+            drawing.circle(x, height - 10, 4.5, fill=colour, css=fill)
+            drawing.text(x + 10, height - 6, name, anchor="start")
     return drawing.svg()
 
 

@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import PlainTextResponse, Response
 
-from backend.api.analyst.job_pages import csv_response
+from backend.api.analyst.csv_files import csv_response
 from backend.api.core.auth import checked_csrf
 from backend.api.core.dependencies import Db
 from backend.api.core.lab_frame import LabRefusal

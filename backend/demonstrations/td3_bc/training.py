@@ -156,7 +156,7 @@ def train_with_demonstrations(
 
     def between(updates: int) -> None:
         if updates % (50 * config.updates_per_step) == 0:
-            on_progress(training.done, {"updates": updates})
+            on_progress(training.done, {"updates": updates, **training.agent.losses})
 
     for updates in checkpoints(step, marks, between):
         for averaged in (False, True):

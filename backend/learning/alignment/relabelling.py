@@ -254,7 +254,7 @@ def learn(
 
     def between(updates: int) -> None:
         if updates % 200 == 0:
-            on_progress(updates / config.updates, {"updates": updates})
+            on_progress(updates / config.updates, {"updates": updates, **agent.losses})
 
     marks = [round(config.updates * (k + 1) / config.checkpoints) for k in range(config.checkpoints)]
     for updates in checkpoints(step, marks, between):

@@ -174,7 +174,9 @@ def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> Bas
 
     def between(updates: int) -> None:
         if updates and updates % (100 * config.updates_per_step) == 0:
-            on_progress(updates / total, {"updates": updates, "transitions": training.transitions})
+            on_progress(
+                updates / total, {"updates": updates, "transitions": training.transitions, **training.agent.losses}
+            )
 
     for updates in checkpoints(training.vector_step, marks, between):
         for averaged in (False, True):

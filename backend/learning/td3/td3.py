@@ -77,36 +77,42 @@ def td_targets(batch: Batch, noise: Floats, actor_target: Weights, critic_target
     return targets
 
 
-def critic_gradients(batch: Batch, targets: Floats, critic: Weights, gradients: Weights) -> None:
-    """Write the gradients of sum_k mean (Q_k(s, a) - y)^2 over both heads k."""
+def critic_gradients(batch: Batch, targets: Floats, critic: Weights, gradients: Weights) -> float:
+    """Write the gradients of sum_k mean (Q_k(s, a) - y)^2 over both heads k; returns that loss."""
     seen = features(batch.observations.numpy(), critic, batch.actions.numpy())
     width = 2 * critic[1][0].shape[1]
     at_joined = np.zeros((len(targets), width), dtype=np.float32)
+    loss = 0.0
     for first in (4, 7):
         layers = critic[first : first + 3]
         through = head(seen.joined, layers)
         error = (through.output - targets[:, None]) * np.float32(2 / len(targets))
+        loss += float(np.vdot(error, error)) * len(targets) / 4
         at_first = head_backward(error, seen.joined, through, layers, gradients[first : first + 3])
         at_joined += at_first @ layers[0][0][:width].T
     features_backward(at_joined, seen, critic, gradients)
+    return loss
 
 
 def actor_gradients(
     observations: Floats, actor: Weights, critic: Weights, gradients: Weights, term: ActorTerm | None = None
-) -> None:
-    """Write the gradients of -mean Q_1(s, pi(s)), plus a term on the actions where an algorithm has one (eq. 6.3)."""
+) -> float:
+    """Write the gradients of -mean Q_1(s, pi(s)), plus a term on the actions where an algorithm has one (eq. 6.3);
+    returns the former, without the term."""
     seen = features(observations, actor)
     through = head(seen.joined, actor[4:7])
     actions = np.tanh(through.output)
     judged = features(observations, critic, actions)
     width = seen.joined.shape[1]
     minus_mean = np.full((len(actions), 1), -1 / len(actions), dtype=np.float32)
-    at_actions = input_gradient(minus_mean, head(judged.joined, critic[4:7]), critic[4:7], slice(width, None))
+    value = head(judged.joined, critic[4:7])
+    at_actions = input_gradient(minus_mean, value, critic[4:7], slice(width, None))
     if term is not None:
         at_actions += term(observations, actions)
     at_output = at_actions * (1 - actions * actions)
     at_first = head_backward(at_output, seen.joined, through, actor[4:7], gradients[4:7])
     features_backward(at_first @ actor[4][0].T, seen, actor, gradients)
+    return -float(value.output.mean())
 
 
 class Memory(NamedTuple):
@@ -132,6 +138,8 @@ class Td3Agent:
         self._actor_optimiser = Adam(self.actor.flat.numel(), config.learning_rate)
         self._critic_optimiser = Adam(self.critic.flat.numel(), config.learning_rate)
         self.updates = 0
+        self.losses: dict[str, float] = {}
+        """Of the last update, by name, for curves; nothing is decided by them."""
 
     def synchronise_targets(self) -> None:
         """Copy actor and critic into their targets, at the start and after loading weights."""
@@ -166,13 +174,15 @@ class Td3Agent:
         """One critic step; every `policy_delay`-th time one actor step and one step of the targets."""
         noise = torch.randn(batch.actions.shape, generator=self.generator).numpy()
         targets = td_targets(batch, noise, self.actor_target.weights, self.critic_target.weights, self.config)
-        critic_gradients(batch, targets, self.critic.weights, self.critic.gradients)
+        loss = critic_gradients(batch, targets, self.critic.weights, self.critic.gradients)
+        self.losses["critic_loss"] = loss
         _step(self._critic_optimiser, self.critic)
         self.updates += 1
         if self.updates % self.config.policy_delay:
             return
         observations = batch.observations.numpy()
-        actor_gradients(observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
+        value = actor_gradients(observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
+        self.losses["actor_loss"] = value
         _step(self._actor_optimiser, self.actor)
         tau = np.float32(self.config.tau)
         move_towards(self.actor_target.flat.numpy(), self.actor.flat.numpy(), tau)
