@@ -37,14 +37,37 @@ def train(
     ablation_seeds: Annotated[
         int, typer.Option(min=0, help="So many seeds of our training with one thing changed, to tell causes apart.")
     ] = 0,
+    instructions: Annotated[
+        str, typer.Option(help="avx2, avx512 or both: ours and SB3 on the fast engine once for each, instead.")
+    ] = "",
+    beside: Annotated[
+        str, typer.Option(help="With --instructions: numbers of processes that multiply matrices meanwhile.")
+    ] = "0,1",
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
+    if instructions:
+        from backend.experiments.benchmarks.training_cases import benchmark_cases
+
+        cases = benchmark_cases(
+            setup=setup,
+            seeds=seeds,
+            instructions=instructions.split(","),
+            beside=[int(number) for number in beside.split(",") if number.strip().isdecimal()],
+            tell=lambda words: typer.echo(words, err=True),
+        )
+        if out is not None:
+            _write(out, cases)
+        say(cases, as_json)
+        return
     from backend.experiments.benchmarks.base_training import benchmark_train
 
     result = benchmark_train(
         setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep, ablation_seeds=ablation_seeds
     )
+    if out is not None:
+        _write(out, result)
     say(result, as_json)
 
 

@@ -145,6 +145,19 @@ def test_a_damaged_query_set_is_refused_by_its_name(database, files, tmp_path):
         create_study(s, files, frozen, name="x", created_by=None)
 
 
+def test_nobody_gets_a_plan_that_shows_a_file_which_is_gone(database, files, full_study):
+    session, _ = join(database, files, full_study)
+    shown = next(step["trajectory_a"] for step in session.plan if step.get("trajectory_a"))
+    files.delete(shown)
+
+    def forty_join() -> None:  # whoever's plan draws it
+        for _ in range(40):
+            join(database, files, full_study)
+
+    with pytest.raises(StudyError, match=f"the file of trajectory {shown} is missing; restore a backup"):
+        forty_join()
+
+
 def queries_of_some(database, files):
     with database.session() as s:
         return queries_of_study(s, files, s.scalars(select(Study).where(Study.name == "Full")).one())

@@ -13,7 +13,7 @@ from itertools import pairwise
 from statistics import median
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, true
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.analysis.triads import CHANCE_CIRCULAR, is_circular, whole_triads
@@ -86,9 +86,9 @@ class _Given:
         return other
 
 
-def signs(s: DatabaseSession, study_id: str) -> dict[str, Signs]:
-    """participant id -> what stands out, for everybody who has answered something or looked away."""
-    lost, answers = _lost_focus(s, study_id), _answers(s, study_id)
+def signs(s: DatabaseSession, study_id: str, *, only: str | None = None) -> dict[str, Signs]:
+    """participant id -> what stands out, for everybody who has answered something or looked away; only: of one."""
+    lost, answers = _lost_focus(s, study_id, only), _answers(s, study_id, only)
     found = {}
     for participant in {*answers, *lost}:
         given = answers[participant]
@@ -155,7 +155,7 @@ def _trial_s(given: Sequence[_Given]) -> float | None:
     return median(steps) if steps else None
 
 
-def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
+def _answers(s: DatabaseSession, study_id: str, only: str | None = None) -> dict[str, list[_Given]]:
     """participant id -> answers in the order in which they came."""
     asked = (
         select(
@@ -166,7 +166,7 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
         .select_from(Response)
         .join(Session, Response.session_id == Session.id)
         .outerjoin(Trial, Response.trial_id == Trial.id)
-        .where(Session.study_id == study_id)
+        .where(Session.study_id == study_id, true() if only is None else Session.participant_id == only)
         .order_by(Response.created_at, Response.id)
     )
     found: dict[str, list[_Given]] = defaultdict(list)
@@ -181,7 +181,7 @@ def _answers(s: DatabaseSession, study_id: str) -> dict[str, list[_Given]]:
     return found
 
 
-def _lost_focus(s: DatabaseSession, study_id: str) -> Counter[str]:
+def _lost_focus(s: DatabaseSession, study_id: str, only: str | None) -> Counter[str]:
     """participant id -> how often a trajectory stopped because the window was not in front."""
     asked = (
         select(Session.participant_id, func.count())
@@ -189,6 +189,7 @@ def _lost_focus(s: DatabaseSession, study_id: str) -> Counter[str]:
         .join(Session, Event.session_id == Session.id)
         .where(
             Session.study_id == study_id,
+            true() if only is None else Session.participant_id == only,
             Event.kind.in_(STOPPED),
             Event.data["reason"].as_string().in_(FOCUS_REASONS),
         )

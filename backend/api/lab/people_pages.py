@@ -37,7 +37,7 @@ def _person_page(
     request: Request, s: DatabaseSession, study: Study, code: str, *, status: int = 200, problem: str | None = None
 ) -> Response:
     participant = the_participant(s, study, code)
-    rows = [p for p in people_rows.people(s, study.id, utc_now()) if p.id == participant.id]
+    rows = people_rows.people(s, study.id, utc_now(), only=participant.id)
     where = AnswerFilter(participant=code)
     of_participant = select(Session).where(Session.participant_id == participant.id).order_by(Session.created_at)
     sessions = list(s.scalars(of_participant))

@@ -11,7 +11,7 @@ from datetime import datetime, timedelta
 from statistics import median
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select, true
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.lab import monitoring
@@ -74,9 +74,9 @@ class Person:
         return 1.0 if self.presence == "completed" else self.position / max(1, self.steps)
 
 
-def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
-    """Every participant of a study, in the order in which they joined."""
-    of_study = Session.study_id == study_id
+def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None = None) -> list[Person]:
+    """Every participant of a study, in the order in which they joined; only: the participant of that id."""
+    of_study = and_(Session.study_id == study_id, true() if only is None else Session.participant_id == only)
     whose = Session.participant_id
     given = select(whose, func.count()).select_from(Response).join(Session)
     answers = counted(s, given.where(of_study, Response.kind.not_in(PAGES_READ)), whose)
@@ -84,7 +84,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
         s, select(whose, func.sum(Trial.restarts)).select_from(Trial).join(Session).where(of_study), whose
     )
     problems = counted(s, select(whose, func.count()).select_from(ProblemReport).join(Session).where(of_study), whose)
-    signs = monitoring.signs(s, study_id)
+    signs = monitoring.signs(s, study_id, only=only)
     phases = {
         (session_id, key): phase
         for session_id, key, phase in s.execute(
@@ -97,7 +97,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime) -> list[Person]:
     for participant, session in s.execute(
         select(Participant, Session)
         .join(Session, Session.participant_id == Participant.id)
-        .where(Participant.study_id == study_id)
+        .where(Participant.study_id == study_id, of_study)
         .order_by(Participant.created_at, Participant.code, Session.appointment)
     ):
         newest[participant.id] = (participant, session)
