@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections import OrderedDict
 
 import pytest
 
@@ -35,6 +36,20 @@ def test_the_part_that_changes_comes_alone(lab, walked):
     part = lab.get(page_of(walked, walked.half_way), headers={"X-Fragment": "1"}).text
     assert "<html" not in part
     assert "<svg" in part
+
+
+def test_what_takes_long_to_compute_keeps_no_page_waiting(lab, walked, monkeypatch):
+    monkeypatch.setattr("backend.study.personalising.learnt.SOON", 6)
+    monkeypatch.setattr("backend.study.personalising.learnt._known", OrderedDict())
+    address = page_of(walked, walked.half_way)
+    page = lab.get(address).text
+    assert "It is being computed" in page
+    assert "data-soon" in page
+    assert "<rect" not in page
+    assert "<rect" in lab.get(f"{address}?wait=true").text, "for who has no scripts"
+    after = lab.get(address).text
+    assert "<rect" in after
+    assert "data-soon" not in after
 
 
 def test_the_person_page_leads_there(lab, walked):

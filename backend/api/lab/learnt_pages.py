@@ -18,21 +18,23 @@ from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab.study_tabs import TABS, the_participant, the_study
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Participant, Session
-from backend.study.personalising.learnt import Learnt, learnt_in
+from backend.study.personalising.learnt import Learnt, learnt_in, takes_long
 from backend.study.protocol_rows import row_of
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
 
 @router.get("/lab/studies/{study_id}/people/{code}/learnt")
-def learnt(request: Request, study_id: str, code: str, database: Db, files: Files) -> Response:
-    """The page; with the header `X-Fragment`, only the part that changes."""
+def learnt(request: Request, study_id: str, code: str, database: Db, files: Files, wait: bool = False) -> Response:
+    """The page; with the header `X-Fragment`, only the part that changes. What takes long to compute comes as that part
+    only, which the page asks for at once, or where somebody waits for it."""
     t = services_of(request).texts.get(lab_language(request))
     with database.session() as s:
         study = the_study(s, study_id)
         participant = the_participant(s, study, code)
-        now = _learnt(s, files, participant)
         fragment = request.headers.get("X-Fragment")
+        session = _session(s, participant)
+        now = None if not (fragment or wait) and takes_long(s, session) else learnt_in(s, files, session)
         return lab_page(
             request,
             "lab/learnt_part.html" if fragment else "lab/learnt.html",
@@ -41,8 +43,8 @@ def learnt(request: Request, study_id: str, code: str, database: Db, files: File
             tabs=TABS,
             participant=participant,
             learnt=now,
-            strip=_strip(t, code, now) if now.shares else None,
-            plans=[_plan(t, now, k) for k in range(len(now.pairs))],
+            strip=_strip(t, code, now) if now and now.shares else None,
+            plans=[_plan(t, now, k) for k in range(len(now.pairs))] if now else [],
         )
 
 
@@ -72,13 +74,18 @@ def answers_teach(s: DatabaseSession, session: Session) -> bool:
 
 
 def _learnt(s: DatabaseSession, files: ArtefactStore, participant: Participant) -> Learnt:
+    return learnt_in(s, files, _session(s, participant))
+
+
+def _session(s: DatabaseSession, participant: Participant) -> Session:
+    """The participant's newest session. Raises LabRefusal if nothing can be learned in it."""
     newest = select(Session).where(Session.participant_id == participant.id).order_by(Session.created_at.desc())
     session = s.scalars(newest.limit(1)).first()
     if session is None:
         raise LabRefusal(404, "nothing_learnt")
     if not answers_teach(s, session):
         raise LabRefusal(404, "no_queries")
-    return learnt_in(s, files, session)
+    return session
 
 
 def _strip(t: Any, code: str, now: Learnt) -> Markup:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 SCENES = 3
 SCENES_SEED = 0  # of the figures' scenes: the same for everybody, so that participants can be compared
+SOON = 20  # ours: so many answers are taken in within a tenth of a second
 KEPT = 64  # pages ask every few seconds, answers come every half minute
 
 
@@ -36,6 +37,12 @@ class Learnt:
     weights: dict[str, float]
     entropy_bits: float
     pairs: tuple[tuple[Trajectory, Trajectory], ...]
+
+
+def takes_long(s: DatabaseSession, session: Session) -> bool:
+    """Whether `learnt_in` would keep a page waiting: many answers, and nobody has asked since the last of them."""
+    answers = next_query.answers_of(s, session)
+    return len(answers) > SOON and (session.id, answers) not in _known
 
 
 def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:

@@ -89,7 +89,7 @@ function typedConfirmations() {
 
 /**
  * Parts with data-live="ADDRESS" are fetched again every data-every seconds while the page is seen; only a changed
- * part is replaced, and never while the reader's focus or selection is inside it.
+ * part is replaced, and never while the reader's focus or selection is inside it. data-soon: the first time at once.
  */
 function liveParts() {
   for (const part of document.querySelectorAll("[data-live]")) {
@@ -118,6 +118,7 @@ function liveParts() {
         if (note) note.textContent = note.getAttribute("data-stale") ?? "";
       }
     };
+    if ("soon" in part.dataset) void refresh();
     window.setInterval(refresh, 1000 * Number(part.dataset.every ?? 3));
     document.addEventListener("visibilitychange", refresh);
   }
