@@ -6,6 +6,7 @@ How a design is tested is `rating_findings.py`'s.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -14,13 +15,15 @@ from typing import Any
 from backend.report.study_data import StudyData
 
 Levels = Mapping[str, Sequence[str]]
+CROSSED = ("block", "rating")  # stages whose trials can stand under several conditions
 CONDITION = "condition"  # the one factor of a study whose protocol does not name one
 
 
 @dataclass(frozen=True)
 class StudyDesign:
-    """One block's comparison. within, between: factor -> levels. cells: conditions within, as answers carry them; of a
-    design without factors within the one of each group. groups: person -> cell of the factors between."""
+    """One comparison, of a block or of what is rated. within, between: factor -> levels. cells: conditions within, as
+    answers carry them; of a design without factors within the one of each group. groups: person -> cell of the factors
+    between."""
 
     within: Levels
     between: Levels
@@ -63,10 +66,14 @@ class StudyDesign:
 
 
 def designs_of(data: StudyData) -> list[StudyDesign]:
-    """Every comparison of a study: one per block with factors; without such a block all conditions that were met."""
+    """Every comparison of a study: one per stage with factors, the same ones once; without such a stage all conditions
+    that were met."""
     conditions = data.conditions
-    found = [one for one in _declared(data) if len(one.within) or len(one.between)]
-    met = [one for one in found if set(one.cells) & set(conditions)]
+    seen = {name for names in _met(data).values() for name in names}
+    met: list[StudyDesign] = []
+    for one in _declared(data):
+        if (one.within or one.between) and seen & set(one.cells) and one not in met:
+            met.append(one)
     if met:
         return met
     if len(conditions) < 2:
@@ -82,16 +89,17 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
 def _met(data: StudyData) -> dict[str, set[str]]:
     """Person -> conditions that they answered something under."""
     found: dict[str, set[str]] = {}
-    met = [(one.person, one.condition) for one in data.choices]
-    for person, condition in met + [(one.person, one.condition) for one in data.ratings if one.condition]:
-        if condition in data.conditions:
+    rated = [(one.person, one.condition) for one in data.ratings if one.condition]
+    known = {*data.conditions, *(condition for _, condition in rated)}
+    for person, condition in [(one.person, one.condition) for one in data.choices] + rated:
+        if condition in known:
             found.setdefault(person, set()).add(condition)
     return found
 
 
 def _declared(data: StudyData) -> Iterator[StudyDesign]:
     newest = data.newest or data.protocol
-    for key, block in _blocks(newest):
+    for key, block in _crossed(newest):
         within, between = block.get("each") or {}, block.get("one_of") or {}
         within = {"view": within} if isinstance(within, list) else within
         between = {"view": between} if isinstance(between, list) else between
@@ -105,10 +113,11 @@ def _declared(data: StudyData) -> Iterator[StudyDesign]:
         yield StudyDesign(within, between, cells, groups)
 
 
-def _blocks(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
-    """The blocks of a protocol by their stage keys: `block`, `block_2`, ..."""
-    number = 0
+def _crossed(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The stages of a protocol that can have factors, by their keys: `block`, `block_2`, `rating`, ..."""
+    numbers: Counter[str] = Counter()
     for entry in protocol.get("stages", ()):
-        if entry.get("block"):
-            number += 1
-            yield f"block_{number}" if number > 1 else "block", entry["block"]
+        for kind in CROSSED:
+            if entry.get(kind):
+                numbers[kind] += 1
+                yield f"{kind}_{numbers[kind]}" if numbers[kind] > 1 else kind, entry[kind]

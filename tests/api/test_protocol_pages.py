@@ -132,4 +132,5 @@ def test_check_it_says_what_the_own_policy_is_compared_with(lab: TestClient):
         made = lab.post("/lab/new", data={"csrf": csrf(lab, "/lab/new"), "source": f"shipped:{shipped}"})
         page = html.unescape(lab.get(made.headers["location"]).text)
         assert tuple(re.findall(r"<dt>(Own against [^<]+)</dt>", page)) == told
+        assert ("own policy: signed ranks" in page) == (shipped == "personalisation_study"), "of the analysis plan"
         assert ("a simulated person’s policy stands in" in page) == (len(told) == 3)

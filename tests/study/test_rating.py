@@ -117,6 +117,20 @@ def test_ratings_reach_data_set_and_report_and_a_reward_model_learns_from_them(
     assert accuracy(fit_linear(preferences), preferences) > 0.8
 
 
+def test_ratings_are_compared_beside_a_block_that_has_no_conditions(database, files, tmp_path, twenty_queries):
+    """The report of such a study said that it compares no conditions."""
+    block = {"block": {"view": "top_down", "trials": [{"queries": {"count": 2}}]}}
+    frozen = small_protocol(tmp_path, [RATING, block], query_set=str(twenty_queries))
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name="Both", created_by=None)
+    walk_in_process(database, files, study, 4)
+    with database.session() as s:
+        data, load = read_study(s, files, study)
+    found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"))
+    assert [design.within for design in found.designs] == [{"view": ["top_down", "first_person"]}]
+    assert [one.item.key for one in found.items] == ["rating"]
+
+
 def test_snapshots_of_choices_alone_keep_their_bytes(full_study, database, files):
     walker = Walker(database, files, full_study)
     walker.walk_to("train.interface_items")

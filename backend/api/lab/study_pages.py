@@ -42,7 +42,6 @@ from backend.api.lab.answer_rows import AnswerFilter, answers_page
 from backend.api.lab.lab_data import Monitor
 from backend.api.lab.report_tab import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
-from backend.store.dataset.dictionary import data_dictionary
 from backend.store.dataset.writing import export_study
 from backend.store.events import log_event
 from backend.store.models import Study, utc_now
@@ -319,9 +318,9 @@ def export(
 
 
 @router.get("/lab/data-dictionary")
-def dictionary(request: Request) -> Response:
-    """What every column of an export means; the file that the export holds too."""
-    return lab_page(request, "lab/dictionary.html", text=data_dictionary())
+def dictionary() -> Response:
+    """What every column of an export means stands among the guides."""
+    return RedirectResponse("/lab/guides/data-dictionary", status_code=308)
 
 
 @router.get("/lab/studies/{study_id}/report")
