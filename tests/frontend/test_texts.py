@@ -65,6 +65,7 @@ def test_a_text_is_filled_in_the_language_s_own_notation(texts: Texts) -> None:
     assert texts.get("de")("participant.progress", index=7, total=1500) == "Schritt 7 von 1.500"
     assert texts.get("de").number(0.5, 2) == "0,50"
     assert texts.get("en").percent(0.955, 1) == "95.5%"
+    assert texts.get("de").percent(0.955, 1) == "95,5\N{NO-BREAK SPACE}%"
     assert texts.get("en").date(date(2026, 11, 21)) == "21 November 2026"
     assert texts.get("de").moment(datetime(2026, 11, 21, 9, 5, tzinfo=UTC)) == "21. November 2026, 09:05"
 

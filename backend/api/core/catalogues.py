@@ -86,7 +86,10 @@ class Catalogue:
 
     def percent(self, value: float, digits: int = 0) -> str:
         """A share from 0 to 1 as a percentage."""
-        return format_percent(value, format="#,##0" + ("." + "0" * digits if digits else "") + "%", locale=self._locale)
+        unit = "\N{NO-BREAK SPACE}%" if self._locale.language == "de" else "%"
+        return format_percent(
+            value, format="#,##0" + ("." + "0" * digits if digits else "") + unit, locale=self._locale
+        )
 
     def date(self, value: date) -> str:
         """A day in words, e.g. `21 November 2026`."""
