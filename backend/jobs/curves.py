@@ -38,10 +38,10 @@ def split(metrics: Iterable[JobMetric]) -> dict[str, dict[str, Points]]:
         if metric.name not in UNTOLD:
             name = RENAMED.get(metric.name, metric.name)
             found.setdefault(name, {}).setdefault(line, []).append((metric.step, metric.value))
-    return {name: told for name, lines in found.items() if (told := _told(lines))}
+    return {name: drawn for name, lines in found.items() if (drawn := _drawable(lines))}
 
 
-def _told(lines: Mapping[str, Points]) -> dict[str, Points]:
+def _drawable(lines: Mapping[str, Points]) -> dict[str, Points]:
     """One line where both say the same (how far a training is does not depend on the weights)."""
     if "" in lines or lines.get(RAW) == lines.get(AVERAGED):
         together = sorted({point for points in lines.values() for point in points})

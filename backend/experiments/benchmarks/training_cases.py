@@ -73,8 +73,8 @@ def benchmark_cases(
 
 
 def _has(flag: str) -> bool:
-    told = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    return any(line.startswith("flags") and flag in line.split() for line in told)
+    cpu = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    return any(line.startswith("flags") and flag in line.split() for line in cpu)
 
 
 @contextlib.contextmanager
