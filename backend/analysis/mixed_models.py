@@ -69,7 +69,7 @@ def cumulative_logit(
     points, weights = special.roots_hermite(nodes)
 
     def unpacked(theta: Array) -> tuple[Array, Array, float]:
-        thresholds = np.concatenate([theta[:1], theta[0] + np.cumsum(np.exp(theta[1:cuts]))])
+        thresholds = np.concatenate([theta[:1], theta[0] + np.cumsum(np.exp(np.minimum(theta[1:cuts], 50.0)))])
         return thresholds, theta[cuts : cuts + m], math.exp(min(theta[-1], LARGEST_LOG_SD + 1))
 
     def log_chance(thresholds: Array, eta: Array) -> Array:

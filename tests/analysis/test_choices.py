@@ -71,3 +71,8 @@ def test_triads_are_the_three_pairs_of_three() -> None:
     assert whole_triads(pairs) == [["pq", "qr", "rp"]]
     pairs |= {frozenset(pair): pair for pair in ("rs", "sp")}
     assert whole_triads(pairs) == [["pq", "qr", "rp"], ["rp", "rs", "sp"]]
+
+
+def test_two_that_nobody_put_first_do_not_differ() -> None:
+    (nobody,) = [one for one in first_choice_pairs([9, 0, 0], ("x", "y", "z"), about="fun") if one.used == 0]
+    assert (nobody.statistic, nobody.effect, nobody.p) == (0.0, 0.0, 1.0)

@@ -119,3 +119,16 @@ def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:
     left = [np.delete(values, k).mean() for k in range(4)]
     assert jackknife_se(left) == pytest.approx(stats.sem(values))
     assert math.isnan(jackknife_se([1.0]))
+
+
+def test_shifts_of_many_people_leave_out_0_where_the_approximate_test_says_so() -> None:
+    random = np.random.default_rng(5)
+    decided = 0
+    for shift in (0.0, 0.4, 0.6, 1.0) * 5:
+        first, second = random.normal(shift, 1, 35), random.normal(0, 1, 28)
+        p = stats.mannwhitneyu(first, second, method="asymptotic", use_continuity=False).pvalue
+        low, high = rank_sum_shift(first, second)[1]
+        if abs(p - 0.05) > 0.003:
+            assert (low > 0 or high < 0) == (p < 0.05), (shift, p, low, high)
+            decided += p < 0.05
+    assert 5 < decided < 18

@@ -6,7 +6,7 @@ import pytest
 from statsmodels.stats.multitest import multipletests
 
 from backend.analysis import tested as results
-from backend.analysis.tested import corrected, corrected_pairs, star_bounds, stars
+from backend.analysis.tested import corrected, corrected_pairs, p_in_words, star_bounds, stars
 
 
 def result(p: float, *, least: float = 0.0) -> results.Tested:
@@ -70,3 +70,7 @@ def test_the_sentence_says_how_p_was_found() -> None:
     assert found.sentence() == "Fun: a is higher, W(N = 9) = 3.00, p = 0.004 (exact, Holm), r = 0.50 [0.10, 0.80]."
     f = results.Tested(**{**test.as_dict(), "symbol": "F", "df": 2, "df_error": 24, "used": 7, "z": -2.0})
     assert "F(2, 24, N = 9, 7 used) = 3.00, z = -2.00, p = 0.004, r" in f.sentence()
+
+
+def test_p_is_told_as_papers_write_it() -> None:
+    assert [p_in_words(p) for p in (0.0009, 0.001, 0.05)] == ["p < 0.001", "p = 0.001", "p = 0.050"]

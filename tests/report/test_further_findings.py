@@ -191,3 +191,9 @@ def test_mixed_models_beside_the_tests() -> None:
     alike = replace(data, ratings=[replace(one, value=4) for one in data.ratings if one.condition])
     assert found(alike, AnalysisPlan(metrics=(), models=True))[1].models[0].problem is not None
     assert found(data)[1].models == ()
+
+
+def test_two_people_in_either_order_are_enough_to_look_at_periods() -> None:
+    _, beside = found(crossover([(4, 6), (3, 1)], [(X, Y), (Y, X)]))
+    assert [one.n for one in beside.order_effects] == [2, 2]
+    assert found(crossover([(4, 6), (3, 1)], [(X, Y), (X, Y)]))[1].order_effects == []

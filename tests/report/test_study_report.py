@@ -39,9 +39,9 @@ def data() -> StudyData:
 
 def test_everything_stands_in_the_folder(data: StudyData, tmp_path: Path) -> None:
     told = write_study_report(
-        data, nothing, tmp_path / "report", who="simulated", plan=PLAN, command="desirepath report X"
+        data, nothing, tmp_path / "new" / "report", who="simulated", plan=PLAN, command="desirepath report X"
     )
-    out = tmp_path / "report"
+    out = tmp_path / "new" / "report"
     assert {path.name for path in out.iterdir()} == {
         "report.html", "tests.csv", "scales.csv", "answers.csv", "findings.json", "figures",
     }  # fmt: skip
