@@ -198,6 +198,56 @@ def asking(
     say(summary, as_json)
 
 
+@commands.command()
+@plain_errors
+def people(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    family: Annotated[
+        str, typer.Option(help="Families of the card, comma-separated; tuning, held_out or all; none with --reward.")
+    ] = "tuning",
+    number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family and seed.")] = 5,
+    answers: Annotated[str, typer.Option(help="After how many it is measured, comma-separated.")] = "8,15,50",
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each has pairs, scenes and people of its own.")] = "0",
+    response_model: Annotated[
+        str, typer.Option(help="right, lapses, indifference, peak_end or first_seconds.")
+    ] = "right",
+    choose: Annotated[str, typer.Option(help="random, or information: the pair whose answer tells most.")] = "random",
+    reward: Annotated[
+        Path | None,
+        typer.Option(help="A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated people outside the nine objectives: foretold how well, claimed how surely, and what their robot
+    gains."""
+    from backend.experiments.benchmarks.people import PeopleConfig, benchmark_people
+    from backend.learning.people.card import people_card
+    from backend.learning.people.reward_file import read_reward
+
+    card = people_card()
+    first, _, last = seeds.partition("-")
+    if not first.isdigit() or not (last or first).isdigit() or not answers.replace(",", "").isdigit():
+        raise typer.BadParameter(f"seeds = {seeds}, answers = {answers}: such as 0-2 and 8,15,50")
+    groups = {"tuning": card.tuning, "held_out": card.held_out, "all": tuple(card.families), "none": ()}
+    families = groups.get(family) or tuple(name for name in family.split(",") if name not in groups)
+    more = {reward.stem: read_reward(reward, setup)} if reward is not None else {}
+    after = tuple(sorted(int(n) for n in answers.split(",") if n))
+    config = PeopleConfig(
+        families=() if more else families,
+        people=number,
+        answers=after,
+        shown_after=15 if 15 in after else after[0],
+        seeds=tuple(range(int(first), int(last or first) + 1)),
+        response_model=response_model,
+        choose=choose,
+    )
+    result = benchmark_people(setup, config, more, lambda done: typer.echo(f"{done:.0%}", err=True))
+    if out is not None:
+        _write(out, result)
+    say(result, as_json)
+
+
 @commands.command("wants", hidden=True, deprecated=True)
 @commands.command("preferences")
 @plain_errors

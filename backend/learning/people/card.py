@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from backend.learning.errors import LearningError
+from backend.learning.measures.steps import reference
 from backend.learning.people.families.base import Family, FamilyMember, StepFamilyMember
 from backend.learning.people.families.changing import ChangingFamily
 from backend.learning.people.families.context import ContextFamily
@@ -22,7 +23,6 @@ from backend.learning.people.families.lexicographic import LexicographicFamily
 from backend.learning.people.families.mixture import MixtureFamily
 from backend.learning.people.families.network import NetworkFamily, NetworkMember
 from backend.learning.people.families.thresholds import ThresholdsFamily
-from backend.learning.people.steps import reference
 
 CARD = Path(__file__).parent / "card.yaml"
 FAMILIES: dict[str, type[Family]] = {

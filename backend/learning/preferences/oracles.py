@@ -193,12 +193,9 @@ class Oracle:
         """(n,) how much better B is by the preference of now, as it is looked at (myopia, peak and end), in typical
         differences."""
         trajectories = [trajectory for query in queries for trajectory in (query.trajectory_a, query.trajectory_b)]
-        if self.response_model.myopia_s is not None:
-            trajectories = [beginning(trajectory, self.response_model.myopia_s) for trajectory in trajectories]
-        preference = preference_of(self.name).after(self.answered)
         if not trajectories:
             return np.zeros(0)
-        value = _peak_and_end(preference, trajectories) if self.response_model.peak_end else preference(trajectories)
+        value = judged(preference_of(self.name).after(self.answered), trajectories, self.response_model)
         better: Doubles = value[1::2] - value[0::2]
         return better
 
@@ -223,6 +220,14 @@ class Oracle:
             Preference.of(query, choice, source=f"oracle:{self.name}")
             for query, choice in zip(queries, self.choices(queries), strict=True)
         ]
+
+
+def judged(value: Value, trajectories: Sequence[Trajectory], response_model: ResponseModel) -> Doubles:
+    """(n,) what trajectories are worth to somebody who looks at them like that: lapses and indifference are of
+    answers, not of this."""
+    if response_model.myopia_s is not None:
+        trajectories = [beginning(trajectory, response_model.myopia_s) for trajectory in trajectories]
+    return _peak_and_end(value, trajectories) if response_model.peak_end else value(trajectories)
 
 
 def _peak_and_end(value: Value, trajectories: Sequence[Trajectory]) -> Doubles:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from backend.learning.errors import LearningError
+from backend.learning.measures.steps import SeenSteps, reference
 from backend.learning.people.card import FAMILIES, member, members, parsed, people_card, response_models
 from backend.learning.people.families.changing import ChangingMember
 from backend.learning.people.families.network import NetworkMember
 from backend.learning.people.families.thresholds import ThresholdsMember
-from backend.learning.people.steps import SeenSteps, reference
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.posterior import Posterior
 from backend.learning.preferences.spans import moments, seen_in

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from backend.learning.people.steps import SeenSteps, reference
+from backend.learning.measures.steps import SeenSteps, reference
 from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from backend.learning.measures.steps import WORDS, SeenSteps, scaled_words
 from backend.learning.people.families.base import Doubles, Family, StepFamilyMember
-from backend.learning.people.steps import WORDS, SeenSteps, scaled_words
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from backend.learning.measures.steps import SeenSteps
 from backend.learning.people.families.base import Doubles, Family, FamilyMember
-from backend.learning.people.steps import SeenSteps
 from backend.simulation.setups import CONTROL_DT_S
 from backend.simulation.trajectory import Trajectory
 

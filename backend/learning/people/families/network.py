@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from backend.learning.measures.steps import SeenSteps, reference
 from backend.learning.people.families.base import Doubles, Family, StepFamilyMember
-from backend.learning.people.steps import SeenSteps, reference
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from backend.learning.measures.steps import SeenSteps
 from backend.learning.people.families.base import Doubles, Family, Span, StepFamilyMember
-from backend.learning.people.steps import SeenSteps
 
 AT_LEAST = ("person_m", "clearance_m", "free_ahead_m")
 """Words of which too little costs; of all others too much."""

@@ -1,0 +1,115 @@
+"""What `benchmark people` asks and shows: pairs of policies that differ in more than the nine objectives, and candidate
+policies in the same scenes. Made once for all people of a seed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.experiments.benchmarks.alignment import LONGEST_SHOWN_S
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
+from backend.learning.preferences.objectives import NAMES, preference_weights
+from backend.learning.queries.queries import QueryConfig, flaw, look_alike
+from backend.learning.queries.varied_queries import drawn_weights
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.scene import Scene
+from backend.simulation.setups import get_setup
+from backend.simulation.trajectory import Outcome, Trajectory
+
+FIRST_SEED = 900  # of query scenes and reporting scenes: of no shipped set, no card and no other benchmark
+SETTINGS = 14
+PER_SCENE = 2
+
+
+@dataclass(frozen=True)
+class AskedPairs:
+    """Pairs to ask about and others, in other scenes, to be foretold."""
+
+    trajectories: tuple[tuple[Trajectory, Trajectory], ...]
+    differences: PairDifferences
+    asked: NDArray[np.int64]
+    test: NDArray[np.int64]
+
+    def better(self, scores: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) first minus second of scores of all trajectories in turn."""
+        found: NDArray[np.float64] = scores[0::2] - scores[1::2]
+        return found
+
+    @property
+    def in_turn(self) -> list[Trajectory]:
+        return [one for pair in self.trajectories for one in pair]
+
+
+def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
+    """Conditioned policies at drawn weights, the ensemble and the base policy drive the same scenes; pairs of any two
+    that arrive and look different."""
+    scenes = scene_set(setup, (asked + test) // PER_SCENE * 2, purpose=Purpose.QUERIES, seed=FIRST_SEED + seed)
+    conditioned = load_conditioned(f"{setup}/conditioned")
+    policies = [conditioned.at(weights) for weights in drawn_weights(SETTINGS, FIRST_SEED + seed)]
+    policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
+    driven = [_driven(policy, scenes) for policy in policies]
+    rules = QueryConfig(max_duration_s=LONGEST_SHOWN_S[setup])
+    random = np.random.default_rng([seed, 51])
+    pairs: list[tuple[Trajectory, Trajectory]] = []
+    for row in range(len(scenes)):
+        good = [k for k in range(len(policies)) if flaw(driven[k][row], rules) is None]
+        found = 0
+        for _ in range(3 * PER_SCENE if len(good) > 1 else 0):
+            a, b = (driven[k][row] for k in random.choice(good, 2, replace=False))
+            if found < PER_SCENE and not look_alike(a, b, rules):
+                pairs.append((a, b))
+                found += 1
+        if len(pairs) >= asked + test:
+            break
+    # The last scenes are never asked about: no scene is in both.
+    borders = [k for k in range(1, len(pairs)) if pairs[k][0].scene.seed != pairs[k - 1][0].scene.seed]
+    border = min(borders, key=lambda k: abs(k - (len(pairs) - test)))
+    differences = PairDifferences.of(setup, pairs)
+    return AskedPairs(tuple(pairs), differences, np.arange(border), np.arange(border, len(pairs)))
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The base policy and the conditioned one at settings, in the same scenes. driven: by setting, then by scene."""
+
+    setup: str
+    scenes: tuple[Scene, ...]
+    base: tuple[Trajectory, ...]
+    driven: tuple[tuple[Trajectory, ...], ...]
+
+    @cached_property
+    def arrived(self) -> NDArray[np.bool_]:
+        """(settings, scenes) both the candidate and the base policy arrive."""
+        base = np.array([one.outcome == Outcome.SUCCESS for one in self.base])
+        return np.asarray(np.array([[one.outcome == Outcome.SUCCESS for one in of] for of in self.driven]) & base)
+
+    @cached_property
+    def differences(self) -> tuple[PairDifferences, ...]:
+        """By setting, candidate minus base in every scene."""
+        return tuple(PairDifferences.of(self.setup, list(zip(of, self.base, strict=True))) for of in self.driven)
+
+
+def candidate_settings() -> list[NDArray[np.float32]]:
+    """No weight, each objective at a half and at full strength."""
+    named: list[dict[str, float]] = [{}]
+    named += [{name: strength} for strength in (0.5, 1.0) for name in NAMES]
+    return [preference_weights(one) for one in named]
+
+
+def candidates(setup: str, count: int, *, purpose: Purpose, seed: int) -> Candidates:
+    """All candidates in `count` scenes of that purpose."""
+    scenes = scene_set(setup, count, purpose=purpose, seed=FIRST_SEED + seed)
+    conditioned = load_conditioned(f"{setup}/conditioned")
+    driven = tuple(tuple(_driven(conditioned.at(weights), scenes)) for weights in candidate_settings())
+    return Candidates(setup, tuple(scenes), tuple(_driven(load_policy(f"{setup}/base"), scenes)), driven)
+
+
+def _driven(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
+    return list(rollout(get_setup(policy.setup), policy.rollout_policy, list(scenes)))

@@ -1,0 +1,86 @@
+"""How the two trajectories of a pair differ, by everything that may be preferred: the objectives' measures, the named
+ones, the embedding. In typical differences of the setup's reference pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.measures.embedding import embedded
+from backend.learning.measures.named import named_measures
+from backend.learning.measures.steps import reference
+from backend.learning.preferences.spans import seen_differences
+from backend.simulation.trajectory import Trajectory
+
+Doubles = NDArray[np.float64]
+LARGEST = 4.0  # typical differences: a larger one says no more
+
+
+@dataclass(frozen=True)
+class PairDifferences:
+    """First minus second of n pairs. seen (n, spans, 7): as the posterior over the objectives takes it. named (n,
+    measures), embedding (n, features): in typical differences, divided so that a typical pair has length 1."""
+
+    setup: str
+    seen: Doubles
+    named: Doubles
+    embedding: Doubles
+
+    @classmethod
+    def of(cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]]) -> PairDifferences:
+        """Raises SetupError for trajectories of several setups, ValueError for none."""
+        trajectories = [trajectory for pair in pairs for trajectory in pair]
+        units = _units(setup)
+        named, features = _both(trajectories)
+        return cls(
+            setup,
+            seen_differences(pairs),
+            units[0].scaled(named),
+            units[1].scaled(features),
+        )
+
+    def __len__(self) -> int:
+        return len(self.seen)
+
+    def __getitem__(self, rows: NDArray[np.int64] | Sequence[int] | slice) -> PairDifferences:
+        return PairDifferences(self.setup, self.seen[rows], self.named[rows], self.embedding[rows])
+
+    def joined(self, other: PairDifferences) -> PairDifferences:
+        """These pairs, then the other ones."""
+        return PairDifferences(
+            self.setup,
+            np.concatenate([self.seen, other.seen]),
+            np.concatenate([self.named, other.named]),
+            np.concatenate([self.embedding, other.embedding]),
+        )
+
+
+@dataclass(frozen=True)
+class _Unit:
+    """typical: of every column; length: of a typical pair in these."""
+
+    typical: Doubles
+    length: float
+
+    def scaled(self, values: Doubles) -> Doubles:
+        """(pairs, columns) of values of first and second in turn."""
+        found: Doubles = np.clip((values[0::2] - values[1::2]) / self.typical, -LARGEST, LARGEST) / self.length
+        return found
+
+
+def _both(trajectories: Sequence[Trajectory]) -> tuple[Doubles, Doubles]:
+    return named_measures(trajectories), embedded(trajectories)
+
+
+@lru_cache(maxsize=4)
+def _units(setup: str) -> tuple[_Unit, _Unit]:
+    units = []
+    for values in _both(reference(setup).trajectories):
+        typical = np.maximum((values[0::2] - values[1::2]).std(0), 1e-6)
+        lengths = np.square(_Unit(typical, 1.0).scaled(values)).sum(1)
+        units.append(_Unit(typical, float(np.sqrt(lengths.mean()))))
+    return units[0], units[1]

@@ -1,0 +1,179 @@
+"""A fitted reward network as a person: a small manifest beside a state dict or an ONNX file, read without running
+anything that is in it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from backend.learning.errors import LearningError
+from backend.learning.measures.steps import SeenSteps
+from backend.learning.people.families.base import Doubles, FamilyMember
+from backend.learning.rewards.reward_model import RewardModel
+from backend.learning.rewards.storage import load_reward_model
+from backend.simulation.setups import get_setup
+from backend.simulation.trajectory import Trajectory
+
+Floats = NDArray[np.float32]
+FORMAT = "desirepath-reward-1"
+MANIFEST_BYTES = 64 * 1024
+FILE_BYTES = 64 * 1024 * 1024
+MOST_LAYERS = 20
+LEAK = 0.01
+Input = Literal["observation", "action", "next_observation"]
+HIDDEN: dict[str, Callable[[Floats], Floats]] = {
+    "relu": lambda x: np.maximum(x, 0),
+    "leaky_relu": lambda x: np.where(x > 0, x, LEAK * x),
+    "tanh": np.tanh,
+}
+
+
+class RewardManifest(BaseModel):
+    """What a reward file's manifest says. file: the network beside it, `.pt` or `.pth` (a state dict of linear layers
+    in their order) or `.onnx` (one input (n, inputs) float32, one output). inputs: what is put side by side, of each
+    step. hidden, output: of a state dict; reduction: how a trajectory's steps are put together."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal["desirepath-reward-1"]
+    setup: str
+    file: str = Field(pattern=r"^[A-Za-z0-9._-]+\.(pt|pth|onnx)$")
+    inputs: tuple[Input, ...] = Field(("observation", "action"), min_length=1)
+    hidden: Literal["relu", "leaky_relu", "tanh"] = "leaky_relu"
+    output: Literal["none", "tanh"] = "none"
+    reduction: Literal["mean", "sum"] = "mean"
+
+
+@dataclass(frozen=True)
+class RewardFileMember(FamilyMember):
+    """Somebody who prefers what a network says. reward: (n, inputs) -> (n,)."""
+
+    manifest: RewardManifest
+    reward: Callable[[Floats], Floats]
+
+    def scores(self, trajectories: list[Trajectory] | tuple[Trajectory, ...]) -> Doubles:  # type: ignore[override]
+        steps = SeenSteps.of_trajectories(trajectories)
+        columns = {
+            "observation": steps.observations,
+            "action": steps.actions,
+            "next_observation": steps.next_observations,
+        }
+        values = self.reward(np.concatenate([columns[name] for name in self.manifest.inputs], axis=1, dtype=np.float32))
+        if not np.isfinite(values).all():
+            raise LearningError(f"{self.manifest.file}: the reward of a step is not a number")
+        means = steps.means(values.astype(np.float64))
+        return means if self.manifest.reduction == "mean" else means * np.bincount(steps.of)
+
+
+@dataclass(frozen=True)
+class RewardModelMember(FamilyMember):
+    """Somebody who prefers what a reward model of ours says."""
+
+    model: RewardModel
+
+    def scores(self, trajectories: list[Trajectory] | tuple[Trajectory, ...]) -> Doubles:  # type: ignore[override]
+        return np.array([self.model.trajectory_reward(one) for one in trajectories], dtype=np.float64)
+
+
+def read_reward(path: Path, setup: str) -> FamilyMember:
+    """The person of a manifest (.json) or of a reward model of ours (.npz). Raises LearningError that names the field,
+    the value and what would work."""
+    if path.suffix == ".npz":
+        model = load_reward_model(path)
+        _require_setup(path, model.setup, setup)
+        return RewardModelMember(model)
+    if path.suffix != ".json":
+        raise LearningError(f"--reward {path}: give the manifest (.json) or a reward model of the store (.npz)")
+    try:
+        said = json.loads(_bounded(path, MANIFEST_BYTES))
+        manifest = RewardManifest.model_validate(said)
+    except (ValueError, RecursionError, ValidationError) as problem:
+        raise LearningError(f"{path}: not a reward manifest of format {FORMAT!r}: {problem}") from None
+    _require_setup(path, manifest.setup, setup)
+    weights = path.parent / manifest.file
+    content = _bounded(weights, FILE_BYTES)
+    needed = _width(manifest)
+    reward = _onnx(content, weights, needed) if weights.suffix == ".onnx" else _layers(weights, manifest, needed)
+    return RewardFileMember(manifest, reward)
+
+
+def _require_setup(path: Path, found: str, setup: str) -> None:
+    if found != setup:
+        raise LearningError(f"{path}: setup = {found!r}; --setup asks for {setup!r}")
+
+
+def _bounded(path: Path, most: int) -> bytes:
+    try:
+        if (size := path.stat().st_size) > most:
+            raise LearningError(f"{path}: {size:,} bytes; at most {most:,} are read")
+        return path.read_bytes()
+    except OSError as problem:
+        raise LearningError(f"cannot read {path}: {problem.strerror}") from None
+
+
+def _width(manifest: RewardManifest) -> int:
+    size = get_setup(manifest.setup).observation_size
+    return sum(2 if name == "action" else size for name in manifest.inputs)
+
+
+def _layers(path: Path, manifest: RewardManifest, needed: int) -> Callable[[Floats], Floats]:
+    """Linear layers of a state dict, in its order. Only tensors are read: nothing pickled is run."""
+    import torch
+
+    try:
+        state: Any = torch.load(path, map_location="cpu", weights_only=True)
+        named = {str(name): tensor.detach().numpy().astype(np.float32) for name, tensor in state.items()}
+    except Exception as problem:  # torch raises what it likes for files of others
+        raise LearningError(f"{path}: not a state dict of tensors: {str(problem).splitlines()[0]}") from None
+    weights = [(name, array) for name, array in named.items() if name.endswith("weight")]
+    if not 1 <= len(weights) <= MOST_LAYERS:
+        raise LearningError(f"{path}: {len(weights)} linear layers; between 1 and {MOST_LAYERS} are read")
+    layers, before = [], needed
+    for name, array in weights:
+        bias = named.get(name.removesuffix("weight") + "bias", np.zeros(array.shape[:1], dtype=np.float32))
+        if array.ndim != 2 or array.shape[1] != before or bias.shape != array.shape[:1]:
+            raise LearningError(
+                f"{path}: {name} has shape {array.shape}, its bias {bias.shape}; needed is (outputs, {before})"
+            )
+        layers.append((array.T, bias))
+        before = array.shape[0]
+    if before != 1:
+        raise LearningError(f"{path}: the last layer has {before} outputs; a reward has one")
+
+    def reward(values: Floats) -> Floats:
+        for weight, bias in layers[:-1]:
+            values = HIDDEN[manifest.hidden](values @ weight + bias)
+        last: Floats = (values @ layers[-1][0] + layers[-1][1])[:, 0]
+        return np.tanh(last) if manifest.output == "tanh" else last
+
+    return reward
+
+
+def _onnx(content: bytes, path: Path, needed: int) -> Callable[[Floats], Floats]:
+    """From bytes, so that no other file is opened for it."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    try:
+        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        tried = session.run(None, {inputs[0].name: np.zeros((2, needed), dtype=np.float32)})
+    except Exception as problem:  # onnxruntime raises what it likes for files of others
+        raise LearningError(
+            f"{path}: no ONNX network of {needed} inputs per step: {str(problem).splitlines()[0]}"
+        ) from None
+    if len(inputs) != 1 or len(outputs) != 1 or np.asarray(tried[0]).size != 2:
+        raise LearningError(f"{path}: needed are one input (n, {needed}) and one reward per step")
+
+    def reward(values: Floats) -> Floats:
+        return np.asarray(session.run(None, {inputs[0].name: values})[0], dtype=np.float32).reshape(-1)
+
+    return reward

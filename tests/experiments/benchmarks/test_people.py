@@ -1,0 +1,64 @@
+"""`benchmark people`, small: its keys, that it repeats itself, that a reward file is a person."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+from typer.testing import CliRunner
+
+from backend.cli import app
+from backend.experiments.benchmarks.people import PeopleConfig, benchmark_people, calibration_error
+from backend.learning.errors import LearningError
+from backend.simulation.setups import STUDY_ROOM
+
+SMALL = PeopleConfig(
+    families=("thresholds",), people=2, answers=(4, 8), shown_after=8, pool=30, test=20, scenes=(6, 6, 8)
+)
+
+
+def test_people_are_measured_and_marked_as_simulated() -> None:
+    result = benchmark_people("study_room", SMALL)
+    assert result == benchmark_people("study_room", SMALL)
+    assert result["simulated"]
+    assert (result["people"], result["answers"]) == (2, [4, 8])
+    for key in ("family", "accuracy", "claimed", "calibration_error", "share_at_once", "share_refined"):
+        assert key in result
+    assert 0 <= result["harmed_rate_low"] <= result["harmed_rate"] <= result["harmed_rate_high"] <= 1
+    assert [row["held_out"] for row in result["rows"]] == [False]
+    assert {one["person"] for one in result["persons"]} == {"thresholds:0", "thresholds:1"}
+    json.dumps(result)
+
+
+def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.manual_seed(1)
+    torch.save(nn.Linear(STUDY_ROOM.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
+    said = {"format": "desirepath-reward-1", "setup": "study_room", "file": "net.pt"}
+    (tmp_path / "somebody.json").write_text(json.dumps(said))
+    small = {"pool": 30, "test": 20, "scenes": (6, 6, 8)}
+    monkeypatch.setattr(
+        "backend.experiments.benchmarks.people.PeopleConfig", lambda **given: PeopleConfig(**{**given, **small})
+    )
+    told = CliRunner().invoke(
+        app, ["benchmark", "people", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--json"]
+    )
+    assert told.exit_code == 0, told.output
+    result = json.loads(told.stdout.splitlines()[-1])
+    assert (result["family"], result["people"]) == ("file", 1)
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(LearningError, match="family"):
+        benchmark_people("study_room", PeopleConfig(families=("nobody",)))
+    with pytest.raises(LearningError, match="response model"):
+        benchmark_people("study_room", PeopleConfig(families=(), response_model="asleep"))
+
+
+def test_claims_that_come_true_have_no_error() -> None:
+    sure = np.full(100, 0.75)
+    assert calibration_error([(sure, np.arange(100) < 75)]) == pytest.approx(0.0)
+    assert calibration_error([(sure, np.arange(100) < 50)]) == pytest.approx(0.25)

@@ -1,0 +1,96 @@
+"""The posterior beyond the nine: says what they cannot, stays with them where they can, and knows how sure it is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.learning.errors import LearningError
+from backend.learning.measures.named import NAMES, named_measures
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from backend.learning.preferences.oracles import make_oracle
+from backend.learning.preferences.posterior import PosteriorConfig
+from backend.learning.queries.queries import QuerySet
+
+CONFIG = FreeConfig(posterior=PosteriorConfig(particles=3_000))
+
+
+@pytest.fixture(scope="module")
+def differences(study_queries: QuerySet) -> PairDifferences:
+    pairs = [(q.trajectory_a, q.trajectory_b) for q in study_queries.queries]
+    return PairDifferences.of("study_room", pairs)
+
+
+def chosen_by(name: str, queries: QuerySet) -> np.ndarray:
+    return np.equal(make_oracle(name).choices(queries.queries), 0)
+
+
+def accuracy(posterior: FreePosterior, differences: PairDifferences, chosen: np.ndarray, first: int) -> float:
+    return float(((posterior.predict(differences[first:]) > 0.5) == chosen[first:]).mean())
+
+
+def test_who_is_outside_the_list_is_foretold_better_and_the_posterior_says_so(
+    study_queries: QuerySet, differences: PairDifferences
+) -> None:
+    gained = []
+    for number in range(3):
+        chosen = chosen_by(f"network:{number}", study_queries)
+        posterior = FreePosterior.from_answers(differences[:40], chosen[:40], CONFIG)
+        nine = (posterior.objectives.predict(differences.seen[40:]) > 0.5) == chosen[40:]
+        gained.append(accuracy(posterior, differences, chosen, 40) - nine.mean())
+    assert np.mean(gained) > 0
+
+
+def test_who_is_in_the_list_is_still_found(study_queries: QuerySet, differences: PairDifferences) -> None:
+    chosen = chosen_by("min-human-distance", study_queries)
+    posterior = FreePosterior.from_answers(differences[:15], chosen[:15], CONFIG)
+    assert posterior.something_else() < 0.5
+    assert posterior.objectives.dominant() == "farther"
+    assert accuracy(posterior, differences, chosen, 15) > 0.85
+
+
+def test_before_any_answer_nothing_is_claimed(differences: PairDifferences) -> None:
+    prior = FreePosterior.prior("study_room", CONFIG)
+    assert prior.predict(differences[:5]) == pytest.approx(0.5, abs=0.2)
+    assert prior.probability_better(differences[:50]) == pytest.approx(0.5, abs=0.2)
+    assert prior.something_else() == pytest.approx(0.5)
+    assert prior.named_weights() == {}
+
+
+def test_a_pair_turned_around_is_answered_the_other_way(study_queries: QuerySet, differences: PairDifferences) -> None:
+    chosen = chosen_by("network:1", study_queries)
+    posterior = FreePosterior.from_answers(differences[:10], chosen[:10], CONFIG)
+    turned = PairDifferences("study_room", -differences.seen, -differences.named, -differences.embedding)
+    assert posterior.predict(differences) + posterior.predict(turned) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_was_preferred_is_most_probably_better(study_queries: QuerySet, differences: PairDifferences) -> None:
+    chosen = chosen_by("network:0", study_queries)
+    posterior = FreePosterior.from_answers(differences[:60], chosen[:60], CONFIG)
+    rest = np.arange(60, len(chosen))
+    assert posterior.probability_better(differences[rest[chosen[60:]]]) > 0.9
+    assert posterior.probability_better(differences[rest[~chosen[60:]]]) < 0.1
+    assert posterior.probability_better(differences[[]]) == 0.5
+
+
+def test_an_answer_that_is_known_tells_nothing_more(study_queries: QuerySet, differences: PairDifferences) -> None:
+    chosen = chosen_by("network:0", study_queries)
+    posterior = FreePosterior.from_answers(differences[:20], chosen[:20], CONFIG)
+    bits = posterior.information_bits(differences)
+    assert ((bits >= 0) & (bits <= 1)).all()
+    assert bits[:20].mean() < bits[20:].mean()
+
+
+def test_measures_have_names_and_are_numbers(study_queries: QuerySet) -> None:
+    trajectories = [query.trajectory_a for query in study_queries.queries[:20]]
+    values = named_measures(trajectories)
+    assert values.shape == (20, len(NAMES))
+    assert np.isfinite(values).all()
+    personal = values[:, NAMES.index("personal_space_time")]
+    assert ((personal > 0) == (values[:, NAMES.index("nearest_person")] < 1.2)).all()
+
+
+def test_answers_and_pairs_have_to_agree(differences: PairDifferences) -> None:
+    with pytest.raises(LearningError, match="3 pairs"):
+        FreePosterior.from_answers(differences[:3], [True])
