@@ -46,7 +46,13 @@ FIRST: dict[str, list[str]] = {  # tests that are about a file though they do no
     "bradley_terry.py": ["analysis/test_further.py"],
     "scales.py": ["analysis/test_scales.py", "report/test_findings.py"],
 }
-ALONE = ("frechet.py", "metrics.py", "scales.py", "mixed_models.py")  # no other test would look at these closer
+ALONE = (
+    "frechet.py",
+    "metrics.py",
+    "scales.py",
+    "mixed_models.py",
+    "report_figures.py",
+)  # no other test would look at these closer
 SLOW = ("tests/report/test_made_up_cohorts.py",)  # counts over hundreds of studies; `--slow` runs it, too
 COMPARED = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -348,7 +354,11 @@ def main() -> None:
     del numba, pandas, scipy, sqlalchemy, statsmodels, backend
     every = [one for one in mutants() if asked.file in one.file]
     chosen = every if asked.all else random.Random(asked.seed).sample(every, min(asked.sample, len(every)))
-    for file in ("backend/analysis/tested.py", "backend/report/findings.py"):
+    for file in (
+        sorted({one.file for one in chosen})
+        if asked.file
+        else ("backend/analysis/tested.py", "backend/report/findings.py")
+    ):
         if not survives(Mutant(file, UNCHANGED, 0, "none"), slow=asked.slow, limit_s=asked.limit_s):
             sys.exit(f"the tests fail with {file} as it is: nothing can be learned from changes")
     if asked.named:

@@ -76,3 +76,4 @@ def test_triads_are_the_three_pairs_of_three() -> None:
 def test_two_that_nobody_put_first_do_not_differ() -> None:
     (nobody,) = [one for one in first_choice_pairs([9, 0, 0], ("x", "y", "z"), about="fun") if one.used == 0]
     assert (nobody.statistic, nobody.effect, nobody.p) == (0.0, 0.0, 1.0)
+    assert [one.used for one in first_choice_pairs([5, 3, 1], ("x", "y", "z"), about="fun")] == [8, 6, 4]
