@@ -103,6 +103,10 @@ def test_pages_are_accessible_and_fit(chromium, address, walked: Walked, scheme)
         *(f"{study}/{rows}" for rows in ("answers", "events", "problems", "erased")),
         f"{study}/people/{walked.half_way}",
         f"{study}/preview/3",
+        f"{study}/power",
+        "/lab/guides",
+        "/lab/guides/protocol-reference",
+        "/lab/guides/data-dictionary",
     ]
     for path in pages:
         page.goto(address + path)
@@ -123,6 +127,8 @@ def test_no_page_is_wider_than_a_phone(chromium, address, walked: Walked):
         f"{address}/lab/jobs/new/align",
         *(f"{here}/{tab}" for tab in ("now", "people", "protocol", "recruit", "data", "report", "answers", "payments")),
         f"{here}/people/{walked.finished}",
+        f"{here}/power",
+        f"{address}/lab/guides/data-dictionary",
     ):
         page.goto(shown)
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, shown
