@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import numpy as np
-from sqlalchemy import select, update
+from sqlalchemy import func, select, update
 
 from backend.api.core.auth import FIRST_USER, change_password, ensure_first_user, reset_password
 from backend.experiments.benchmarks.many_studies import PROTOCOL, make_studies
@@ -27,7 +27,7 @@ from backend.experiments.benchmarks.processes import processor_s
 from backend.experiments.loopback import loopback_server
 from backend.settings import Settings
 from backend.store.database import Database
-from backend.store.models import Study, User
+from backend.store.models import Participant, Study, User
 
 RESTART_BAR_S, LAB_BAR_MS, JOIN_BAR_MS = 3.0, 300.0, 500.0
 PASSWORD = "benchmark of all pages"  # noqa: S105  of an account on loopback, in a folder of the benchmark's own
@@ -124,7 +124,9 @@ def _prepared(settings: Settings, made: list[str]) -> list[str]:
     with database.transaction() as s:
         user = s.scalars(select(User.id).where(User.name == FIRST_USER)).one()
         s.execute(update(Study).where(Study.id.in_(made)).values(state="open"))
-        tokens = list(s.scalars(select(Study.recruiting_token).where(Study.id.in_(made))))
+        people = select(func.count()).where(Participant.study_id == Study.id).scalar_subquery()
+        # Runs before may have left people in some: the fullest ones come last.
+        tokens = list(s.scalars(select(Study.recruiting_token).where(Study.id.in_(made)).order_by(people)))
     change_password(database, user, first, PASSWORD)
     database.close()
     return tokens
