@@ -34,7 +34,6 @@ from backend.learning.preferences.objectives import NAMES
 from backend.learning.rewards.preference_weights import WeightsRewardModel
 from backend.learning.rewards.reward_model import RewardModel
 from backend.learning.scene_sets import Purpose, describe
-from backend.learning.shipped_files import conditioned_by_default
 from backend.simulation.setups import require_same
 from backend.store.models import Artefact
 
@@ -147,7 +146,7 @@ def _conditioned(
     """The conditioned policy with its artefact, and the weights that the answers speak for."""
     if not isinstance(model, WeightsRewardModel):
         raise LearningError(f"model = {params.model!r}: a conditioned policy needs preference weights: model = weights")
-    reference = params.conditioned or conditioned_by_default(base.setup)
+    reference = params.conditioned or f"{base.setup}/conditioned"
     artefact, conditioned = load_conditioned(context, reference)
     require_same(base=base.setup, conditioned=conditioned.setup)
     return artefact, conditioned, model.preference_weights()

@@ -12,8 +12,6 @@ from backend.learning.cards import ROOT, Card, card_path
 from backend.learning.errors import LearningError
 
 DATASETS = ROOT / "datasets"
-SHARPENED = "sharpened"
-"""Name of the conditioned policy that alignments condition, where one is shipped (`conditioned_by_default`)."""
 
 
 def shipped_names() -> list[str]:
@@ -34,9 +32,3 @@ def resolve(name_or_path: str) -> Path:
 def load_card(name_or_path: str) -> Card:
     """The card beside an artefact."""
     return Card.load(card_path(resolve(name_or_path)))
-
-
-def conditioned_by_default(setup: str) -> str:
-    """The shipped name of the conditioned policy that answers are turned into somebody's policy with."""
-    sharpened = f"{setup}/{SHARPENED}"
-    return sharpened if sharpened in shipped_names() else f"{setup}/conditioned"

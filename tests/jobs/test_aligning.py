@@ -21,7 +21,6 @@ from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.stand_ins import load_stand_ins
 from backend.learning.preferences.objectives import NAMES, preference_weights
-from backend.learning.shipped_files import conditioned_by_default
 from backend.settings import Settings
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
@@ -115,7 +114,7 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     assert tree.artefact.card["results"]["predicted"] == result["predicted"]
     made = Policy.from_bytes(files.get(result["policy"]))
     weights = np.array([told.get(name, 0) for name in NAMES], dtype=np.float32)
-    expected = load_conditioned(conditioned_by_default("study_room")).at(weights)
+    expected = load_conditioned("study_room/conditioned").at(weights)
     assert np.allclose(made.actor[1], expected.actor[1], atol=1e-3)  # the card rounds the weights
     assert not made.critic
 

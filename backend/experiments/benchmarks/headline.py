@@ -28,7 +28,6 @@ from backend.learning.queries.queries import Query, QueryConfig
 from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
 from backend.learning.rewards.preference_weights import fit_weights
 from backend.learning.scene_sets import Purpose, describe, scene_set
-from backend.learning.shipped_files import conditioned_by_default
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
 
@@ -86,7 +85,7 @@ def benchmark_headline(
             f"preferences = {list(config.preferences)}, seeds = {list(config.seeds)}, planned = {config.planned} of "
             f"{config.scenes} scenes: known are {', '.join(MADE_OF_OBJECTIVES)}; at least 1 seed and planned scene"
         )
-    policy = conditioned or load_conditioned(conditioned_by_default(setup))
+    policy = conditioned or load_conditioned(f"{setup}/conditioned")
     base = load_policy(f"{setup}/base")
     rows: list[dict[str, Any]] = []
     for place, seed in enumerate(config.seeds):

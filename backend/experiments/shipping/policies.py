@@ -14,7 +14,7 @@ from backend.learning.policies.evaluate import evaluate_policy
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.steerability import steerability_of
 from backend.learning.scene_sets import Purpose, describe, scene_set
-from backend.learning.shipped_files import DATASETS, SHARPENED
+from backend.learning.shipped_files import DATASETS
 from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
@@ -148,23 +148,23 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
 
 
 def ship_sharpened(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
-    """Sharpen, measure and store the conditioned policy of the same folder: new alignments condition this one."""
+    """Sharpen, measure and store the conditioned policy of the same folder."""
     base_path, start_path = folder / setup / "base.npz", folder / setup / "conditioned.npz"
     base, start = Policy.load(base_path), ConditionedPolicy.load(start_path)
     config = replace(SHARPENING[setup], seed=seed)
     made = sharpen(start, base, config, on_progress)
-    path = folder / setup / f"{SHARPENED}.npz"
+    path = folder / setup / "sharpened.npz"
     made.policy.save(path)
     reporting = FIRST_CONDITIONED_REPORT_SEED + seed  # the same scenes as on the card of the one it began with
     scenes = scene_set(setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
     conditioned = {name: made.policy.at(weights) for name, weights in settings().items()}
     card = Card(
         kind="conditioned_policy",
-        name=f"{setup}/{SHARPENED}",
+        name=f"{setup}/sharpened",
         setup=setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m backend.experiments.ship {SHARPENED} {setup} --seed {seed}",
+        command=f"python -m backend.experiments.ship sharpened {setup} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=config.as_dict(),

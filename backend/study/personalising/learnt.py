@@ -74,14 +74,13 @@ _known: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
 def _trajectories(setup: str, weights: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:
     from backend.learning.policies.shipped import load_conditioned, load_policy
     from backend.learning.scene_sets import Purpose, scene_set
-    from backend.learning.shipped_files import conditioned_by_default, shipped_names
+    from backend.learning.shipped_files import shipped_names
     from backend.simulation.fast import rollout
     from backend.simulation.setups import get_setup
 
-    name = conditioned_by_default(setup)
-    if name not in shipped_names():
+    if f"{setup}/conditioned" not in shipped_names():
         return ()
     scenes = scene_set(setup, SCENES, purpose=Purpose.FIGURE, seed=SCENES_SEED)
-    policies = (load_policy(f"{setup}/base"), load_conditioned(name).at(weights))
+    policies = (load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(weights))
     rollouts = [rollout(get_setup(setup), policy.rollout_policy, scenes) for policy in policies]
     return tuple(zip(*rollouts, strict=True))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -14,14 +16,16 @@ from backend.experiments.benchmarks.headline import (
     summarise,
     true_weights,
 )
+from backend.learning.cards import ROOT
 from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_policy
 from backend.learning.policies.steerability import Course
 from backend.learning.preferences.measures import MEASURES, typical_differences
 from backend.learning.preferences.objectives import NAMES, best_possible, gains
 from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.shipped_files import DATASETS
 from backend.simulation.fast import rollout
-from backend.simulation.setups import get_setup
+from backend.simulation.setups import PREFERENCE_SETUPS, get_setup
 
 FEW = PlannerConfig(rounds=5, copies=24)
 
@@ -111,3 +115,19 @@ def test_the_median_is_over_runs_and_the_worst_is_a_preferences_median() -> None
     assert summary["median_share"] == pytest.approx(0.5)
     assert (summary["worst_preference"], summary["worst_share"]) == ("slow", pytest.approx(0.2))
     assert summary["worst_run"] == pytest.approx(0.1)
+
+
+def test_readme_and_numbers_lead_with_the_median_and_the_worst_of_the_stored_runs() -> None:
+    readme, numbers = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/numbers.md"))
+    headline = numbers.split("## ")[1]
+    first = next(line for line in readme.splitlines() if "15 answers of a simulated person" in line)
+    for setup in PREFERENCE_SETUPS:
+        stored = json.loads((DATASETS / setup / "results" / "headline.json").read_text(encoding="utf-8"))
+        assert stored["command"].startswith(f"desirepath benchmark headline --setup {setup}")
+        always_right = stored["summary"][0]
+        assert always_right == {**always_right, "lapse_rate": 0.0, "runs": len(stored["config"]["seeds"]) * 13}
+        for share in ("median_share", "worst_share"):
+            said = f"{100 * always_right[share]:.0f} %"
+            assert said in first, (setup, share)
+            assert said in headline, (setup, share)
+        assert always_right["worst_preference"] in headline
