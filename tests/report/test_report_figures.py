@@ -55,7 +55,8 @@ def bars(ax: Axes) -> list[tuple[float, float, float, str]]:
 
 
 def lines_over(ax: Axes) -> list[np.ndarray]:
-    """Ends of every error bar, as points."""
+    """Ends of every error bar, as points. They are thin lines."""
+    assert all(0 < width < 1.6 for drawn in ax.collections for width in drawn.get_linewidths())
     return [segment for drawn in ax.collections for segment in drawn.get_segments()]
 
 
@@ -64,11 +65,17 @@ def words(ax: Axes) -> list[str]:
 
 
 def shown(picture: Picture) -> list[Axes]:
-    return [ax for ax in picture.figure.axes if ax.get_visible()]
+    visible = [ax for ax in picture.figure.axes if ax.get_visible()]
+    for ax in visible:  # marks and guides do not drown what is compared
+        assert all(line.get_linewidth() < 2 and line.get_markersize() < 7 for line in ax.lines)
+        assert all(text.get_fontsize() < 8 for text in ax.texts)
+        assert not any(ax.spines[side].get_visible() for side in ("top", "right"))
+    return visible
 
 
 def legend(picture: Picture) -> list[str]:
     (one,) = picture.figure.legends
+    assert not one.get_frame_on()  # nor is there a box around it
     return [text.get_text() for text in one.get_texts()]
 
 
@@ -317,3 +324,21 @@ def test_power_is_drawn_over_participants_with_its_intervals() -> None:
     assert "own policy" not in power_picture([Power(12, [rate(names[0], 3, 100)], None)], assumed).caption
     assert len(picture.rows) == 4
     assert power_picture([Power(12, [], None)], assumed).rows == []
+
+
+def test_brackets_are_as_high_as_the_scale_is_long() -> None:
+    """Of a scale of 0 to 100 a sixth is what a point is of 1 to 7."""
+    cohort = Cohort(ratings={"sus": {"immersive": 2.5, "top_down": 1.2}}, seed=2)
+    data = made_up_study(cohort, 20, items=(), rankings=(), queries=2, scales=[SCALES["sus"]])
+    found = analyse(data, lambda _: None, "simulated", AnalysisPlan(metrics=()))
+    (ax,) = shown(items_picture(found))
+    highest = max(mean.mean + mean.se for mean in found.items[0].means.values())
+    feet = [line.get_ydata() for line in ax.lines if len(line.get_xdata()) == 4]
+    assert len(feet) == sum(test.significant() for test in found.items[0].pairs) > 1
+    unit = 100 / 6
+    assert feet[0][0] == pytest.approx(max(100, highest + 0.3 * unit))
+    for k, y in enumerate(feet):
+        assert y[1] - y[0] == pytest.approx(0.12 * unit)
+        assert y[0] - feet[0][0] == pytest.approx(0.6 * unit * k)
+        assert ax.texts[k].get_position()[1] == pytest.approx(y[0] + 0.1 * unit)
+    assert ax.get_ylim()[1] == pytest.approx(feet[-1][0] + 0.8 * unit)
