@@ -173,7 +173,7 @@ def _answers(person: FamilyMember, pairs: AskedPairs, answering: ResponseModel, 
 
 def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[str, Any]:
     """The candidate that is most probably better, chosen, judged and measured in three sets of scenes; and today's."""
-    probable = [posterior.probability_better(_both(room.select, k)) for k in range(len(room.select.driven))]
+    probable = [posterior.probability_better(_both(room.select, k)) for k in range(len(room.select.rolled_out))]
     best = int(np.argmax(probable))
     sure = posterior.probability_better(_both(room.judge, best))
     unit = person.unit(room.setup)
@@ -188,7 +188,7 @@ def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[
         "setting": best,
         "probability_better": sure,
         "shown": sure >= SURE,
-        **_gained(person, room.report.driven[best], room, base, unit, ""),
+        **_gained(person, room.report.rolled_out[best], room, base, unit, ""),
         **_gained(person, today, room, base, unit, "today_"),
         "something_else": posterior.something_else(),
     }

@@ -54,15 +54,15 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
     conditioned = load_conditioned(f"{setup}/conditioned")
     policies = [conditioned.at(weights) for weights in drawn_weights(SETTINGS, FIRST_SEED + seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
-    driven = [_driven(policy, scenes) for policy in policies]
+    rolled_out = [_roll_out(policy, scenes) for policy in policies]
     rules = QueryConfig(max_duration_s=LONGEST_SHOWN_S[setup])
     random = np.random.default_rng([seed, 51])
     pairs: list[tuple[Trajectory, Trajectory]] = []
     for row in range(len(scenes)):
-        good = [k for k in range(len(policies)) if flaw(driven[k][row], rules) is None]
+        good = [k for k in range(len(policies)) if flaw(rolled_out[k][row], rules) is None]
         found = 0
         for _ in range(3 * PER_SCENE if len(good) > 1 else 0):
-            a, b = (driven[k][row] for k in random.choice(good, 2, replace=False))
+            a, b = (rolled_out[k][row] for k in random.choice(good, 2, replace=False))
             if found < PER_SCENE and not look_alike(a, b, rules):
                 pairs.append((a, b))
                 found += 1
@@ -77,23 +77,23 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
 
 @dataclass(frozen=True)
 class Candidates:
-    """The base policy and the conditioned one at settings, in the same scenes. driven: by setting, then by scene."""
+    """The base policy and the conditioned one at settings, in the same scenes. rolled_out: by setting, then by scene."""
 
     setup: str
     scenes: tuple[Scene, ...]
     base: tuple[Trajectory, ...]
-    driven: tuple[tuple[Trajectory, ...], ...]
+    rolled_out: tuple[tuple[Trajectory, ...], ...]
 
     @cached_property
     def arrived(self) -> NDArray[np.bool_]:
         """(settings, scenes) both the candidate and the base policy arrive."""
         base = np.array([one.outcome == Outcome.SUCCESS for one in self.base])
-        return np.asarray(np.array([[one.outcome == Outcome.SUCCESS for one in of] for of in self.driven]) & base)
+        return np.asarray(np.array([[one.outcome == Outcome.SUCCESS for one in of] for of in self.rolled_out]) & base)
 
     @cached_property
     def differences(self) -> tuple[PairDifferences, ...]:
         """By setting, candidate minus base in every scene."""
-        return tuple(PairDifferences.of(self.setup, list(zip(of, self.base, strict=True))) for of in self.driven)
+        return tuple(PairDifferences.of(self.setup, list(zip(of, self.base, strict=True))) for of in self.rolled_out)
 
 
 def candidate_settings() -> list[NDArray[np.float32]]:
@@ -107,9 +107,9 @@ def candidates(setup: str, count: int, *, purpose: Purpose, seed: int) -> Candid
     """All candidates in `count` scenes of that purpose."""
     scenes = scene_set(setup, count, purpose=purpose, seed=FIRST_SEED + seed)
     conditioned = load_conditioned(f"{setup}/conditioned")
-    driven = tuple(tuple(_driven(conditioned.at(weights), scenes)) for weights in candidate_settings())
-    return Candidates(setup, tuple(scenes), tuple(_driven(load_policy(f"{setup}/base"), scenes)), driven)
+    rolled_out = tuple(tuple(_roll_out(conditioned.at(weights), scenes)) for weights in candidate_settings())
+    return Candidates(setup, tuple(scenes), tuple(_roll_out(load_policy(f"{setup}/base"), scenes)), rolled_out)
 
 
-def _driven(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
+def _roll_out(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
     return list(rollout(get_setup(policy.setup), policy.rollout_policy, list(scenes)))

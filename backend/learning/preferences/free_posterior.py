@@ -26,8 +26,8 @@ from backend.learning.preferences.objectives import gains
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig
 
 Doubles = NDArray[np.float64]
-Way = Literal["nine", "named", "embedding"]
-GAUSSIAN: tuple[Way, ...] = ("named", "embedding")
+Basis = Literal["nine", "named", "embedding"]
+GAUSSIAN: tuple[Basis, ...] = ("named", "embedding")
 ITERATIONS = 40
 PREDICTING = 2_000  # of the particles: what predicting needs not have more of
 
@@ -48,7 +48,7 @@ class _Fit:
     """One Gaussian process after the answers. gradient (n,): of the log likelihood at the mode; root (n,): of its
     curvature; triangle (n, n): Cholesky factor of 1 + root K root; log_evidence: log probability of the answers."""
 
-    way: Way
+    way: Basis
     strength: float
     seen: Doubles
     gradient: Doubles
@@ -155,8 +155,8 @@ class FreePosterior:
     def information_bits(self, differences: PairDifferences) -> Doubles:
         """(n,) mutual information (bits) between the answer to each pair and what is not known yet (Houlsby 2011)."""
         few = self._few
-        chances = [few.choice_probabilities(differences.seen).astype(np.float64)]
-        predicted, certain = [chances[0].mean(0)], [_entropy(chances[0]).mean(0)]
+        probabilities = [few.choice_probabilities(differences.seen).astype(np.float64)]
+        predicted, certain = [probabilities[0].mean(0)], [_entropy(probabilities[0]).mean(0)]
         for fit in self._fits:
             mean, variance = fit.advantages(_columns(differences, fit.way))
             mean, variance = mean / 1.6, variance / 1.6**2  # a logistic curve as a normal one
@@ -198,7 +198,7 @@ class FreePosterior:
             _fitted(way, strength, self._seen(way), signs) for way in GAUSSIAN for strength in self.config.strengths
         ]
 
-    def _seen(self, way: Way) -> Doubles:
+    def _seen(self, way: Basis) -> Doubles:
         if self.differences is None:
             return np.zeros((0, 1))
         return _columns(self.differences, way)
@@ -215,7 +215,7 @@ class FreePosterior:
         return masses
 
 
-def _columns(differences: PairDifferences, way: Way) -> Doubles:
+def _columns(differences: PairDifferences, way: Basis) -> Doubles:
     return differences.named if way == "named" else differences.embedding
 
 
@@ -232,7 +232,7 @@ def _probability_positive(advantages: NDArray[np.float32]) -> float:
     return float(ndtr(means / errors).mean())
 
 
-def _fitted(way: Way, strength: float, seen: Doubles, signs: Doubles) -> _Fit:
+def _fitted(way: Basis, strength: float, seen: Doubles, signs: Doubles) -> _Fit:
     """Laplace's approximation of a Gaussian process with kernel strength x x', likelihood sigmoid(sign f)."""
     n = len(signs)
     if not n:
