@@ -77,7 +77,7 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
 
 @dataclass(frozen=True)
 class Candidates:
-    """The base policy and the conditioned one at settings, in the same scenes. rolled_out: by setting, then by scene."""
+    """The base and the conditioned policy at settings, in the same scenes. rolled_out: by setting, then by scene."""
 
     setup: str
     scenes: tuple[Scene, ...]
