@@ -286,9 +286,11 @@ def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[s
     def finished(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
         parsed = get_kind(kind).parse(params)
         with database.transaction() as s:
-            for reference, wanted in named_artefacts(parsed):
-                find_artefact(s, reference, wanted)  # what is not there is said now, not by a job that fails
-            job = enqueue_job(s, kind, parsed.model_dump(mode="json"), created_by=COMMAND_LINE).id
+            # what is not there is said now, not by a job that fails
+            named = [find_artefact(s, reference, wanted) for reference, wanted in named_artefacts(parsed)]
+            study = next((one.study_id for one in named if one.study_id is not None), None)
+            asked = parsed.model_dump(mode="json")
+            job = enqueue_job(s, kind, asked, study_id=study, created_by=COMMAND_LINE).id
         state, result, error = _wait(database, job, own_worker)
         if state != "succeeded":
             raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")

@@ -312,13 +312,22 @@ class Kind:
         others = {name for variant in self.variants.values() for name in variant.model_fields} - set(known)
         return self.parse({name: v for name, v in self.in_new_words(stored).items() if name not in others})
 
+    def _in_words(self, error: Any) -> str:
+        """What is wrong with one parameter, and what would work."""
+        if error["type"] == "missing":
+            return "has to be given"
+        if error["type"] == "extra_forbidden":
+            known = self.variants.get(str(error["loc"][0]), self.params).model_fields
+            return f"is no parameter here; there are {', '.join(sorted(known))}"
+        return str(error["msg"]).replace("Input should be", "must be")
+
     def _problem(self, error: Any) -> dict[str, Any]:
         if error["type"].startswith("union_tag"):
             known = ", ".join(repr(name) for name in self.variants)
             return {
                 "field": RECIPE,
                 "value": error["input"].get(RECIPE),
-                "message": f"Input should be one of {known}",
+                "message": f"must be one of {known}",
                 "type": "literal_error",
                 "limits": {"expected": known},
             }
@@ -328,7 +337,7 @@ class Kind:
         return {
             "field": ".".join(where) or "params",
             "value": None if error["type"] == "missing" else error["input"],
-            "message": error["msg"],
+            "message": self._in_words(error),
             "type": error["type"],
             "limits": {k: v for k, v in error.get("ctx", {}).items() if isinstance(v, int | float | str)},
         }

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.commands.jobs import JOB_KINDS
-from backend.jobs.kinds import KINDS
+from backend.jobs.kinds import ALIGNMENTS, KINDS
 from backend.settings import get_settings
 
 RUN = CliRunner()
@@ -53,3 +53,42 @@ def test_an_export_is_told_in_a_few_lines(tmp_path: Path):
     assert "participants" in told.stdout
     assert not re.search(r"[0-9a-f]{64}", told.stdout), "hashes are in the folder, not on the screen"
     assert len(told.stdout.splitlines()) < 40
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("evaluate nonsense", "no policy 'nonsense': neither an id, a file nor shipped"),
+        ("jobs start nonsense", "unknown; known: align, reward_model"),
+        ("jobs start evaluate", "policy = None: has to be given"),
+        (
+            "jobs start evaluate --set policy=study_room/base --set scenes=many",
+            "scenes = 'many': must be a valid integer",
+        ),
+        (
+            "jobs start evaluate --set policy=study_room/base --set speed=2",
+            "speed = 2: is no parameter here; there are",
+        ),
+        ("train align --study nope", "no study with id 'nope'"),
+        ("train align --snapshot nope", "no snapshot 'nope'"),
+        ("train align --snapshot nope --recipe bogus", "recipe = 'bogus': must be one of 'fine_tuning'"),
+        ("train align", "give either --study or --snapshot"),
+        ("jobs show nope", "no job with id 'nope'"),
+        ("jobs tensorboard nope --out x", "no job with id 'nope'"),
+        ("export nope --out x", "nope"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_at_once_in_words(command: str, said: str):
+    told = RUN.invoke(app, command.split())
+    assert told.exit_code == 1
+    assert said in told.stderr
+    assert "Traceback" not in told.stderr
+    assert RUN.invoke(app, ["jobs", "list", "--json"]).stdout == '{"jobs": []}\n'
+
+
+def test_every_recipe_is_named_and_no_help_sends_to_a_specification():
+    told = RUN.invoke(app, ["train", "align", "--help"], env={"COLUMNS": "200"}).stdout
+    assert all(recipe in told for recipe in ALIGNMENTS)
+    for group in ([], ["train"], ["jobs"], ["study"], ["queries"], ["benchmark"], ["reproduce"], ["train", "align"]):
+        told = RUN.invoke(app, [*group, "--help"], env={"COLUMNS": "200"}).stdout
+        assert not re.search(r"\bspec(ification)?\b|spec[_ /]?0\d", told), group

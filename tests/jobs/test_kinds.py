@@ -108,7 +108,7 @@ def test_every_kind_field_source_and_choice_has_words(kind, language):
 @pytest.mark.parametrize(
     ("kind", "given", "field", "says"),
     [
-        ("align", {}, "snapshot", "required"),
+        ("align", {}, "snapshot", "has to be given"),
         ("align", {"snapshot": "s", "recipe": "magic"}, "recipe", "'conditioning_search', 'thesis'"),
         ("align", {"snapshot": "s", "gate_least_success": 1.2}, "gate_min_success", "less than or equal to 1"),
         (
@@ -118,18 +118,18 @@ def test_every_kind_field_source_and_choice_has_words(kind, language):
             "less than or equal to 1",
         ),
         ("align", {"snapshot": "s", "recipe": "instant", "model": "linear"}, "model", "'weights'"),
-        ("align", {"snapshot": "s", "recipe": "instant", "updates": 5}, "updates", "not permitted"),
+        ("align", {"snapshot": "s", "recipe": "instant", "updates": 5}, "updates", "is no parameter here"),
         (
             "align",
             {"snapshot": "s", "recipe": "conditioning_search", "reward_weight": 0.5},
             "reward_weight",
-            "not perm",
+            "is no parameter here",
         ),
         ("evaluate", {"policy": "p", "scenes": "many"}, "scenes", "integer"),
         ("evaluate", {"policy": "p", "scenes": 10**9}, "scenes", "10000"),
         ("queries", {"members": ["one"]}, "members", "at least 2"),
         ("train_base", {"setup": "kitchen"}, "setup", "study_room"),
-        ("train_base", {"colour": "green"}, "colour", "not permitted"),
+        ("train_base", {"colour": "green"}, "colour", "is no parameter here"),
     ],
 )
 def test_wrong_parameters_are_named_with_what_would_work(kind, given, field, says):
