@@ -1,5 +1,6 @@
-"""Fixtures that tests of this room share; they are made in `lab_services.py` and `participant_services.py`."""
+"""Fixtures that tests of this room share; they are made in `analyst_`, `lab_` and `participant_services.py`."""
 
+from tests.api.analyst_services import worked_data
 from tests.api.lab_services import (
     as_role,
     colleague,
@@ -28,4 +29,5 @@ __all__ = [
     "visitor",
     "walked",
     "walked_services",
+    "worked_data",
 ]

@@ -21,8 +21,10 @@ from backend.api.analyst.job_pages import posted
 from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
+from backend.api.core.contract import form_of
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.media import answers_with, media_of
 from backend.api.core.permits import in_studies, seen_artefacts
 from backend.api.core.roles import Right
 from backend.learning.policies.policy import Policy
@@ -43,7 +45,7 @@ def snapshots(request: Request, database: Db, archived: bool = False) -> Respons
         return _snapshots_page(request, s, archived=archived)
 
 
-@router.post("/lab/snapshots")
+@router.post("/lab/snapshots", openapi_extra=form_of(("study", "participant", "answers")))
 def take(
     request: Request, database: Db, files: Files, user: CheckedCsrf, form: Annotated[FormData, Depends(posted)]
 ) -> Response:
@@ -175,7 +177,7 @@ def card(artefact_id: str, database: Db) -> Response:
     return _download(json.dumps(described, indent=2, sort_keys=True).encode(), f"{found.id[:12]}.card.json")
 
 
-@router.get("/lab/artefacts/{artefact_id}/content")
+@router.get("/lab/artefacts/{artefact_id}/content", response_class=Response, responses=answers_with("json", "npz"))
 def content(artefact_id: str, database: Db, files: Files) -> Response:
     """The artefact's own file, as its id says."""
     with database.session() as s:
@@ -389,6 +391,6 @@ def _exported(artefact_id: str, database: Db, files: Files, write: Callable[[Pol
 def _download(data: bytes, filename: str) -> Response:
     return Response(
         data,
-        media_type="application/octet-stream",
+        media_type=media_of(filename),
         headers={"Content-Disposition": f'attachment; filename="{filename}"'},
     )

@@ -16,8 +16,8 @@ from starlette.responses import Response
 
 from backend.api.analyst.flow_pages import (
     CONDITIONED,
+    ENDINGS,
     FIGURE_POLICY,
-    MEDIA_TYPES,
     SIDES,
     Asked,
     Side,
@@ -31,6 +31,7 @@ from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.figure_process import ExplanationOrder, FigureError
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.media import MEDIA, answers_with
 from backend.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, checked
 from backend.learning.errors import LearningError
 from backend.store.artefacts import ArtefactStore
@@ -115,7 +116,7 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
     )
 
 
-@router.get("/lab/explain/{letter}/{name}")
+@router.get("/lab/explain/{letter}/{name}", response_class=Response, responses=answers_with(*ENDINGS))
 def explanation_file(request: Request, letter: str, name: str, database: Db, files: Files) -> Response:
     """One file of one side's figure that the rest of the address asks for."""
     t = services_of(request).texts.get(lab_language(request))
@@ -141,7 +142,7 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
     ending = name.rpartition(".")[2]
     if ending != "png":
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    return Response(made.figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
+    return Response(made.figure.files[name], media_type=MEDIA[ending], headers=headers)
 
 
 def _options(given: Mapping[str, str]) -> Options:

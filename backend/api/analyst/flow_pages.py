@@ -21,6 +21,7 @@ from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.figure_process import FigureError, FlowOrder
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from backend.api.core.media import MEDIA, answers_with
 from backend.api.core.permits import may_with, seen_artefacts
 from backend.api.core.roles import Right, Rights
 from backend.api.stage.replay_stages import Replay
@@ -39,7 +40,7 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 SIDES = ("a", "b")
 CONDITIONED = "conditioned_policy"
 KINDS = ("policy", CONDITIONED)
-MEDIA_TYPES = {"png": "image/png", "svg": "image/svg+xml", "csv": "text/csv"}
+ENDINGS = ("png", "svg", "csv")
 # Inline styles are how matplotlib colours an SVG; nothing else may happen in a figure that is opened by itself.
 FIGURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
@@ -142,7 +143,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
     )
 
 
-@router.get("/lab/flow-field/{name}")
+@router.get("/lab/flow-field/{name}", response_class=Response, responses=answers_with(*ENDINGS))
 def flow_file(request: Request, name: str, database: Db, files: Files) -> Response:
     """One file of the figure that the rest of the address asks for."""
     t = services_of(request).texts.get(lab_language(request))
@@ -167,7 +168,7 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     ending = name.rpartition(".")[2]
     if ending != "png":
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    return Response(figure.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
+    return Response(figure.files[name], media_type=MEDIA[ending], headers=headers)
 
 
 def first_scene() -> int:

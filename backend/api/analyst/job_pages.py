@@ -20,6 +20,7 @@ from backend.api.analyst.job_forms import form_fields, typed_values
 from backend.api.analyst.job_rows import line_of, of_participant, ordered, params_of
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
+from backend.api.core.contract import form_of, reply_of
 from backend.api.core.dependencies import Db, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from backend.api.core.permits import in_studies, may_with, seen_jobs
@@ -101,12 +102,15 @@ def new_job(request: Request, kind_name: str, database: Db, again: str = "", stu
         return _form(request, s, kind, values, study=study, again=again)
 
 
+ASKED = sorted({name for kind in KINDS.values() for variant in kind.variants.values() for name in variant.model_fields})
+
+
 async def posted(request: Request) -> FormData:
     """The fields of the form that was sent, for routes that work in a thread."""
     return await request.form()
 
 
-@router.post("/lab/jobs/new/{kind_name}")
+@router.post("/lab/jobs/new/{kind_name}", openapi_extra=form_of(ASKED))
 def launch(
     request: Request, kind_name: str, database: Db, user: CheckedCsrf, form: Annotated[FormData, Depends(posted)]
 ) -> Response:
@@ -145,11 +149,11 @@ def job_live(request: Request, job_id: str, database: Db) -> Response:
 
 
 @router.get("/api/lab/jobs/{job_id}", response_model=JobData)
-def job_state(job_id: str, database: Db) -> dict[str, Any]:
+def job_state(job_id: str, database: Db) -> Response:
     """The job as data, its curves included."""
     with database.session() as s:
         job = _job(s, job_id)
-        return {
+        now = {
             "job": job.id,
             "kind": job.kind,
             "state": job.state,
@@ -160,6 +164,7 @@ def job_state(job_id: str, database: Db) -> dict[str, Any]:
             "result": job.result,
             "curves": {name: _together(lines) for name, lines in curves_of(s, job.id).items()},
         }
+    return reply_of(JobData, now)
 
 
 @router.post("/lab/jobs/{job_id}/cancel")

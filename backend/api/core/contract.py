@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Any
 
@@ -52,6 +52,12 @@ def reply_of(model: type[BaseModel], content: object, status: int = 200) -> Resp
     checked = model.model_validate(content)
     body = checked.__pydantic_serializer__.to_json(checked, by_alias=True, exclude_unset=True)
     return Response(body, status, media_type="application/json")
+
+
+def form_of(fields: Iterable[str]) -> dict[str, Any]:
+    """How a form is published whose fields are read by hand, as they depend on what is asked for."""
+    schema = {"type": "object", "properties": {name: {"type": "string"} for name in fields}}
+    return {"requestBody": {"content": {"application/x-www-form-urlencoded": {"schema": schema}}}}
 
 
 class Trouble(Reply):

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fastapi import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import HTMLResponse, Response
 
+from backend.api.core.contract import Refusal, reply_of
 from backend.api.core.dependencies import page, route_of, services_of
 from backend.api.core.disk import room_left
 from backend.api.core.guides import fitting_guide
@@ -69,10 +70,12 @@ def lab_page(request: Request, template: str, *, status: int = 200, **context: A
 def lab_refusal(request: Request, problem: Exception) -> Response:
     """Show a LabRefusal: a page under /lab, JSON under /api."""
     assert isinstance(problem, LabRefusal)  # noqa: S101 - registered for this class only
-    if request.url.path.startswith("/api/"):
-        return JSONResponse({"error": {"code": problem.code, **problem.values}}, problem.status)
     values = dict(problem.values)
     t = services_of(request).texts.get(lab_language(request))
     if problem.code == "role" and t.knows(f"operating.roles.{values['role']}"):
         values["role"] = t(f"operating.roles.{values['role']}")
+    if request.url.path.startswith("/api/"):
+        words = f"{'lab' if t.knows(f'lab.refusals.{problem.code}') else 'analyst'}.refusals.{problem.code}"
+        message = f"{t(f'{words}.title', **values)}. {t(f'{words}.text', **values)}"
+        return reply_of(Refusal, {"error": {"code": problem.code, "message": message}}, problem.status)
     return lab_page(request, "lab/refusal.html", status=problem.status, code=problem.code, values=values)

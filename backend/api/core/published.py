@@ -21,6 +21,7 @@ from app import orders
 from backend.api.core.auth import SignedIn
 from backend.api.core.contract import Refusal
 from backend.api.core.lab_frame import lab_page
+from backend.api.core.media import media_of
 
 router = APIRouter(tags=["contract"])
 TYPES = Path(__file__).resolve().parents[3] / "frontend" / "static" / "js" / "contract.d.ts"
@@ -30,7 +31,7 @@ METHODS = ("get", "post", "put", "delete", "patch")
 
 
 def openapi_of(application: FastAPI) -> dict[str, Any]:
-    """OpenAPI 3.1 of the application. Routes that answer with no model answer with a page or a file."""
+    """OpenAPI 3.1 of the application. Routes that answer with no model answer with a page or a file (`media.py`)."""
     if application.openapi_schema is None:
         schema = get_openapi(
             title=application.title, version=application.version, description=ABOUT, routes=application.routes
@@ -39,11 +40,11 @@ def openapi_of(application: FastAPI) -> dict[str, Any]:
         components = schema.setdefault("components", {}).setdefault("schemas", {})
         components |= refusal["$defs"]
         refused = {"application/json": {"schema": {"$ref": "#/components/schemas/Refusal"}}}
-        for _, operation in operations(schema):
+        for (_, path), operation in operations(schema):
             for status, answer in operation["responses"].items():
-                content = answer.get("content", {}).get("application/json")
-                if content is not None and not content.get("schema"):
-                    answer["content"] = {"text/html": {}}
+                content = answer.get("content", {})
+                if content.get("application/json", {"schema": True}).get("schema") == {}:
+                    answer["content"] = {media_of(path): {}}
                 elif status == "422":
                     answer |= {"description": "Refused", "content": refused}
         for unused in ("HTTPValidationError", "ValidationError"):

@@ -11,10 +11,11 @@ from fastapi import APIRouter, Depends, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.analyst.flow_pages import FIGURE_POLICY, MEDIA_TYPES
+from backend.api.analyst.flow_pages import FIGURE_POLICY
 from backend.api.core.auth import checked_csrf
 from backend.api.core.dependencies import Db, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.core.media import MEDIA, answers_with
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.api.lab.whole_reports import MadeFrom, ReportFiles
 from backend.store.models import Study
@@ -23,7 +24,6 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
 WHO = ("people", "simulated")
 SHOWN = ("html", "png", "svg")  # endings of what is looked at; all else is data
-REPORT_MEDIA = MEDIA_TYPES | {"html": "text/html; charset=utf-8", "json": "application/json"}
 
 
 def _study_of(s: DatabaseSession, study_id: str, who: str) -> Study:
@@ -83,7 +83,11 @@ def analysis_findings(request: Request, study_id: str, who: str, name: str, data
     return _file(request, study_id, who, f"{name}.json", database)
 
 
-@router.get("/lab/studies/{study_id}/analysis/{who}/{name:path}")
+@router.get(
+    "/lab/studies/{study_id}/analysis/{who}/{name:path}",
+    response_class=Response,
+    responses=answers_with("html", "png", "svg", "csv", "json"),
+)
 def analysis_file(request: Request, study_id: str, who: str, name: str, database: Db) -> Response:
     """The report's page, or one of its pictures."""
     if name.rpartition(".")[2] not in SHOWN:
@@ -105,4 +109,4 @@ def _file(request: Request, study_id: str, who: str, name: str, database: Db) ->
     headers = {"Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
     if ending not in SHOWN:
         headers["Content-Disposition"] = f'attachment; filename="{name.rpartition("/")[2]}"'
-    return Response(report.files[name], media_type=REPORT_MEDIA[ending], headers=headers)
+    return Response(report.files[name], media_type=MEDIA[ending], headers=headers)

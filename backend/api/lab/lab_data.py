@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from datetime import datetime
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any
+
+from pydantic import GetJsonSchemaHandler, JsonValue, TypeAdapter
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from backend.api.core.contract import Reply
+from backend.jobs.kinds import KINDS
 
 
 class PersonNow(Reply):
@@ -23,7 +31,7 @@ class PersonNow(Reply):
     flags: list[str]
     pilot: bool
     trial_s: float | None
-    last_seen_at: Any
+    last_seen_at: datetime | None
 
 
 class StageNow(Reply):
@@ -34,6 +42,17 @@ class StageNow(Reply):
     dropped: int
 
 
+class OrderNow(Reply):
+    """One order of conditions with the people who got it. held: places that count when the next one is given."""
+
+    row: int | None
+    order: list[str]
+    groups: list[str]
+    counts: dict[str, int]
+    held: int
+    attrition: float | None
+
+
 class Monitor(Reply):
     """A study as it stands now."""
 
@@ -42,11 +61,20 @@ class Monitor(Reply):
     people: list[PersonNow]
     stages: list[StageNow]
     median_trial_s: float | None
-    orders: list[dict[str, Any]]
+    orders: list[OrderNow]
+
+
+class _AsParams:
+    """Published as the parameters of all kinds of job; stored ones of older versions are told as they were asked."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, _: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        asked: Any = reduce(or_, (variant for kind in KINDS.values() for variant in kind.variants.values()))
+        return {"anyOf": [handler(TypeAdapter(asked).core_schema), {"type": "object", "additionalProperties": True}]}
 
 
 class JobData(Reply):
-    """A job with its curves: (step, value) by name."""
+    """A job with its curves: (step, value) by name. result: what its kind found, as its card says it."""
 
     job: str
     kind: str
@@ -54,6 +82,6 @@ class JobData(Reply):
     progress: float
     message: str | None
     error: str | None
-    params: dict[str, Any]
-    result: dict[str, Any] | None
+    params: Annotated[dict[str, JsonValue], _AsParams]
+    result: dict[str, JsonValue] | None
     curves: dict[str, list[tuple[int, float]]]

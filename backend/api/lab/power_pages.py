@@ -14,10 +14,11 @@ from fastapi import APIRouter, Depends, Form, Request
 from pydantic import BaseModel, Field
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.analyst.flow_pages import FIGURE_POLICY, MEDIA_TYPES
+from backend.api.analyst.flow_pages import ENDINGS, FIGURE_POLICY
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.core.media import MEDIA, answers_with
 from backend.api.lab import power_runs
 from backend.api.lab.new_study import TheDraft
 from backend.api.lab.power_runs import NUMBERS, PowerAsked, PowerAskedError, TooManyError
@@ -91,7 +92,7 @@ def begin_of_draft(
     return _begin(request, _of_draft(services, draft), form)
 
 
-@router.get("/lab/new/{draft_id}/power/{name}")
+@router.get("/lab/new/{draft_id}/power/{name}", response_class=Response, responses=answers_with(*ENDINGS))
 def draft_power_file(request: Request, services: TheServices, draft: TheDraft, name: str) -> Response:
     """The figure, or its rows."""
     return _file(request, _of_draft(services, draft), name)
@@ -110,7 +111,7 @@ def begin_of_study(
     return _begin(request, _of_study(services, study_id), form)
 
 
-@router.get("/lab/studies/{study_id}/power/{name}")
+@router.get("/lab/studies/{study_id}/power/{name}", response_class=Response, responses=answers_with(*ENDINGS))
 def study_power_file(request: Request, services: TheServices, study_id: str, name: str) -> Response:
     """The figure, or its rows."""
     return _file(request, _of_study(services, study_id), name)
@@ -188,7 +189,7 @@ def _file(request: Request, subject: _Subject, name: str) -> Response:
     ending = name.rpartition(".")[2]
     if ending == "csv":
         headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    return Response(run.files[name], media_type=MEDIA_TYPES[ending], headers=headers)
+    return Response(run.files[name], media_type=MEDIA[ending], headers=headers)
 
 
 def _runs(request: Request) -> power_runs.PowerRuns:

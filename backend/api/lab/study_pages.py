@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Request
 from sqlalchemy.orm import Session as DatabaseSession
@@ -18,8 +18,10 @@ from starlette.responses import FileResponse, RedirectResponse, Response
 from backend.api.core.addresses import public_url
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, SignedIn, checked_csrf
+from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import Db, Files, contact
 from backend.api.core.lab_frame import LabRefusal, lab_page, rights_in
+from backend.api.core.media import answers_with
 from backend.api.core.permits import in_studies
 from backend.api.lab import (
     analysis_pages,
@@ -105,13 +107,13 @@ def now(request: Request, study_id: str, database: Db) -> Response:
 
 
 @router.get("/api/lab/studies/{study_id}/monitor", response_model=Monitor)
-def monitor(study_id: str, database: Db) -> dict[str, Any]:
+def monitor(study_id: str, database: Db) -> Response:
     """The Now tab as data: one object per participant, and how many are in and were lost at each stage."""
     with database.session() as s:
         study = the_study(s, study_id)
         everyone = people_rows.people(s, study.id, utc_now())
         newest = newest_protocol(s, study)[1].protocol
-        return {
+        now = {
             "study": study.id,
             "state": study.state,
             "people": [
@@ -140,6 +142,7 @@ def monitor(study_id: str, database: Db) -> dict[str, Any]:
             "median_trial_s": people_rows.median_trial_s(everyone),
             "orders": [asdict(line) for line in assignment_table(s, study, newest, now=utc_now())],
         }
+    return reply_of(Monitor, now)
 
 
 @router.get("/lab/studies/{study_id}/people")
@@ -285,7 +288,7 @@ def data(request: Request, study_id: str, database: Db) -> Response:
         )
 
 
-@router.post("/lab/studies/{study_id}/export")
+@router.post("/lab/studies/{study_id}/export", response_class=Response, responses=answers_with("zip"))
 def export(
     request: Request,
     study_id: str,

@@ -10,7 +10,7 @@ from datetime import timedelta
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import StreamingResponse
+from fastapi.responses import Response, StreamingResponse
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.dependencies import Services, services_of
@@ -33,7 +33,9 @@ STREAM_WAIT_LOOK_S = 0.7  # while somebody waits for a job, whose progress comes
 SEEN_EVERY = timedelta(seconds=20)
 
 
-@router.get("/api/session/{token}/stream")
+@router.get(
+    "/api/session/{token}/stream", response_class=Response, responses={200: {"content": {"text/event-stream": {}}}}
+)
 async def stream(token: str, request: Request) -> StreamingResponse:
     """Server-sent events: `state` (look again), `job` (progress while waiting), `moved` (another window took over)."""
     services = services_of(request)
