@@ -53,8 +53,8 @@ def offered() -> ColumnElement[bool]:
 
 
 def uses_of(s: Session, artefact_id: str) -> Uses:
-    """What hangs on an artefact. Raises ArtefactError if there is none."""
-    artefact = _artefact(s, artefact_id)
+    """What hangs on an artefact; locks nothing, so that it can be looked at. Raises ArtefactError if there is none."""
+    artefact = _artefact(s, artefact_id, lock=False)
     made = (
         select(Artefact)
         .join(ArtefactParent, ArtefactParent.artefact_id == Artefact.id)
@@ -121,8 +121,8 @@ def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artef
     return artefact
 
 
-def _artefact(s: Session, artefact_id: str) -> Artefact:
-    artefact = s.get(Artefact, artefact_id, with_for_update=True)
+def _artefact(s: Session, artefact_id: str, *, lock: bool = True) -> Artefact:
+    artefact = s.get(Artefact, artefact_id, with_for_update=lock or None)
     if artefact is None:
         raise ArtefactError(f"no artefact with id {artefact_id!r}")
     return artefact
