@@ -227,7 +227,7 @@ def test_curves_are_there_as_data_csv_and_svg(analyst, known):
     name, points = next(iter(curves.items()))
     assert "polyline" in analyst.get(f"/lab/jobs/{job}").text
     lines = analyst.get(f"/lab/jobs/{job}/curves/{name}.csv").text.splitlines()
-    assert lines[0] == f"step,{name}"
+    assert lines[0] == f"updates,{name}"  # what this kind of job counts
     assert [[float(value) for value in line.split(",")] for line in lines[1:]] == points
     assert analyst.get(f"/lab/jobs/{job}/curves/{name}.svg").text.startswith("<svg")
     assert analyst.get(f"/lab/jobs/{job}/curves/elsewhere.svg").status_code == 404
