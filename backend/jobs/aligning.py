@@ -13,10 +13,19 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from backend.jobs.alignment_algorithms import aligned
-from backend.jobs.answers import described, fit_of, keep_reward_model, prediction_of, preferences_of, snapshot_of
+from backend.jobs.answers import (
+    described,
+    fit_of,
+    keep_reward_model,
+    posterior_of_person,
+    prediction_of,
+    preferences_of,
+    snapshot_of,
+)
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
 from backend.jobs.kinds import AlignParams, ConditionedAlignParams
+from backend.learning.alignment.never_worse import better_for_person
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.stand_ins import stand_in_name, stand_in_policy
 from backend.learning.preferences.objectives import preference_weights
@@ -44,7 +53,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
     `scene` a hash, `base` and `own` ids of stored trajectories; empty where the policy may not be shown. `yoked`: the
     same with `other` instead of `base`, in other scenes, where another participant's policy or a stand-in is named;
-    `neutral`: with the conditioned policy without preferences, where that is asked for.
+    `neutral`: with the conditioned policy without preferences, where that is asked for. Of one person's answers also
+    `personal` (`PersonalVerdict`: below `surely_better` it is not shown as theirs) and `check` (`PredictiveCheck`).
     """
     began = time.monotonic()
     answers = snapshot_of(context, params.snapshot)
@@ -66,6 +76,15 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
     context.progress(0.03)
     made = aligned(context, params, base, model)
+    believed = posterior_of_person(of_participant)
+    verdict = None
+    if believed is not None and params.surely_better:
+        verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
+    may_be_shown = made.may_be_shown and (verdict is None or verdict.passed)
+    own = {
+        **({"personal": verdict.as_dict()} if verdict is not None else {}),
+        **({"check": believed[1].as_dict()} if believed is not None else {}),
+    }
     # `passed` here is the gate's; what a search finds must be better, too (`passed` of the result)
     gate = made.gate.as_dict()
     with context.database.session() as s:
@@ -80,7 +99,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
         params=params,
         config=made.config,
-        results={"gate": gate, "predicted": predicted, **made.results},
+        results={"gate": gate, "predicted": predicted, **own, **made.results},
         parents=[*parents, *made.parents],
         scenes={"gate": describe(Purpose.GATE, made.gate.scenes, params.seed), **made.scenes},
         departures=made.departures,
@@ -88,7 +107,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     context.progress(0.93)
     comparisons: list[dict[str, Any]] = []
     further: dict[str, list[dict[str, Any]]] = {}
-    if made.may_be_shown and params.comparisons:
+    if may_be_shown and params.comparisons:
         comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (made.policy, policy))
         seen = {one["scene_seed"] for one in comparisons}
         for against, rival in _rivals(context, params, setup).items():
@@ -101,9 +120,10 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "training_accuracy": fitted["training_accuracy"],
         "held_out": fitted.get("held_out"),
         "predicted": predicted,
-        "passed": made.may_be_shown,
+        "passed": may_be_shown,
         "gate": gate,
         **made.beside,
+        **own,
         "comparisons": comparisons,
         "yoked": further.get("other", []),
         **({"neutral": further["neutral"]} if "neutral" in further else {}),

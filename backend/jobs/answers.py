@@ -8,11 +8,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import Params
+from backend.learning.errors import TooFewAnswers
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.preferences.free_posterior import FreePosterior
 from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.preferences.preferences import Preference
+from backend.learning.preferences.predictive_check import PredictiveCheck, checked_answers
+from backend.learning.preferences.preferences import Preference, usable
 from backend.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from backend.learning.rewards.interface_network import InterfaceConfig, fit_interface
 from backend.learning.rewards.linear import LinearConfig, fit_linear
@@ -112,6 +118,21 @@ def prediction_of(
         folds=FOLDS if model in ("weights", "linear") else SLOW_FOLDS,
         seed=seed,
     )
+
+
+def posterior_of_person(
+    of_participant: Mapping[str, Sequence[Preference]],
+) -> tuple[FreePosterior, PredictiveCheck] | None:
+    """What is believed of the one person whose answers these are, and whether they look like it; None of several
+    people, and where nothing about two different trajectories was answered."""
+    if len(of_participant) != 1:
+        return None
+    try:
+        setup, kept = usable(next(iter(of_participant.values())), fewest=1)
+    except TooFewAnswers:
+        return None
+    differences = PairDifferences.of(setup.name, [(one.chosen, one.rejected) for one in kept])
+    return checked_answers(differences, np.ones(len(kept), dtype=np.bool_))
 
 
 def described(model: RewardModel) -> dict[str, Any]:

@@ -27,7 +27,12 @@ def waiting(walker):
     return walker
 
 
-def end_job(database, files, study, *, passed=True, comparisons=3, state="succeeded"):
+CHECK = {"verdict": "as_claimed", "answers": 6, "foretold": 5, "claimed": 4.2, "p_value": 0.9, "log_score": -0.4}
+CHECK |= {"something_else": 0.8, "words": {"jerk": -1.0, "free_range_ahead": 0.6}}
+UNSURE = {"passed": False, "probability_better": 0.62, "needed": 0.9, "scenes": 200, "something_else": 0.8}
+
+
+def end_job(database, files, study, *, passed=True, comparisons=3, state="succeeded", **more):
     """What the worker writes when the alignment has ended, with stored drives standing in for the policies' own."""
     with database.transaction() as s:
         queries = queries_of_study(s, files, study)[:comparisons]
@@ -41,6 +46,7 @@ def end_job(database, files, study, *, passed=True, comparisons=3, state="succee
             "comparisons": [
                 {"base": q.trajectory_a, "own": q.trajectory_b, "look_alike": k == 1} for k, q in enumerate(queries)
             ],
+            **more,
         }
 
 
@@ -105,6 +111,8 @@ def test_fewer_pairs_than_planned_are_shown_and_the_guess_is_about_the_last_of_t
     ("job", "outcome"),
     [
         ({"passed": False}, "gate_not_passed"),
+        ({"passed": False, "gate": {"passed": False}, "personal": UNSURE}, "gate_not_passed"),
+        ({"passed": False, "gate": {"passed": True}, "personal": UNSURE}, "not_surely_better"),
         ({"comparisons": 0}, "no_scenes"),
         ({"state": "failed"}, "job_failed"),
         ({"state": "cancelled"}, "job_failed"),
@@ -119,6 +127,15 @@ def test_without_a_policy_to_show_the_session_ends_kindly_and_says_why(database,
     with database.session() as s:
         event = s.scalars(select(Event).where(Event.kind == "personalisation")).one()
     assert event.data["outcome"] == outcome
+
+
+def test_whether_answers_look_like_what_is_believed_is_kept_with_the_session(database, files, study, waiting):
+    end_job(database, files, study, check=CHECK, personal=UNSURE | {"passed": True, "probability_better": 0.95})
+    settle(waiting)
+    kept = state(database, waiting).predictive_check
+    assert (kept["verdict"], kept["something_else"], kept["personal"]["probability_better"]) == (
+        "as_claimed", 0.8, 0.95,
+    )  # fmt: skip
 
 
 def test_a_job_that_is_late_is_waited_for_only_so_long(database, walker):

@@ -60,6 +60,7 @@ class Person:
     problems: int
     flags: tuple[str, ...]
     personalisation: str | None
+    predictive_check: Mapping[str, Any] | None
     last_seen_at: datetime | None
     started_at: datetime | None
     finished_at: datetime | None
@@ -136,6 +137,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
                 trial_s=seen.trial_s,
                 order=_order_of(session.assignment),
                 personalisation=session.personalisation,
+                predictive_check=session.predictive_check,
                 last_seen_at=session.last_seen_at,
                 started_at=session.started_at,
                 finished_at=session.finished_at,

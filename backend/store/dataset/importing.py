@@ -51,7 +51,7 @@ from backend.store.models import Session as SessionRow
 # Columns that are called as in the database.
 PARTICIPANT_FIELDS = ("simulated", "pilot", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
 SESSION_FIELDS = (
-    *("state", "language", "simulated", "seed", "plan", "position", "device", "personalisation"),
+    *("state", "language", "simulated", "seed", "plan", "position", "device", "personalisation", "predictive_check"),
     *("created_at", "opens_at", "started_at", "finished_at", "last_seen_at", "expires_at"),
     *("ended_because", "appointment", "protocol_number", "assignment"),
 )

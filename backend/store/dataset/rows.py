@@ -118,6 +118,7 @@ class Content:
                 "position": row.position,
                 "device": as_json(row.device),
                 "personalisation": row.personalisation,
+                "predictive_check": as_json(row.predictive_check),
                 "created_at": row.created_at,
                 "opens_at": row.opens_at,
                 "started_at": row.started_at,

@@ -80,7 +80,17 @@ SESSIONS = Table(
             "personalisation",
             TEXT,
             "whether the comparison with the own policy was shown, and why not: shown, too_few_answers, job_failed, "
-            "late, gate_not_passed, no_consent (to learning from the answers), no_scenes",
+            "late, gate_not_passed, not_surely_better (for this very person), no_consent (to learning from the "
+            "answers), no_scenes",
+        ),
+        Column(
+            "predictive_check",
+            TEXT,
+            "whether the answers look like what is believed of them: answers foretold one by one, how many came true "
+            "and should have, p; something_else: probability that they are about more than the nine objectives; "
+            "personal: probability that the own policy is better for this person",
+            json=True,
+            newer=True,
         ),
         Column("created_at", MOMENT, "when the session was made"),
         Column("opens_at", MOMENT, "later appointments: from when the link worked"),

@@ -121,6 +121,7 @@ class Session(Base):
     device: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
     completion_code: Mapped[str | None] = mapped_column(String(40))
     personalisation: Mapped[str | None] = mapped_column(String(40))  # why a comparison was or was not shown
+    predictive_check: Mapped[dict[str, Any] | None] = mapped_column(JSON)  # whether answers look like what is believed
     assignment: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     appointment: Mapped[int] = mapped_column(Integer, default=1, server_default="1")
     protocol_number: Mapped[int] = mapped_column(Integer, default=1, server_default="1")

@@ -95,6 +95,7 @@ class Wait(Kind[WaitStep, Confirmed]):
         planned = [(i, step) for i, step in enumerate(acting.plan) if isinstance(step, ComparisonStep)]
         shown = alignment_jobs.make_comparisons(acting, planned) if outcome == "shown" else 0
         acting.session.personalisation = outcome
+        acting.session.predictive_check = alignment_jobs.check_of(acting.s, acting.session)
         log_event(acting.s, "personalisation", session_id=acting.session.id, outcome=outcome, comparisons=shown)
         past = () if shown else (ComparisonStep, GuessStep)
         after = range(acting.session.position + 1, len(acting.plan))

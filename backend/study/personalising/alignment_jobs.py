@@ -156,6 +156,16 @@ def ready_job(s: DatabaseSession, session: Session) -> Job | None:
     return next((job for job in jobs_of(s, session) if verdict(job) == "shown"), None)
 
 
+def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
+    """Whether the session's answers look like what is believed of them (`PredictiveCheck`), with `personal`, the
+    verdict on the policy that was judged last; None where no job has said so."""
+    for job in jobs_of(s, session):
+        result = job.result or {}
+        if "check" in result:
+            return {**result["check"], "personal": result.get("personal")}
+    return None
+
+
 def progress_of(s: DatabaseSession, session: Session) -> float:
     """How far the learning is that somebody waits for, 0 to 1: of each snapshot the furthest job, on average."""
     furthest: dict[str, float] = {}
@@ -169,8 +179,8 @@ def outcome_of(moment: Moment) -> str | None:
     """How the learning stands for somebody who waits: None means not ready and still worth waiting for. Of several
     recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
 
-    Else: shown, job_failed, late, gate_not_passed, too_few_answers, no_consent, no_scenes (a policy that
-    passed the gate, but no scene in which both trajectories can be compared).
+    Else: shown, job_failed, late, gate_not_passed, not_surely_better (for this very person), too_few_answers,
+    no_consent, no_scenes (a policy that passed the gate, but no scene in which both trajectories can be compared).
     """
     s, session, training = moment.s, moment.session, moment.frozen.training
     if session.personalisation is not None or training is None:

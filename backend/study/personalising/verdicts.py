@@ -11,6 +11,9 @@ def verdict(job: Job, *, rated: bool = False) -> str | None:
     if job.state == "succeeded":
         result = job.result or {}
         if not result.get("passed"):
-            return "gate_not_passed"
+            personal = result.get("personal")
+            gate = result.get("gate") or {}
+            unsure = personal is not None and not personal["passed"] and gate.get("passed")
+            return "not_surely_better" if unsure else "gate_not_passed"
         return "shown" if result.get("comparisons") or (rated and result.get("situations")) else "no_scenes"
     return "job_failed" if job.state in ("failed", "cancelled", "cancelling") else None

@@ -1,0 +1,55 @@
+"""Is a policy better than the usual one for this very person? By their own posterior, in scenes that chose nothing.
+
+Whether it drives well enough for anybody is `gate.py`'s. Both together decide what is shown as somebody's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.policies.policy import Policy
+from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.setups import get_setup, require_same
+from backend.simulation.trajectory import Outcome
+
+SURE = 0.9
+"""Issue 15: shown as personal only where it is better for this person with at least this probability."""
+SCENES = 200  # ours; half a second of a core
+JUDGING_SEED = 10_000  # of the gate's scenes, beyond those that any gate has
+
+
+@dataclass(frozen=True)
+class PersonalVerdict:
+    """probability_better: that this person prefers its rollouts to the base policy's, on average over the scenes in
+    which both arrive. scenes: how many these were; needed: what was asked; something_else: probability that what the
+    answers are about is not among the nine objectives."""
+
+    passed: bool
+    probability_better: float
+    needed: float
+    scenes: int
+    something_else: float
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def better_for_person(
+    posterior: FreePosterior, own: Policy, base: Policy, *, seed: int, needed: float = SURE, scenes: int = SCENES
+) -> PersonalVerdict:
+    """Both policies roll out in the same scenes. Raises SetupError where setups differ."""
+    setup = get_setup(require_same(own=own.setup, base=base.setup, answers=posterior.setup))
+    drawn = scene_set(setup.name, scenes, purpose=Purpose.GATE, seed=JUDGING_SEED + seed)
+    driven = [rollout(setup, policy.rollout_policy, drawn) for policy in (own, base)]
+    both = [pair for pair in zip(*driven, strict=True) if all(one.outcome == Outcome.SUCCESS for one in pair)]
+    moved = [pair for pair in both if not np.array_equal(pair[0].poses, pair[1].poses)]
+    if not moved:  # the same policy is not better
+        return PersonalVerdict(needed <= 0.5, 0.5, needed, len(both), posterior.something_else())
+    probable = posterior.probability_better(PairDifferences.of(setup.name, both))
+    return PersonalVerdict(probable >= needed, probable, needed, len(both), posterior.something_else())

@@ -1,0 +1,68 @@
+"""A policy is somebody's own only where it is better for them, by their own answers; answers that cannot be foretold
+say so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.learning.alignment.never_worse import better_for_person
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.policies.shipped import load_conditioned, load_policy
+from backend.learning.preferences.free_posterior import FreeConfig
+from backend.learning.preferences.objectives import preference_weights
+from backend.learning.preferences.oracles import make_oracle
+from backend.learning.preferences.posterior import PosteriorConfig
+from backend.learning.preferences.predictive_check import PredictiveCheck, _so_many, checked_answers
+from backend.learning.queries.queries import QuerySet
+
+CONFIG = FreeConfig(posterior=PosteriorConfig(particles=3_000))
+
+
+@pytest.fixture(scope="module")
+def differences(study_queries: QuerySet) -> PairDifferences:
+    return PairDifferences.of("study_room", [(q.trajectory_a, q.trajectory_b) for q in study_queries.queries[:40]])
+
+
+def test_a_policy_is_shown_to_who_wants_it_and_to_nobody_else(
+    study_queries: QuerySet, differences: PairDifferences
+) -> None:
+    base = load_policy("study_room/base")
+    farther = load_conditioned("study_room/conditioned").at(preference_weights({"farther": 1.0})).without_critic()
+    verdicts = {}
+    for name in ("min-human-distance", "closer", "random"):
+        chosen = np.equal(make_oracle(name, seed=3).choices(study_queries.queries[:40]), 0)
+        posterior, _ = checked_answers(differences[:15], chosen[:15], CONFIG)
+        verdicts[name] = better_for_person(posterior, farther, base, seed=0, scenes=40)
+    assert verdicts["min-human-distance"].passed
+    assert verdicts["min-human-distance"].probability_better > 0.95
+    assert not verdicts["closer"].passed
+    assert verdicts["closer"].probability_better < 0.2
+    assert not verdicts["random"].passed
+
+
+def test_the_usual_policy_is_not_better_than_itself(study_queries: QuerySet, differences: PairDifferences) -> None:
+    base = load_policy("study_room/base")
+    posterior, _ = checked_answers(differences[:2], np.array([True, False]), CONFIG)
+    verdict = better_for_person(posterior, base, base, seed=0, scenes=5)
+    assert (verdict.passed, verdict.probability_better) == (False, 0.5)
+
+
+def test_answers_that_can_be_foretold_come_true_as_claimed(
+    study_queries: QuerySet, differences: PairDifferences
+) -> None:
+    chosen = np.equal(make_oracle("min-human-distance").choices(study_queries.queries[:15]), 0)
+    _, check = checked_answers(differences[:15], chosen, CONFIG)
+    assert (check.answers, check.verdict) == (15, "as_claimed")
+    assert check.foretold >= 10
+    assert check.log_score > np.log(0.5)
+    assert check.something_else < 0.5
+    _, few = checked_answers(differences[:2], chosen[:2], CONFIG)
+    assert few.verdict == "too_few_answers"
+
+
+def test_who_answers_otherwise_than_claimed_is_told() -> None:
+    told = PredictiveCheck(20, 8, 17.0, float(_so_many(np.full(20, 0.85))[:9].sum()), -1.2, 0.7, {"jerk": -1.0})
+    assert told.p_value < 0.001
+    assert told.as_dict()["verdict"] == "overclaimed"
+    assert _so_many(np.array([0.5, 0.5])) == pytest.approx([0.25, 0.5, 0.25])
