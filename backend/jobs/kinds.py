@@ -106,7 +106,7 @@ class AlignParams(Params):
     gate_scenes: int = _from("ours", 500, ge=50, le=5_000, advanced=True)
     gate_min_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
     gate_max_loss: float = _from("ours_five_points", 0.05, ge=0, le=1, advanced=True)
-    surely_better: float = _from("ours_surely_better", 0.9, ge=0, le=1, advanced=True)
+    surely_better: float = _from("ours_surely_better", 0.0, ge=0, le=1, advanced=True)
     comparisons: int = _from("from_protocol", 3, ge=0, le=10, advanced=True)
     hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
     other: str | None = Field(

@@ -34,6 +34,8 @@ somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."
 EVERY_PAIR = 4  # ch. 2: situations of an environment
 MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
 """Opponent -> where a job's result has the rollouts against it."""
+SURELY_BETTER = 0.9
+"""With what probability a policy has to be better for this very person before it is shown as theirs."""
 LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene sets
 
 
@@ -98,6 +100,7 @@ def start_training(acting: Acting) -> None:
                 "other": None,
                 **lent,
                 **neutral,
+                "surely_better": SURELY_BETTER,
                 "symmetry": acting.frozen.protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
                 **recipe,
