@@ -23,7 +23,7 @@ from app.beside import Beside
 from backend.api.analyst.csv_files import csv_response
 from backend.api.analyst.path_rows import (
     Controller,
-    Drawn,
+    KeptPath,
     Placed,
     Who,
     attempts_of,
@@ -63,13 +63,13 @@ class Place:
 
     environment: str
     pair: int
-    rows: Sequence[Drawn]
+    rows: Sequence[KeptPath]
     learned: Mapping[str, Trajectory]
 
     @property
-    def shown(self) -> dict[str, list[Drawn]]:
+    def shown(self) -> dict[str, list[KeptPath]]:
         """Code -> the paths that are learned from; of many people all of them under no code."""
-        people: dict[str, list[Drawn]] = {}
+        people: dict[str, list[KeptPath]] = {}
         for one in self.rows:
             if one.counts:
                 people.setdefault(one.person.code, []).append(one)
@@ -100,7 +100,7 @@ class Place:
         ways: list[ArrayLike] = [np.column_stack([walk.x, walk.y, walk.yaw]) for walk in walks if walk is not None]
         return {t("paths.walked"): ways} if ways else {}
 
-    def in_3d(self, t: Catalogue, watched: Drawn) -> Replay:
+    def in_3d(self, t: Catalogue, watched: KeptPath) -> Replay:
         """All of it on a stage, with a robot that drives one path, and one that drives from there as was learned."""
         drawn, learned = self.groups(t)
         walked = self.walked(t)
@@ -135,7 +135,7 @@ def _places(
     newest = newest_of(controllers, person)
     environments = {environment for environment, _ in places}
     learned = {environment: newest[environment].trajectories(files) for environment in environments & set(newest)}
-    found: dict[Placed, list[Drawn]] = {}
+    found: dict[Placed, list[KeptPath]] = {}
     for one in drawn_paths(s, files, study, who, person, places):
         found.setdefault(one.place, []).append(one)
     return [Place(*place, rows, learned.get(place[0], {}).get(place[1], {})) for place, rows in sorted(found.items())]

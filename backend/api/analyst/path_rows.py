@@ -30,7 +30,7 @@ Placed = tuple[str, int]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class KeptPath:
     """One kept path."""
 
     stroke: StrokeRow
@@ -85,7 +85,7 @@ def drawn_paths(
     who: Who,
     person: Participant | None,
     places: Iterable[Placed],
-) -> list[Drawn]:
+) -> list[KeptPath]:
     """The kept paths that `places_of` counts in some of the places, in their order; flags compare within one
     participant and place. About 5 ms each.
     """
@@ -99,7 +99,7 @@ def drawn_paths(
     made = [Demonstration.from_bytes(files.get(stroke.demonstration or "")) for stroke, _ in rows]
     groups = [(whose.id, stroke.environment, stroke.pair) for stroke, whose in rows]
     return [
-        Drawn(stroke, whose, demonstration, quality)
+        KeptPath(stroke, whose, demonstration, quality)
         for (stroke, whose), demonstration, quality in zip(rows, made, qualities(made, groups), strict=True)
     ]
 

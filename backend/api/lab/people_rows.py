@@ -29,7 +29,7 @@ UNDER_WAY = ("here", "away", "paused")
 
 
 @dataclass(frozen=True)
-class Person:
+class PersonRow:
     """A participant with the newest session, as one row.
 
     `presence`: here, away, paused, silent, completed, withdrawn, screened_out or expired. `progress` in [0, 1].
@@ -75,7 +75,7 @@ class Person:
         return 1.0 if self.presence == "completed" else self.position / max(1, self.steps)
 
 
-def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None = None) -> list[Person]:
+def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None = None) -> list[PersonRow]:
     """Every participant of a study, in the order in which they joined; only: the participant of that id."""
     of_study = and_(Session.study_id == study_id, true() if only is None else Session.participant_id == only)
     whose = Session.participant_id
@@ -111,7 +111,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
             flags.append("restarts")
         flags += [flag for flag in seen.flags if not (flag == "too_fast" and participant.simulated)]
         rows.append(
-            Person(
+            PersonRow(
                 id=participant.id,
                 code=participant.code,
                 simulated=participant.simulated,
@@ -149,7 +149,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
     return rows
 
 
-def shown(everyone: Sequence[Person], show: str) -> list[Person]:
+def shown(everyone: Sequence[PersonRow], show: str) -> list[PersonRow]:
     """The people a filter names, several filters with commas: all, a presence, under_way, dropped, excluded, kept
     (neither excluded nor withdrawn), simulated, people, flagged, stage:NAME, dropped:STAGE, personalisation:OUTCOME,
     order:ORDER, flag:FLAG. An unknown one shows nobody."""
@@ -159,7 +159,7 @@ def shown(everyone: Sequence[Person], show: str) -> list[Person]:
     return found
 
 
-def _fits(p: Person, kind: str, value: str) -> bool:
+def _fits(p: PersonRow, kind: str, value: str) -> bool:
     match kind:
         case "all":
             return True
@@ -186,7 +186,7 @@ def _fits(p: Person, kind: str, value: str) -> bool:
     return p.presence == kind
 
 
-SORTS: dict[str, Callable[[Person], Any]] = {
+SORTS: dict[str, Callable[[PersonRow], Any]] = {
     "code": lambda p: p.code,
     "presence": lambda p: p.presence,
     "progress": lambda p: p.progress,
@@ -198,7 +198,7 @@ SORTS: dict[str, Callable[[Person], Any]] = {
 }
 
 
-def found(everyone: Sequence[Person], searched: str, sort: str) -> list[Person]:
+def found(everyone: Sequence[PersonRow], searched: str, sort: str) -> list[PersonRow]:
     """Those whose code holds what was searched for, sorted by a column (`-` before it: the largest first), by when they
     joined where it is none of SORTS. People without a value stand last."""
     wanted = [p for p in everyone if searched.strip().lower() in p.code.lower()]
@@ -210,7 +210,7 @@ def found(everyone: Sequence[Person], searched: str, sort: str) -> list[Person]:
     return sorted(there, key=key, reverse=sort.startswith("-")) + missing
 
 
-def stages_of(everyone: Sequence[Person], plan_stages: Sequence[str]) -> list[tuple[str, int, int]]:
+def stages_of(everyone: Sequence[PersonRow], plan_stages: Sequence[str]) -> list[tuple[str, int, int]]:
     """(stage, under way in it, dropped out in it) in the protocol's order; stages nobody is in are kept."""
     order = list(dict.fromkeys([*plan_stages, *(p.stage for p in everyone)]))
     return [
@@ -223,7 +223,7 @@ def order_name(line: OrderLine) -> str:
     return _order_name(line.order, line.groups)
 
 
-def median_trial_s(everyone: Sequence[Person]) -> float | None:
+def median_trial_s(everyone: Sequence[PersonRow]) -> float | None:
     """The median over people of their median time per trial (s); simulated participants do not count."""
     times = [p.trial_s for p in everyone if p.trial_s is not None and not p.simulated]
     return median(times) if times else None

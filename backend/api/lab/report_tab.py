@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.lab import people_rows
 from backend.api.lab.answer_rows import Answer, AnswerFilter, agreement, answers
-from backend.api.lab.people_rows import Person
+from backend.api.lab.people_rows import PersonRow
 from backend.store.models import MARKS, Study
 from backend.study.protocol.freezing import thaw
 
@@ -113,7 +113,7 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
     )
 
 
-def _minutes(person: Person) -> float | None:
+def _minutes(person: PersonRow) -> float | None:
     """How long a completed session took, pauses included."""
     if person.presence != "completed" or person.started_at is None or person.finished_at is None:
         return None

@@ -1,4 +1,4 @@
-"""What TD3 with demonstrations learns, whole: to be read beside sections 2.4 and 2.5 of the thesis.
+"""TD3+BC: what TD3 with demonstrations learns, whole: to be read beside sections 2.4 and 2.5 of the thesis.
 
 Every update sees one batch of b = b_E + b_D transitions, the first half explored, the second demonstrated (2.4.2). The
 critics i = 1, 2 and the actor pi go down

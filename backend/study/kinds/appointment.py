@@ -55,6 +55,7 @@ class AppointmentStep(TextStep):
 class Appointment(TextPage[AppointmentStep, Confirmed]):
     name = "appointment"
     step = AppointmentStep
+    ends_appointment = True
     stages = {"appointment": AppointmentStage}
 
     def payload_now(self, step: AppointmentStep, moment: Moment) -> dict[str, Any]:

@@ -349,6 +349,10 @@ class Kind(Generic[S, A]):
     """How many a trial of it shows, one after the other."""
     previewed: ClassVar[bool] = False
     """A protocol's preview shows an example query on the stage."""
+    consents: ClassVar[bool] = False
+    """Its answer is what the answers after it are given under."""
+    ends_appointment: ClassVar[bool] = False
+    """The plan's steps after it belong to the next appointment."""
     goes_on: ClassVar[bool] = False
     """Nobody answers it: the session goes on by itself (`settle`), and its progress does not count it."""
     answer: ClassVar[str] = ""

@@ -73,6 +73,7 @@ class AboutConsent(Besides):
 class Consent(TextPage[ConsentStep, ConsentAnswer]):
     name = "consent"
     step = ConsentStep
+    consents = True
     answers = ConsentAnswer
     besides = AboutConsent
     stored = {

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from backend.store.models import Session, utc_now
-from backend.study.kinds.base import Step
+from backend.study.kinds import Step, kind_of
 
 
 def end_of(plan: Sequence[Step], appointment: int | None) -> int:
     """Index after the last step of an appointment, the first unless given."""
-    ends = [i + 1 for i, step in enumerate(plan) if step.kind == "appointment"]
+    ends = [i + 1 for i, step in enumerate(plan) if kind_of(step).ends_appointment]
     own = appointment or 1
     return ends[own - 1] if own <= len(ends) else len(plan)
 

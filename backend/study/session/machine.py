@@ -21,7 +21,7 @@ from backend.store.models import Response, Session, Trial
 from backend.store.sides import Side
 from backend.study.clock import elapsed_s
 from backend.study.grammar.words import TOLERANCE_S
-from backend.study.kinds import Step, begin, kind_of
+from backend.study.kinds import KINDS, Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
 from backend.study.kinds.wire import BadValue
 from backend.study.refusals import Refused
@@ -209,12 +209,15 @@ def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any])
         raise refused(session, 409, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=least)
 
 
+CONSENTING = [kind.response_kind for kind in KINDS.values() if kind.consents]
+
+
 def _consent_in_force(s: DatabaseSession, session: Session) -> str | None:
     """The id of the participant's newest consent, of whichever appointment."""
     given = (
         select(Response.id)
         .join(Session, Session.id == Response.session_id)
-        .where(Session.participant_id == session.participant_id, Response.kind == "consent")
+        .where(Session.participant_id == session.participant_id, Response.kind.in_(CONSENTING))
         .order_by(Response.created_at.desc())
     )
     return s.scalars(given).first()
