@@ -244,7 +244,8 @@ def test_snapshot_of_one_participant_is_taken_and_too_few_answers_are_told(analy
     page = analyst.get(taken.headers["location"]).text
     assert "P002" in page
     assert "P001" not in page
-    assert "8 answers of simulated participants" in page
+    assert "8 answers of P002" in page
+    assert "from simulated answers" in page
     unknown = analyst.post("/lab/snapshots", data={**form, "participant": "P999"})
     assert unknown.status_code == 422
     assert "P999" in unknown.text
