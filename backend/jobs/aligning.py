@@ -12,6 +12,8 @@ from collections.abc import Collection
 from dataclasses import asdict, replace
 from typing import Any
 
+import structlog
+
 from backend.jobs.alignment_algorithms import aligned
 from backend.jobs.answers import (
     described,
@@ -25,7 +27,7 @@ from backend.jobs.answers import (
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
 from backend.jobs.kinds import AlignParams, ConditionedAlignParams
-from backend.learning.alignment.never_worse import better_for_person
+from backend.learning.alignment.never_worse import JUDGING_SEED, SCENES, better_for_person
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.stand_ins import stand_in_name, stand_in_policy
 from backend.learning.preferences.objectives import preference_weights
@@ -35,8 +37,11 @@ from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactError
 
 COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
+log = structlog.get_logger("desirepath.jobs")
+
 COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
 NAMED = {
     "instant": "instant policy",
@@ -78,7 +83,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     made = aligned(context, params, base, model)
     believed = posterior_of_person(of_participant)
     verdict = None
-    if believed is not None and params.surely_better:
+    if believed is not None and params.surely_better and made.may_be_shown:
         verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
     may_be_shown = made.may_be_shown and (verdict is None or verdict.passed)
     own = {
@@ -101,7 +106,11 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         config=made.config,
         results={"gate": gate, "predicted": predicted, **own, **made.results},
         parents=[*parents, *made.parents],
-        scenes={"gate": describe(Purpose.GATE, made.gate.scenes, params.seed), **made.scenes},
+        scenes={
+            "gate": describe(Purpose.GATE, made.gate.scenes, params.seed),
+            **({"personal": describe(Purpose.GATE, SCENES, JUDGING_SEED + params.seed)} if verdict else {}),
+            **made.scenes,
+        },
         departures=made.departures,
     )
     context.progress(0.93)
@@ -135,8 +144,12 @@ def _rivals(context: JobContext, params: AlignParams, setup: str) -> dict[str, t
     """What the own policy is compared with beside the base policy, each with what it is called."""
     rivals: dict[str, tuple[Policy, str]] = {}
     if params.other is not None:
-        artefact, lent = load_policy(context, params.other)
-        rivals["other"] = (lent, artefact.id)
+        try:
+            artefact, lent = load_policy(context, params.other)
+        except ArtefactError as gone:  # whose it was has been erased since; the own policy is compared all the same
+            log.warning("the lent policy is gone", problem=str(gone))
+        else:
+            rivals["other"] = (lent, artefact.id)
     if isinstance(params, ConditionedAlignParams):
         if params.other is None and params.stand_in is not None:
             rivals["other"] = (stand_in_policy(setup, params.stand_in), stand_in_name(setup, params.stand_in))

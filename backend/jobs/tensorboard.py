@@ -14,6 +14,8 @@ from backend.jobs.curves import Points
 _POLYNOMIAL = 0x82F63B78  # CRC-32C (Castagnoli), reflected
 _MASK_DELTA = 0xA282EAD8
 
+LARGEST = 3.4e38  # what a float of four bytes holds; a loss that diverged may be beyond it
+
 
 def _table() -> tuple[int, ...]:
     rows = []
@@ -51,7 +53,9 @@ def _events(scalars: Iterable[tuple[str, Points]], at: float) -> bytes:
     written = [_record(_double(1, at) + _bytes(3, b"brain.Event:2"))]
     for name, points in scalars:
         for step, value in points:
-            summary = _bytes(1, _bytes(1, name.encode()) + b"\x15" + struct.pack("<f", value))
+            summary = _bytes(
+                1, _bytes(1, name.encode()) + b"\x15" + struct.pack("<f", min(max(value, -LARGEST), LARGEST))
+            )
             written.append(_record(_double(1, at) + b"\x10" + _varint(step) + _bytes(5, summary)))
     return b"".join(written)
 

@@ -23,7 +23,7 @@ LONGEST_NAME = 160
 @dataclass(frozen=True)
 class Uses:
     """What hangs on an artefact. made: what was made from it, directly, by name and kind; studies: names of those that
-    stand on it; jobs: ids of those under way that need it; shown: trials in which its rollouts were shown."""
+    stand on it; jobs: ids of those that stand on it (`_jobs_on`); shown: trials in which its rollouts were shown."""
 
     made: tuple[Artefact, ...]
     studies: tuple[str, ...]
@@ -41,7 +41,7 @@ class Uses:
         if self.studies:
             reasons.append(f"studies ask from it: {', '.join(self.studies[:3])}")
         if self.jobs:
-            reasons.append(f"jobs under way need it: {', '.join(self.jobs[:3])}")
+            reasons.append(f"jobs stand on it: {', '.join(self.jobs[:3])}")
         if self.shown:
             reasons.append(f"participants were shown it in {self.shown} trials")
         return reasons
@@ -66,14 +66,27 @@ def uses_of(s: Session, artefact_id: str) -> Uses:
         for study in s.scalars(select(Study).order_by(Study.created_at))
         if mentions(_frozen_for(s, study), {artefact_id})
     ]
-    under_way = s.execute(select(Job.id, Job.params).where(Job.state.not_in(ENDED)).order_by(Job.created_at))
     arms = s.scalars(select(Trial.arms).where(Trial.arms.is_not(None)))
     return Uses(
         made=tuple(s.scalars(made).unique()),
         studies=tuple(studies),
-        jobs=tuple(job for job, params in under_way if mentions(params, {artefact_id})),
+        jobs=_jobs_on(s, artefact),
         shown=sum(mentions(one, {artefact_id}) for one in arms),
         shipped=artefact.job_id is None and artefact.study_id is None and "sha256" in artefact.card,
+    )
+
+
+def _jobs_on(s: Session, artefact: Artefact) -> tuple[str, ...]:
+    """Those under way that name or make it. Of what holds answers all that ever named it: an erasure finds by it what
+    was learned from somebody. And the one that made it for a participant, who may still be shown it.
+    """
+    answers = artefact.kind in ("snapshot", "demonstrations")
+    jobs = s.execute(select(Job.id, Job.params, Job.state, Job.session_id).order_by(Job.created_at))
+    return tuple(
+        job
+        for job, params, state, session in jobs
+        if (mentions(params, {artefact.id}) and (answers or state not in ENDED))
+        or (job == artefact.job_id and (session is not None or state not in ENDED))
     )
 
 

@@ -14,7 +14,7 @@ from backend.store.artefact_upkeep import (
     uses_of,
 )
 from backend.store.artefacts import ArtefactError, lineage
-from backend.store.models import Artefact, Study, Trial, utc_now
+from backend.store.models import Artefact, Session, Study, Trial, utc_now
 from backend.store.outbox import cancel_job, enqueue_job
 from backend.store.shipped_policies import policy_artefact, register_shipped
 from backend.store.snapshots import take_snapshot
@@ -81,6 +81,32 @@ def test_what_something_was_made_from_stays_until_that_is_gone(study: SmallStudy
         delete_artefact(s, study.files, policy)
 
 
+def test_answers_that_a_job_learned_from_stay_so_that_an_erasure_finds_what_was_learned(
+    study: SmallStudy, chain: tuple[str, str, str]
+):
+    snapshot, model, policy = chain
+    with study.database.transaction() as s:
+        job = enqueue_job(s, "align", {"snapshot": snapshot})
+        job.state = "succeeded"
+        name = job.id
+    for one in (policy, model):
+        with study.database.transaction() as s:
+            delete_artefact(s, study.files, one)
+    assert f"jobs stand on it: {name}" in stays(study, snapshot)
+
+
+def test_a_policy_that_was_made_for_a_participant_stays(study: SmallStudy, chain: tuple[str, str, str]):
+    _, _, policy = chain
+    with study.database.transaction() as s:
+        session = s.scalars(select(Session)).first()
+        assert session is not None
+        job = enqueue_job(s, "align", {}, session_id=session.id)
+        job.state = "succeeded"
+        s.get_one(Artefact, policy).job_id = job.id
+        name = job.id
+    assert f"jobs stand on it: {name}" in stays(study, policy)
+
+
 def test_what_a_study_a_job_or_a_participant_needs_stays(study: SmallStudy, chain: tuple[str, str, str]):
     _, _, policy = chain
     with study.database.transaction() as s:
@@ -90,7 +116,7 @@ def test_what_a_study_a_job_or_a_participant_needs_stays(study: SmallStudy, chai
         s.execute(update(Trial).where(Trial.step_key == "trial-1").values(arms={"a": policy, "b": "dwa", "own": "a"}))
     told = stays(study, policy)
     assert "studies ask from it: Passing people" in told
-    assert f"jobs under way need it: {job}" in told
+    assert f"jobs stand on it: {job}" in told
     assert "participants were shown it in 1 trials" in told
     with study.database.transaction() as s:
         cancel_job(s, job, by="ada")

@@ -9,9 +9,20 @@ from sqlalchemy import select
 
 from backend.jobs.kinds import InstantParams
 from backend.report.tidy_tables import read_study
-from backend.store.models import Artefact, Event, Job, Response, Session, Study, TrajectoryRow, Trial, utc_now
+from backend.store.models import (
+    Artefact,
+    Event,
+    Job,
+    Response,
+    Session,
+    Study,
+    TrajectoryRow,
+    Trial,
+    utc_now,
+)
 from backend.study.grammar.source import ProtocolError
 from backend.study.kinds import read_step
+from backend.study.personalising.alignment_jobs import progress_of
 from backend.study.personalising.lending import policy_key
 from backend.study.protocol.freezing import freeze_text
 from backend.study.refusals import Refused
@@ -198,7 +209,7 @@ def instant(database, files):
     return walker
 
 
-def end(walker, recipe, *, state="succeeded", passed=True, comparisons=3):
+def end(walker, recipe, *, state="succeeded", passed=True, comparisons=3, **more):
     """What the worker writes when the alignment of that recipe has ended."""
     with walker.database.transaction() as s:
         study = s.get_one(Study, walker.session.study_id)
@@ -207,8 +218,10 @@ def end(walker, recipe, *, state="succeeded", passed=True, comparisons=3):
             for q in queries_of_study(s, walker.files, study)[:comparisons]
         ]
         job = next(job for job in s.scalars(select(Job)) if job.params["recipe"] == recipe)
-        job.state = state
-        job.result = {"policy": f"{recipe}-policy", "passed": passed, "comparisons": pairs if passed else []}
+        job.state, job.progress = state, 1.0
+        job.result = {"policy": f"{recipe}-policy", "passed": passed, "comparisons": pairs if passed else []} | more
+        if "personal" in more:
+            job.result["gate"] = {"passed": True}
 
 
 def own_policies(walker):
@@ -252,6 +265,24 @@ def test_a_refinement_stands_in_for_an_instant_policy_that_failed(database, inst
     assert settle(instant)
     assert own_policies(instant) == {"conditioning_search-policy"}
     assert state(database, instant).personalisation == "shown"
+
+
+def test_who_is_not_surely_served_better_waits_no_longer(database, instant):
+    """The search goes on from the same answers: nobody waits for it behind a bar that stands full."""
+    end(instant, "instant", passed=False, personal=UNSURE)
+    with database.session() as s:
+        session = s.get_one(Session, instant.session.id)
+        assert progress_of(s, session) == 0
+    assert settle(instant)
+    assert state(database, instant).personalisation == "not_surely_better"
+
+
+def test_the_verdict_that_is_kept_is_of_the_policy_that_is_shown(database, instant):
+    sure = UNSURE | {"passed": True, "probability_better": 0.97}
+    end(instant, "conditioning_search", passed=False, personal=UNSURE, check=CHECK)
+    end(instant, "instant", personal=sure, check=CHECK)
+    assert settle(instant)
+    assert state(database, instant).predictive_check["personal"] == sure
 
 
 def test_when_both_fail_the_data_say_so(database, instant):
@@ -333,6 +364,23 @@ def test_who_withdrew_lends_no_policy(database, files, twenty_queries):
     first.do(machine.withdraw, now=first.now)
     second.walk_to("train.wait")
     assert end_alignments(database, files, study, second, "second-policy", yoked=False)["other"] is None
+
+
+def test_a_pilots_policy_is_lent_to_nobody_after_it(database, files, twenty_queries):
+    study = yoked_study(database, files, twenty_queries)
+    lent = {}
+    for pilot in (True, False):
+        with database.transaction() as s:
+            s.get_one(Study, study.id).pilot = True
+        first = Walker(database, files, study)
+        first.walk_to("train.wait")
+        end_alignments(database, files, study, first, f"policy-{pilot}", yoked=False)
+        with database.transaction() as s:
+            s.get_one(Study, study.id).pilot = pilot
+        second = Walker(database, files, study)
+        second.walk_to("train.wait")
+        lent[pilot] = end_alignments(database, files, study, second, f"own-{pilot}", yoked=False)["other"]
+    assert lent == {True: "policy-True", False: None}
 
 
 # ---- who is lent whose policy ----

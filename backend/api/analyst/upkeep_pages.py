@@ -15,7 +15,9 @@ from backend.api.analyst.artefact_pages import artefact_href
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, Files
-from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_page, rights_in
+from backend.api.core.permits import may_with
+from backend.api.core.roles import Right
 from backend.store.artefact_upkeep import (
     LONGEST_NAME,
     archive_artefact,
@@ -116,6 +118,7 @@ def _page(
         href=artefact_href(found),
         tree=lineage(s, artefact_id),
         uses=uses,
+        made=[one for one in uses.made if may_with(s, rights_in(request), Right.LOOK, one)],
         stays=bool(uses.against_deleting()),
         problem=problem,
         typed=found.name if typed is None else typed,

@@ -194,10 +194,13 @@ class PowerRuns:
             over = [key for key, one in self._known.items() if one.over]
             for key in over[: max(0, len(self._known) - MOST_KEPT)]:
                 del self._known[key]
-        folder = tempfile.TemporaryDirectory(prefix="desirepath-power-")
-        if isinstance(source, Path):
-            shutil.copytree(source, Path(folder.name) / "protocol")
-        threading.Thread(target=self._run, args=(begun, source, folder), daemon=True).start()
+        try:
+            folder = tempfile.TemporaryDirectory(prefix="desirepath-power-")
+            if isinstance(source, Path):
+                shutil.copytree(source, Path(folder.name) / "protocol")
+            threading.Thread(target=self._run, args=(begun, source, folder), daemon=True).start()
+        except OSError as problem:  # the disk is full, or the draft has just been opened as a study
+            begun.problem, begun.state = str(problem), "failed"
         return begun
 
     def _run(self, run: PowerRun, source: str | Path, folder: tempfile.TemporaryDirectory[str]) -> None:

@@ -161,8 +161,10 @@ def ready_job(s: DatabaseSession, session: Session) -> Job | None:
 
 def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
     """Whether the session's answers look like what is believed of them (`PredictiveCheck`), with `personal`, the
-    verdict on the policy that was judged last; None where no job has said so."""
-    for job in jobs_of(s, session):
+    verdict on the policy that is shown, else on the instant one; None where no job has said so."""
+    shown = ready_job(s, session)
+    # what is shown first, then the instant policy: whether it is refused decides how long is waited
+    for job in [*([shown] if shown is not None else []), *reversed(jobs_of(s, session))]:
         result = job.result or {}
         if "check" in result:
             return {**result["check"], "personal": result.get("personal")}
@@ -174,7 +176,8 @@ def progress_of(s: DatabaseSession, session: Session) -> float:
     furthest: dict[str, float] = {}
     for job in jobs_of(s, session):
         snapshot = job.params["snapshot"]
-        furthest[snapshot] = max(job.progress, furthest.get(snapshot, 0.0))
+        refused = verdict(job) not in (None, "shown")  # it has ended, and is not what is waited for
+        furthest[snapshot] = max(0.0 if refused else job.progress, furthest.get(snapshot, 0.0))
     return sum(furthest.values()) / len(furthest) if furthest else 0.0
 
 
@@ -194,7 +197,7 @@ def outcome_of(moment: Moment) -> str | None:
     of_snapshot: dict[str, list[str | None]] = {}
     for job in jobs:
         of_snapshot.setdefault(job.params["snapshot"], []).append(verdict(job, rated=training.rated))
-    verdicts = ["shown" if "shown" in each else None if None in each else each[-1] for each in of_snapshot.values()]
+    verdicts = [_together(each) for each in of_snapshot.values()]
     if None not in verdicts:
         return "shown" if "shown" in verdicts else verdicts[-1]
     last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
@@ -203,7 +206,20 @@ def outcome_of(moment: Moment) -> str | None:
     patience = timedelta(seconds=training.give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
     if moment.now - since <= patience:
         return None
-    return "shown" if "shown" in verdicts else "late"
+    if "shown" in verdicts:
+        return "shown"
+    return next((known for each in of_snapshot.values() for known in reversed(each) if known is not None), "late")
+
+
+def _together(each: Sequence[str | None]) -> str | None:
+    """One snapshot's verdict from its jobs', the instant one's last. What is not surely better for this person now will
+    hardly be after the search for the same weights: nobody waits for that.
+    """
+    if "shown" in each:
+        return "shown"
+    if each[-1] == "not_surely_better":
+        return each[-1]
+    return None if None in each else each[-1]
 
 
 def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep]]) -> int:

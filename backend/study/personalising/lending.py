@@ -11,11 +11,11 @@ import json
 from collections import Counter
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Artefact, Job, Participant, Session, Study
-from backend.store.who_counts import not_left_out
+from backend.store.who_counts import not_left_out, same_kind
 from backend.study.personalising.verdicts import verdict
 
 Lent = dict[str, Any]
@@ -28,7 +28,8 @@ def lent_policy(s: DatabaseSession, session: Session, *, setup: str, stand_ins: 
     In this order: another participant's that was lent to nobody, the one that was ready last first; a stand-in that was
     lent to nobody; another participant's that was lent least. Which are lent is held for the transaction.
     """
-    s.get(Study, session.study_id, with_for_update=True)
+    # Exclusive among who lends, but not against foreign keys: rows that name the study were written before this.
+    s.get(Study, session.study_id, with_for_update={"key_share": True})
     ready = _ready(s, session)
     lent = _lent_before(s, session)
     times = [lent[policy_key(s, policy)] for policy in ready]
@@ -59,8 +60,8 @@ def policy_key(s: DatabaseSession, policy: str) -> str:
 def _ready(s: DatabaseSession, session: Session) -> list[str]:
     """Policies of other participants of the study that may be shown, each participant's newest, newest first.
 
-    People are compared with people's, simulated participants with simulated ones'. Who withdrew or was excluded lends
-    nothing.
+    People are compared with people's, a pilot's with the pilot's, simulated participants with simulated ones'. Who
+    withdrew or was excluded lends nothing.
     """
     jobs = s.execute(
         select(Job, Session.participant_id)
@@ -69,7 +70,7 @@ def _ready(s: DatabaseSession, session: Session) -> list[str]:
         .where(
             Session.study_id == session.study_id,
             Session.participant_id != session.participant_id,
-            Session.simulated == session.simulated,
+            _alike(s, session),
             not_left_out(),
             Job.kind == "align",
             Job.state == "succeeded",
@@ -86,6 +87,11 @@ def _ready(s: DatabaseSession, session: Session) -> list[str]:
     return list(of_participant.values())
 
 
+def _alike(s: DatabaseSession, session: Session) -> ColumnElement[bool]:
+    me = s.get_one(Participant, session.participant_id)
+    return same_kind(simulated=me.simulated, pilot=me.pilot)
+
+
 def _lent_before(s: DatabaseSession, session: Session) -> Counter[str]:
     """How many other participants of the same kind each policy was lent to."""
     from backend.learning.policies.stand_ins import stand_in_name
@@ -93,10 +99,11 @@ def _lent_before(s: DatabaseSession, session: Session) -> Counter[str]:
     jobs = s.execute(
         select(Job, Session.participant_id)
         .join(Session, Session.id == Job.session_id)
+        .join(Participant, Participant.id == Session.participant_id)
         .where(
             Session.study_id == session.study_id,
             Session.participant_id != session.participant_id,
-            Session.simulated == session.simulated,
+            _alike(s, session),
             Job.kind == "align",
         )
     )
