@@ -119,6 +119,16 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     assert not made.critic
 
 
+def test_the_own_policy_is_compared_although_the_lender_was_erased_meanwhile(services):
+    params = InstantParams(
+        snapshot=snapshot_of(services, answers=15), gate_scenes=50, comparisons=2, other="0" * 64, surely_better=0.9
+    )
+    result = align(begin(services, "align", params.model_dump()), params)
+    assert result["personal"]["probability_better"] >= 0.9, "fifteen answers for more room"
+    assert len(result["comparisons"]) == 2
+    assert result["yoked"] == []
+
+
 def test_the_own_policy_is_compared_with_a_stand_in_and_with_no_preferences_in_scenes_of_their_own(services):
     _, database, files = services
     snapshot = snapshot_of(services, answers=15)
