@@ -19,13 +19,15 @@ import pytest
 from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
+from backend.analysis.metrics import measure
 from backend.experiments.browser.client import walk_with_browser
 from backend.learning.policies.shipped import load_queries
 from backend.learning.queries.queries import QuerySet
 from backend.settings import Settings
-from backend.store.artefacts import ArtefactStore
+from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database
 from backend.store.models import Response, Session, Trial
+from backend.study.links import token_hash
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.simulated.participant import Character
 from backend.study.studies import create_study
@@ -80,16 +82,29 @@ def walk_until(page: Page, installation: Installation, token: str, kinds: set[st
     pytest.fail(f"never came to {kinds}; still at {state_of(installation, token)['step']}")
 
 
-def watch_and_choose(page: Page, by_keyboard: bool) -> None:
+def roomier(installation: Installation, token: str) -> str:
+    """The side of the current trial that keeps farther from the person, as somebody would choose who wants room."""
+    settings = Settings(data=installation.data)
+    files = ArtefactStore(settings.artefacts)
+    with Database(settings.database).session() as s:
+        session = s.scalars(select(Session).where(Session.token_hash == token_hash(token))).one()
+        key = session.plan[session.position]["key"]
+        trial = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == key)).one()
+    a, b = (load_trajectory(files, one) for one in (trial.trajectory_a, trial.trajectory_b))
+    room = measure([a, b]).min_human_distance
+    return "a" if room[0] >= room[1] else "b"
+
+
+def watch_and_choose(page: Page, by_keyboard: bool, side: str = "a") -> None:
     """One trial as a participant does it: Start, both drives, then a choice."""
     start = page.locator("#start")
     expect(start).to_have_attribute("aria-disabled", "false", timeout=60_000)
-    choice = page.locator("button[data-choice=a]")
+    choice = page.locator(f"button[data-choice={side}]")
     expect(choice).to_have_attribute("aria-disabled", "true")
     start.click()
     expect(choice).to_have_attribute("aria-disabled", "false", timeout=90_000)
     if by_keyboard:
-        page.keyboard.press("a")
+        page.keyboard.press(side)
     else:
         choice.click()
 
@@ -182,7 +197,7 @@ def test_3_a_participant_teaches_the_robot_and_compares(
     """All 15 answers, the questionnaire while the robot learns, the blind comparison, the completion code."""
     joined = httpx.post(
         installation.notes["link"],
-        json={"simulated": True, "language": "en", "oracle": {"name": "always-a", "noise": 0.0, "seed": 0}},
+        json={"simulated": True, "language": "en", "oracle": {"name": "min-human-distance", "noise": 0.0, "seed": 0}},
         timeout=60,
     ).json()
     token = joined["token"]
@@ -193,7 +208,7 @@ def test_3_a_participant_teaches_the_robot_and_compares(
     while state["step"]["kind"] == "trial":
         if answered == 4:
             screenshots(page, "participant_trial")
-        watch_and_choose(page, by_keyboard=answered % 2 == 0)
+        watch_and_choose(page, by_keyboard=answered % 2 == 0, side=roomier(installation, token))
         answered += 1
         state = _next_state(installation, token, state)
     assert answered == 16  # one for practice, fifteen that count

@@ -123,6 +123,8 @@ CHANGING: dict[str, Rule] = {
     "/lab/jobs/{job_id}/retry": Rule(Right.TIDY, "job_retried"),
 }
 SHOWING: dict[str, Rule] = {
+    "/lab/guides": SIGNED_IN,
+    "/lab/guides/{name}": SIGNED_IN,
     "/lab/studies": SIGNED_IN,  # lists those that may be looked at
     "/lab/password": SIGNED_IN,
     "/lab/new": Rule(Right.RUN),

@@ -46,8 +46,8 @@ def better_for_person(
     """Both policies roll out in the same scenes. Raises SetupError where setups differ."""
     setup = get_setup(require_same(own=own.setup, base=base.setup, answers=posterior.setup))
     drawn = scene_set(setup.name, scenes, purpose=Purpose.GATE, seed=JUDGING_SEED + seed)
-    driven = [rollout(setup, policy.rollout_policy, drawn) for policy in (own, base)]
-    both = [pair for pair in zip(*driven, strict=True) if all(one.outcome == Outcome.SUCCESS for one in pair)]
+    rolled_out = [rollout(setup, policy.rollout_policy, drawn) for policy in (own, base)]
+    both = [pair for pair in zip(*rolled_out, strict=True) if all(one.outcome == Outcome.SUCCESS for one in pair)]
     moved = [pair for pair in both if not np.array_equal(pair[0].poses, pair[1].poses)]
     if not moved:  # the same policy is not better
         return PersonalVerdict(needed <= 0.5, 0.5, needed, len(both), posterior.something_else())
