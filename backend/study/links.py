@@ -1,9 +1,12 @@
-"""Links into sessions: what is stored of their tokens, and the one of the next appointment."""
+"""Links into sessions and out of them: tokens, the next appointment's link and window, the way back with a code."""
 
 from __future__ import annotations
 
 import hashlib
 import re
+from typing import Any
+
+from backend.store.models import Session
 
 CODE_LETTERS = "23456789ABCDEFGHJKMNPQRSTUVWXYZ"  # nothing that is easily misread
 LINK_LETTERS = 16  # 30^16 links: more than 2^78
@@ -33,3 +36,16 @@ def next_token(token: str) -> str:
 
 def _grouped(letters: str) -> str:
     return "-".join(letters[i : i + GROUP] for i in range(0, len(letters), GROUP))
+
+
+def window_of(session: Session) -> dict[str, Any]:
+    """From when until when an appointment can be entered."""
+    return {"opens_at": session.opens_at, "expires_at": session.expires_at}
+
+
+def code_and_way_back(completion_code: str | None, url: str | None) -> dict[str, Any]:
+    """What the last page tells of both, whoever it is shown to."""
+    return {
+        "completion_code": completion_code,
+        "return_url": url.replace("{code}", completion_code or "") if url else None,
+    }

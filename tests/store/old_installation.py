@@ -19,6 +19,7 @@ from backend.store.database import Database
 from backend.store.models import Job, Session
 from backend.store.outbox import ENDED, cancel_job
 from backend.study.drawing import strokes
+from backend.study.kinds.demonstration import drawing_of
 from backend.study.links import next_token, token_hash
 from backend.study.session import leaving, machine, watching
 from backend.study.session.finding import acting
@@ -153,16 +154,14 @@ class Returning(Walker):
         self.later(state["duration_s"] + 3)
         if state["phase"] != "watched":
             with acting(self.database, self.token, request="driven", now=self.now) as (s, session):
-                strokes.watched(
-                    s, self.files, session, machine.drawing_of(session), state["playback_id"], None, now=self.now
-                )
+                strokes.watched(s, self.files, session, drawing_of(session), state["playback_id"], None, now=self.now)
         self.submit(key, {"stroke": state["stroke"]})
         return True
 
     def _stroke(self, key: str, given: dict[str, Any]) -> None:
         self.requests += 1
         with acting(self.database, self.token, request="stroke", now=self.now) as (s, session):
-            step = machine.drawing_of(session)
+            step = drawing_of(session)
             attempt = strokes.attempt_of(step, given, simulated=False)
             name = f"{session.id}-later-{self.requests}"
             strokes.add_stroke(s, self.files, session, step, attempt, request_id=name, client_time=None, now=self.now)

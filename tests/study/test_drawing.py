@@ -28,6 +28,7 @@ from backend.store.demonstration_snapshots import (
 from backend.store.erasure import erase_participant
 from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
 from backend.study.drawing import paths, strokes, walks
+from backend.study.kinds.demonstration import drawing_of
 from backend.study.protocol.freezing import freeze_text
 from backend.study.refusals import Refused
 from backend.study.session import machine
@@ -81,14 +82,14 @@ def path(bend_m: float, **more: Any) -> dict[str, Any]:
 def act(walker: Walker, action: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     """One request at the current step: `action(s, session, step, ...)`."""
     with acting(walker.database, walker.token, request=action.__name__, now=walker.now) as (s, session):
-        return action(s, session, machine.drawing_of(session), *arguments, **named)
+        return action(s, session, drawing_of(session), *arguments, **named)
 
 
 def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -> StrokeRow:
     """Send a stroke at the current step, as the route does."""
     walker.requests += 1
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
-        step = machine.drawing_of(session)
+        step = drawing_of(session)
         attempt = strokes.attempt_of(step, given, simulated=session.simulated)
         name = request_id or f"{session.id}-stroke-{walker.requests}"
         row = strokes.add_stroke(
@@ -102,7 +103,7 @@ def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -
 def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = None) -> StrokeRow:
     """What the page tells when a drive has been watched, and what was walked beside it."""
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        step = machine.drawing_of(session)
+        step = drawing_of(session)
         walked = None
         if walk is not None:
             stroke = paths.latest_stroke(s, session.id, step.key)
@@ -375,4 +376,4 @@ def test_bots_draw_are_exported_come_back_and_can_be_erased(
 
 def _step(walker: Walker) -> dict[str, Any]:
     with walker.database.session() as s:
-        return machine.drawing_of(s.get_one(Session, walker.session.id))
+        return drawing_of(s.get_one(Session, walker.session.id))

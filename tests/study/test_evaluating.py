@@ -16,6 +16,7 @@ from backend.store.database import Database
 from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
 from backend.study.drawing import paths, strokes
 from backend.study.kinds import stored
+from backend.study.kinds.demonstration import drawing_of
 from backend.study.links import next_token
 from backend.study.plan.counterbalancing import design_of
 from backend.study.protocol.freezing import freeze_text
@@ -65,7 +66,7 @@ def keep_a_path(walker: Walker) -> None:
     key = walker.view.key
     along = [k / 80 for k in range(81)]
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
-        step = machine.drawing_of(session)
+        step = drawing_of(session)
         side = -0.75 if paths.scene_of(step).person.pose.y > 0 else 0.75
         given = {
             "points": [[-3.2 + 6.4 * u, side * 4 * u * (1 - u)] for u in along],
@@ -79,7 +80,7 @@ def keep_a_path(walker: Walker) -> None:
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        strokes.watched(s, walker.files, session, machine.drawing_of(session), state["playback_id"], now=walker.now)
+        strokes.watched(s, walker.files, session, drawing_of(session), state["playback_id"], now=walker.now)
     walker.submit(key, {"stroke": state["stroke"]})
 
 

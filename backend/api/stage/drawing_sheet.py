@@ -17,7 +17,7 @@ from backend.store.database import Database
 from backend.store.models import Session, StrokeRow
 from backend.study.drawing import paths, walks
 from backend.study.drawing.strokes import MOST_POINTS
-from backend.study.kinds.demonstration import DemonstrationStep
+from backend.study.kinds.demonstration import DemonstrationStep, drawing_of
 from backend.study.session import machine
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def present(database: Database, stage: Stage, session_id: str) -> None:
     """Bring a stage to the drawing that its session stands at: the scene, what was kept there, what is drawn."""
     with database.session() as s:
         session = s.get_one(Session, session_id)
-        step = machine.drawing_of(session)
+        step = drawing_of(session)
         kept = [_thinned(one) for one in paths.kept_strokes(s, session_id, step)]
         latest = paths.latest_stroke(s, session_id, step.key)
         phase = paths.state_of(s, session, step)["phase"]

@@ -15,12 +15,7 @@ from backend.study.grammar.parts import FileName
 from backend.study.kinds.base import Acting, Ending, Moment, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed
-from backend.study.links import next_token, token_hash
-
-
-def window_of(session: Session) -> dict[str, Any]:
-    """From when until when an appointment can be entered."""
-    return {"opens_at": session.opens_at, "expires_at": session.expires_at}
+from backend.study.links import next_token, token_hash, window_of
 
 
 class AppointmentStage(Stage):

@@ -405,6 +405,12 @@ class Kind(Generic[S, A]):
         """Index of the step to go on with instead of this one at `index`; the same where it is asked."""
         return index
 
+    def interrupted(self, step: S, s: DatabaseSession, session: Session, reason: str) -> bool | None:
+        """What was being shown at it was not seen to its end: whether that changed anything. None: what is shown is a
+        trial, whose rule is the session's own (`session/watching.py`).
+        """
+        return None
+
     # arriving, answering, leaving
 
     def arrive(self, step: S, acting: Acting) -> Ending | None:

@@ -9,6 +9,7 @@ from backend.study.grammar.parts import Address, Code, FileName
 from backend.study.kinds.base import Acting, Ending, Moment, Page, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed
+from backend.study.links import code_and_way_back
 
 
 class DebriefingStage(Stage):
@@ -43,14 +44,6 @@ class Debriefing(TextPage[DebriefingStep, Confirmed]):
 
     def arrive(self, step: DebriefingStep, acting: Acting) -> Ending:
         return Ending("complete", acting.frozen.stage(DebriefingStage).completion_code)
-
-
-def code_and_way_back(completion_code: str | None, url: str | None) -> dict[str, Any]:
-    """What the last page tells of both, whoever it is shown to."""
-    return {
-        "completion_code": completion_code,
-        "return_url": url.replace("{code}", completion_code or "") if url else None,
-    }
 
 
 KIND = Debriefing()

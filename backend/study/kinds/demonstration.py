@@ -11,12 +11,15 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, TypeAdapter, model_validator
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
+from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.simulation.scene import Scene
+from backend.store.models import Session
 from backend.study.drawing import paths, strokes, walks
 from backend.study.grammar.words import PersonMode, View
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.wire import Answer, BadValue, Besides, Flag, Progress
+from backend.study.refusals import Refused
 
 SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
 
@@ -146,6 +149,14 @@ class AboutDemonstration(Besides):
     scenes: list[Annotated[dict[str, Any], _AsScene]] | None = None
 
 
+def drawing_of(session: Session) -> DemonstrationStep:
+    """The step that the session stands at, which must be one at which a path is drawn. Raises Refused."""
+    stored = session.plan[session.position]
+    if stored["kind"] == Demonstration.name:
+        return DemonstrationStep.model_validate(stored)
+    raise Refused(409, "not_current_step", "The session is at another step.", session_id=session.id)
+
+
 class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
     name = "demonstration"
     step = DemonstrationStep
@@ -160,6 +171,9 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
         shown = {name: getattr(step, name) for name in ("view", "place", "places", "number", "of", "optional")}
         offered = len(walks.PLANNED) if step.person == "recorded" else 0
         return shown | {"person": step.person, "walks": offered}
+
+    def interrupted(self, step: DemonstrationStep, s: DatabaseSession, session: Session, reason: str) -> bool | None:
+        return strokes.interrupted(s, session, step, reason=reason)
 
     def state(self, step: DemonstrationStep, moment: Moment) -> dict[str, Any]:
         return paths.state_of(moment.s, moment.session, step)

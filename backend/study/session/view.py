@@ -18,10 +18,8 @@ from backend.store.models import Response, Session, TrajectoryRow, Trial, utc_no
 from backend.store.sides import Side, shown_on
 from backend.study.grammar.words import LABEL_S, PLAYING
 from backend.study.kinds import KINDS, Step, kind_of, read_step
-from backend.study.kinds.appointment import window_of
 from backend.study.kinds.base import Moment, Page
-from backend.study.kinds.debriefing import code_and_way_back
-from backend.study.kinds.demonstration import DemonstrationStep
+from backend.study.links import code_and_way_back, window_of
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.refusals import Refused
 from backend.study.session import appointments
@@ -60,14 +58,6 @@ class Playback:
 def step_of(session: Session) -> Step:
     """The plan's current step."""
     return read_step(session.plan[session.position])
-
-
-def drawing_of(session: Session, step_key: str | None = None) -> DemonstrationStep:
-    """The current step, which must be one at which a path is drawn. Raises Refused."""
-    step = step_of(session)
-    if isinstance(step, DemonstrationStep) and step_key in (None, step.key):
-        return step
-    raise refused(session, 409, "not_current_step", "The session is at another step.")
 
 
 def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) -> Trial | None:

@@ -13,10 +13,8 @@ from backend.store.events import log_event
 from backend.store.models import Session, Trial
 from backend.store.sides import Side
 from backend.study.clock import elapsed_s
-from backend.study.drawing import strokes
 from backend.study.grammar.words import PLAYING, TOLERANCE_S
 from backend.study.kinds import kind_of
-from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.kinds.trial import Viewing
 from backend.study.session.states import set_phase
 from backend.study.session.view import (
@@ -129,8 +127,9 @@ def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datet
 
 def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime, *, keep_seen: bool) -> bool:
     step = step_of(session)
-    if isinstance(step, DemonstrationStep):
-        return strokes.interrupted(s, session, step, reason=reason)
+    cut = kind_of(step).interrupted(step, s, session, reason)
+    if cut is not None:
+        return cut
     trial = trial_of(s, session) if kind_of(step).shows == "trajectories" else None
     if trial is None or session.state not in ("active", "paused"):
         return False

@@ -18,6 +18,7 @@ from backend.store.database import Database
 from backend.store.models import Participant, Session, Study, utc_now
 from backend.store.outbox import cancel_job
 from backend.study.drawing import paths, strokes, walks
+from backend.study.kinds.demonstration import drawing_of
 from backend.study.links import next_token
 from backend.study.personalising import alignment_jobs
 from backend.study.refusals import Refused
@@ -105,7 +106,7 @@ class _InProcess:
         problems: list[dict[str, Any] | None] = []
 
         def act(s: DatabaseSession, session: Session) -> None:
-            step, now = machine.drawing_of(session), utc_now()
+            step, now = drawing_of(session), utc_now()
             attempt = strokes.attempt_of(step, stroke, simulated=True)
             problems.append(attempt.problem)
             strokes.add_stroke(
@@ -118,7 +119,7 @@ class _InProcess:
         problems: list[dict[str, Any] | None] = []
 
         def act(s: DatabaseSession, session: Session) -> None:
-            step = machine.drawing_of(session)
+            step = drawing_of(session)
             stroke = paths.latest_stroke(s, session.id, key)
             if stroke is None:
                 raise SimulationError(f"{key}: nothing was drawn to walk beside")
