@@ -1,6 +1,6 @@
 """The analysts' page of what moved the robot: one policy in a scene, or two side by side, thing by thing.
 
-Which policies and which scene an address asks for is `flow_pages.py`'s; the figures are drawn by `figure_process.py`.
+Which policies and which scene an address asks for is `chosen_policies.py`'s; `figure_process.py` draws the figures.
 """
 
 from __future__ import annotations
@@ -14,26 +14,25 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
-from backend.api.analyst.flow_pages import (
-    CONDITIONED,
-    ENDINGS,
-    FIGURE_POLICY,
+from backend.api.analyst.chosen_policies import (
+    NOT_DRAWN,
     SIDES,
     Asked,
     Side,
-    Undrawable,
     asked_of,
-    choices_of,
-    first_scene,
+    form_of,
+    no_file,
+    problem_of,
 )
+from backend.api.analyst.flow_pages import SHOWN
 from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
-from backend.api.core.figure_process import ExplanationOrder, FigureError
-from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from backend.api.core.media import MEDIA, answers_with
+from backend.api.core.figure_process import ExplanationOrder
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.api.core.media import FIGURE_ENDINGS, answers_with, figure_file
+from backend.explain.flow_words import ExplanationWords
 from backend.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, checked
-from backend.learning.errors import LearningError
 from backend.store.artefacts import ArtefactStore
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
@@ -71,52 +70,36 @@ class Options:
 @router.get("/lab/explain")
 def explanation(request: Request, database: Db, files: Files) -> Response:
     """The form, and below it a figure and the most important things for each policy."""
-    from backend.learning.preferences.objectives import NAMES
-
     t = services_of(request).texts.get(lab_language(request))
-    given = request.query_params
     asked = options = problem = None
     shown: list[Explained] = []
-    with database.session() as s:
-        choices = choices_of(s, rights_in(request))
     try:
         with database.session() as s:
             asked = asked_of(request, s)
-        options = _options(given)
+        options = _options(request.query_params)
         if asked is not None:
             shown = [_drawn(request, t, files, asked, options, side) for side in asked.sides]
-    except Undrawable as wrong:
-        problem = t(f"flow.problems.{wrong.key}", **wrong.values)
-    except LearningError as wrong:
-        problem = t("flow.problems.weights", message=str(wrong))
     except AttributionError as wrong:
         problem = t("explanation.problem", message=str(wrong))
-    except FigureError as wrong:
-        problem = t("flow.problems.busy" if wrong.busy else "flow.problems.failed", message=str(wrong))
-    chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
-    kind_of = {one.id: one.kind for one in choices}
+    except NOT_DRAWN as wrong:
+        problem = problem_of(t, wrong)
     return lab_page(
         request,
         "analyst/explanation.html",
         status=422 if problem else 200,
-        choices=choices,
-        chosen=chosen,
-        scene=given.get("scene") or str(first_scene()),
-        conditioned=[side for side in SIDES if kind_of.get(chosen[side]) == CONDITIONED],
-        objectives=NAMES,
-        given=given,
+        **form_of(request, database),
         methods=METHODS,
         commands=COMMANDS,
         problem=problem,
         asked=asked,
         options=options,
         shown=shown,
-        thing=lambda name: _thing(t, name),
+        thing=ExplanationWords(things=t.table("explanation.things")).thing,
         command_line=command_line,
     )
 
 
-@router.get("/lab/explain/{letter}/{name}", response_class=Response, responses=answers_with(*ENDINGS))
+@router.get("/lab/explain/{letter}/{name}", response_class=Response, responses=answers_with(*FIGURE_ENDINGS))
 def explanation_file(request: Request, letter: str, name: str, database: Db, files: Files) -> Response:
     """One file of one side's figure that the rest of the address asks for."""
     t = services_of(request).texts.get(lab_language(request))
@@ -127,22 +110,13 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
             raise LabRefusal(404, "no_figure")
         side = asked.sides[SIDES.index(letter)]
         made = _drawn(request, t, files, asked, _options(request.query_params), side)
-    except FigureError as wrong:
-        if wrong.busy:
-            return Response(status_code=503, headers={"Retry-After": "5"})
+    except AttributionError:
         raise LabRefusal(404, "no_figure") from None
-    except (LearningError, Undrawable, AttributionError):
-        raise LabRefusal(404, "no_figure") from None
+    except NOT_DRAWN as wrong:
+        return no_file(wrong)
     if name not in made.figure.files:
         raise LabRefusal(404, "no_figure")
-    tag = f'"{made.mark}"'
-    headers = {"ETag": tag, "Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
-    if request.headers.get("If-None-Match") == tag:
-        return Response(status_code=304, headers=headers)
-    ending = name.rpartition(".")[2]
-    if ending != "png":
-        headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    return Response(made.figure.files[name], media_type=MEDIA[ending], headers=headers)
+    return figure_file(request, name, made.figure.files[name], shown=SHOWN, mark=made.mark)
 
 
 def _options(given: Mapping[str, str]) -> Options:
@@ -179,13 +153,6 @@ def _drawn(
     )
     mark, figure = services_of(request).figures.draw(order)
     return Explained(side, SIDES[asked.sides.index(side)], mark, figure)
-
-
-def _thing(t: Catalogue, name: str) -> str:
-    """`box 3` in the page's language."""
-    kind, _, number = name.rpartition(" ")
-    kind, number = (kind, f" {number}") if number.isdigit() else (name, "")
-    return t(f"explanation.things.{kind}") + number
 
 
 def command_line(asked: Asked, options: Options, side: Side) -> str:

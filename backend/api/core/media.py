@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
+from fastapi import Request
+from starlette.responses import Response
+
 PAGE = "text/html"
+# Inline styles are how matplotlib colours an SVG; nothing else may happen in a figure that is opened by itself.
+FIGURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 ANY_FILE = "application/octet-stream"
 MEDIA = {
     "csv": "text/csv",
@@ -20,6 +26,9 @@ MEDIA = {
 }
 
 
+FIGURE_ENDINGS = ("png", "svg", "csv")  # a figure and its rows
+
+
 def media_of(path: str) -> str:
     """The media type of a file by the last part of its path, a page's where that has no ending."""
     ending = path.rpartition("/")[2].rpartition(".")[2]
@@ -29,3 +38,20 @@ def media_of(path: str) -> str:
 def answers_with(*endings: str) -> dict[int | str, dict[str, Any]]:
     """`responses` of a route that answers with a file which its path does not name."""
     return {200: {"content": {MEDIA[ending]: {} for ending in endings}}}
+
+
+def figure_file(
+    request: Request, name: str, content: bytes, *, shown: Collection[str], mark: str | None = None
+) -> Response:
+    """A figure, or what belongs to one: endings in `shown` open in the browser, the others are saved. mark: changes
+    with the content; whoever has that already is told so.
+    """
+    ending = name.rpartition(".")[2]
+    headers = {"Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
+    if mark is not None:
+        headers["ETag"] = f'"{mark}"'
+        if request.headers.get("If-None-Match") == headers["ETag"]:
+            return Response(status_code=304, headers=headers)
+    if ending not in shown:
+        headers["Content-Disposition"] = f'attachment; filename="{name.rpartition("/")[2]}"'
+    return Response(content, media_type=MEDIA[ending], headers=headers)

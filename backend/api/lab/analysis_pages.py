@@ -11,11 +11,10 @@ from fastapi import APIRouter, Depends, Request
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.analyst.flow_pages import FIGURE_POLICY
 from backend.api.core.auth import checked_csrf
 from backend.api.core.dependencies import Db, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
-from backend.api.core.media import MEDIA, answers_with
+from backend.api.core.media import answers_with, figure_file
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.api.lab.whole_reports import MadeFrom, ReportFiles
 from backend.store.models import Study
@@ -105,8 +104,4 @@ def _file(request: Request, study_id: str, who: str, name: str, database: Db) ->
         return RedirectResponse(f"/lab/studies/{study.id}/analysis/{who}", status_code=303)
     if report is None or name not in report.files:
         raise LabRefusal(404, "no_report")
-    ending = name.rpartition(".")[2]
-    headers = {"Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
-    if ending not in SHOWN:
-        headers["Content-Disposition"] = f'attachment; filename="{name.rpartition("/")[2]}"'
-    return Response(report.files[name], media_type=MEDIA[ending], headers=headers)
+    return figure_file(request, name, report.files[name], shown=SHOWN)

@@ -14,11 +14,10 @@ from fastapi import APIRouter, Depends, Form, Request
 from pydantic import BaseModel, Field
 from starlette.responses import RedirectResponse, Response
 
-from backend.api.analyst.flow_pages import ENDINGS, FIGURE_POLICY
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
-from backend.api.core.media import MEDIA, answers_with
+from backend.api.core.media import FIGURE_ENDINGS, answers_with, figure_file
 from backend.api.lab import power_runs
 from backend.api.lab.new_study import TheDraft
 from backend.api.lab.power_runs import NUMBERS, PowerAsked, PowerAskedError, TooManyError
@@ -92,7 +91,7 @@ def begin_of_draft(
     return _begin(request, _of_draft(services, draft), form)
 
 
-@router.get("/lab/new/{draft_id}/power/{name}", response_class=Response, responses=answers_with(*ENDINGS))
+@router.get("/lab/new/{draft_id}/power/{name}", response_class=Response, responses=answers_with(*FIGURE_ENDINGS))
 def draft_power_file(request: Request, services: TheServices, draft: TheDraft, name: str) -> Response:
     """The figure, or its rows."""
     return _file(request, _of_draft(services, draft), name)
@@ -111,7 +110,7 @@ def begin_of_study(
     return _begin(request, _of_study(services, study_id), form)
 
 
-@router.get("/lab/studies/{study_id}/power/{name}", response_class=Response, responses=answers_with(*ENDINGS))
+@router.get("/lab/studies/{study_id}/power/{name}", response_class=Response, responses=answers_with(*FIGURE_ENDINGS))
 def study_power_file(request: Request, services: TheServices, study_id: str, name: str) -> Response:
     """The figure, or its rows."""
     return _file(request, _of_study(services, study_id), name)
@@ -185,11 +184,7 @@ def _file(request: Request, subject: _Subject, name: str) -> Response:
         run = None
     if run is None or name not in run.files:
         raise LabRefusal(404, "no_figure")
-    headers = {"Cache-Control": "private, no-cache", "Content-Security-Policy": FIGURE_POLICY}
-    ending = name.rpartition(".")[2]
-    if ending == "csv":
-        headers["Content-Disposition"] = f'attachment; filename="{name}"'
-    return Response(run.files[name], media_type=MEDIA[ending], headers=headers)
+    return figure_file(request, name, run.files[name], shown=("png", "svg"))
 
 
 def _runs(request: Request) -> power_runs.PowerRuns:

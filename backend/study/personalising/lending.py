@@ -11,7 +11,7 @@ import json
 from collections import Counter
 from typing import Any
 
-from sqlalchemy import ColumnElement, select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.models import Artefact, Job, Participant, Session, Study
@@ -63,20 +63,8 @@ def _ready(s: DatabaseSession, session: Session) -> list[str]:
     People are compared with people's, a pilot's with the pilot's, simulated participants with simulated ones'. Who
     withdrew or was excluded lends nothing.
     """
-    jobs = s.execute(
-        select(Job, Session.participant_id)
-        .join(Session, Session.id == Job.session_id)
-        .join(Participant, Participant.id == Session.participant_id)
-        .where(
-            Session.study_id == session.study_id,
-            Session.participant_id != session.participant_id,
-            _alike(s, session),
-            not_left_out(),
-            Job.kind == "align",
-            Job.state == "succeeded",
-        )
-        .order_by(Job.finished_at.desc(), Job.id)
-    )
+    ready = _alignments_of_others(s, session).where(not_left_out(), Job.state == "succeeded")
+    jobs = s.execute(ready.order_by(Job.finished_at.desc(), Job.id))
     of_participant: dict[str, str] = {}
     for job, participant in jobs:
         if participant not in of_participant and verdict(job) == "shown":
@@ -87,26 +75,27 @@ def _ready(s: DatabaseSession, session: Session) -> list[str]:
     return list(of_participant.values())
 
 
-def _alike(s: DatabaseSession, session: Session) -> ColumnElement[bool]:
+def _alignments_of_others(s: DatabaseSession, session: Session) -> Select[Job, str]:
+    """(alignment, whose) of the study's other participants of the same kind."""
     me = s.get_one(Participant, session.participant_id)
-    return same_kind(simulated=me.simulated, pilot=me.pilot)
-
-
-def _lent_before(s: DatabaseSession, session: Session) -> Counter[str]:
-    """How many other participants of the same kind each policy was lent to."""
-    from backend.learning.policies.stand_ins import stand_in_name
-
-    jobs = s.execute(
+    return (
         select(Job, Session.participant_id)
         .join(Session, Session.id == Job.session_id)
         .join(Participant, Participant.id == Session.participant_id)
         .where(
             Session.study_id == session.study_id,
             Session.participant_id != session.participant_id,
-            _alike(s, session),
+            same_kind(simulated=me.simulated, pilot=me.pilot),
             Job.kind == "align",
         )
     )
+
+
+def _lent_before(s: DatabaseSession, session: Session) -> Counter[str]:
+    """How many other participants of the same kind each policy was lent to."""
+    from backend.learning.policies.stand_ins import stand_in_name
+
+    jobs = s.execute(_alignments_of_others(s, session))
     pairs = set()
     for job, participant in jobs:
         if job.params.get("other"):
