@@ -1,0 +1,30 @@
+"""The group that every benchmark is a command of, and how their results are written."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import typer
+
+commands = typer.Typer(help="Measure speed; every ratio comes from one run on this machine.", no_args_is_help=True)
+
+
+def write_result(out: Path, result: dict[str, Any]) -> None:
+    """A result as a file that datasets/ can hold: its command and commit, numbers to five digits."""
+    from backend.learning.cards import source_commit
+
+    out.parent.mkdir(parents=True, exist_ok=True)
+    written = {"command": " ".join(["desirepath", *sys.argv[1:]]), "commit": source_commit()} | short(result)
+    out.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+
+
+def short(value: Any) -> Any:
+    """The value with every float in it to five digits."""
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    if isinstance(value, dict):
+        return {key: short(item) for key, item in value.items()}
+    return [short(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,207 @@
+"""What is learned from answers, and what personal policies are worth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from backend.commands.benchmark.group import commands, write_result
+from backend.commands.output import JsonFlag, plain_errors, say
+
+
+@commands.command()
+@plain_errors
+def asking(
+    query_set: Annotated[str, typer.Argument(help="A shipped query set or a file.")] = "study_room/queries_200",
+    oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
+    response_models: Annotated[
+        str,
+        typer.Option("--response-models", "--habits", help="Any of right,lapses,indifference,myopia; default all."),
+    ] = "",
+    answers: Annotated[int, typer.Option(min=1)] = 30,
+    repetitions: Annotated[int, typer.Option(min=2)] = 20,
+    seed: Annotated[int, typer.Option()] = 0,
+    plain: Annotated[str, typer.Option(help="Another query set, asked at random, to compare with.")] = "",
+    out: Annotated[Path | None, typer.Option(help="Also write every curve to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
+    from backend.experiments.asking import RESPONSE_MODELS, AskingConfig, asking_study, summarise
+    from backend.learning.policies.shipped import load_queries
+    from backend.learning.preferences.oracles import ORACLE_PREFERENCES
+
+    config = AskingConfig(
+        oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
+        response_models=tuple(response_models.split(",")) if response_models else tuple(RESPONSE_MODELS),
+        answers=answers,
+        repetitions=repetitions,
+        seed=seed,
+    )
+    result = asking_study(
+        load_queries(query_set),
+        config,
+        lambda done: typer.echo(f"{done:.0%}", err=True),
+        load_queries(plain) if plain else None,
+    )
+    result |= {"query_set": query_set, "plain": plain or None}
+    summary = summarise(result)
+    if out is not None:
+        write_result(out, result | {"summary": summary["rows"]})
+    say(summary, as_json)
+
+
+@commands.command()
+@plain_errors
+def people(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    family: Annotated[
+        str, typer.Option(help="Families of the card, comma-separated; tuning, held_out or all; none with --reward.")
+    ] = "tuning",
+    number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family and seed.")] = 5,
+    answers: Annotated[str, typer.Option(help="After how many it is measured, comma-separated.")] = "8,15,50",
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each has pairs, scenes and people of its own.")] = "0",
+    response_model: Annotated[
+        str, typer.Option(help="right, lapses, indifference, peak_end or first_seconds.")
+    ] = "right",
+    choose: Annotated[str, typer.Option(help="random, or information: the pair whose answer tells most.")] = "random",
+    reward: Annotated[
+        Path | None,
+        typer.Option(help="A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated people outside the nine objectives: foretold how well, claimed how surely, and what their robot
+    gains."""
+    from backend.experiments.benchmarks.people import PeopleConfig, benchmark_people
+    from backend.learning.people.card import people_card
+    from backend.learning.people.reward_file import read_reward
+
+    card = people_card()
+    first, _, last = seeds.partition("-")
+    if not first.isdigit() or not (last or first).isdigit() or not answers.replace(",", "").isdigit():
+        raise typer.BadParameter(f"seeds = {seeds}, answers = {answers}: such as 0-2 and 8,15,50")
+    groups = {"tuning": card.tuning, "held_out": card.held_out, "all": tuple(card.families), "none": ()}
+    families = groups.get(family) or tuple(name for name in family.split(",") if name not in groups)
+    more = {reward.stem: read_reward(reward, setup)} if reward is not None else {}
+    after = tuple(sorted(int(n) for n in answers.split(",") if n))
+    config = PeopleConfig(
+        families=() if more else families,
+        people=number,
+        answers=after,
+        shown_after=15 if 15 in after else after[0],
+        seeds=tuple(range(int(first), int(last or first) + 1)),
+        response_model=response_model,
+        choose=choose,
+    )
+    result = benchmark_people(setup, config, more, lambda done: typer.echo(f"{done:.0%}", err=True))
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
+@commands.command("wants", hidden=True, deprecated=True)
+@commands.command("preferences")
+@plain_errors
+def preferences_command(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
+    noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0",
+    seeds: Annotated[str, typer.Option(help="Of the query sets: FIRST-LAST.")] = "70-79",
+    queries: Annotated[
+        str, typer.Option(help="Whose trajectories: ensemble, or varied (of the conditioned policy).")
+    ] = "varied",
+    answers: Annotated[int, typer.Option(min=2)] = 15,
+    choose: Annotated[
+        str, typer.Option(help="random: as many queries as answers; information, disagreement: from a pool of 60.")
+    ] = "random",
+    scenes: Annotated[int, typer.Option(min=2)] = 2_000,
+    pretrainings: Annotated[
+        str, typer.Option(help="Conditioned policies with cards, comma-separated; default the shipped one.")
+    ] = "",
+    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
+    from backend.experiments.benchmarks.preference_learning import PreferencesConfig, benchmark_preferences
+    from backend.learning.policies.shipped import load_conditioned
+    from backend.learning.preferences.oracles import ORACLE_PREFERENCES
+    from backend.learning.shipped_files import load_card
+
+    first, _, last = seeds.partition("-")
+    if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
+        raise typer.BadParameter(f"queries = {queries}, seeds = {seeds}: ensemble or varied; such as 70-79")
+    config = PreferencesConfig(
+        oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
+        noises=tuple(float(noise) for noise in noises.split(",")),
+        query_seeds=tuple(range(int(first), int(last or first) + 1)),
+        queries="ensemble" if queries == "ensemble" else "varied",
+        choose=choose,
+        answers=answers,
+        scenes=scenes,
+    )
+    names = pretrainings.split(",") if pretrainings else [f"{setup}/conditioned"]
+    cards = [load_card(name) for name in names]
+    conditioned = {f"seed {card.seed}": load_conditioned(name) for name, card in zip(names, cards, strict=True)}
+    result = benchmark_preferences(setup, conditioned, config, lambda done: typer.echo(f"{done:.0%}", err=True))
+    result |= {
+        "pretrainings": {f"seed {card.seed}": {"command": card.command, "sha256": card.sha256} for card in cards}
+    }
+    if out is not None:
+        write_result(out, result)
+    say({"setup": setup, "ceiling_m": result["ceiling_m"], "rows": result["summary"]}, as_json)
+
+
+@commands.command("headline")
+@plain_errors
+def headline_command(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each draws queries, answers and scenes of its own.")] = "0-4",
+    noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0,0.1",
+    conditioned: Annotated[str, typer.Option(help="A conditioned policy; default the shipped one.")] = "",
+    scenes: Annotated[int, typer.Option(min=1, help="Of each seed, in which success is counted.")] = 500,
+    planned: Annotated[int, typer.Option(min=1, help="Of these, in which the best rollouts are planned.")] = 50,
+    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: what the policy of 15 answers gets of what can be attained, of 13 preferences; median and worst."""
+    from backend.experiments.benchmarks.headline import HeadlineConfig, benchmark_headline
+    from backend.learning.policies.shipped import load_conditioned
+
+    first, _, last = seeds.partition("-")
+    if not first.isdigit() or not (last or first).isdigit():
+        raise typer.BadParameter(f"seeds = {seeds}: such as 0-4")
+    config = HeadlineConfig(
+        seeds=tuple(range(int(first), int(last or first) + 1)),
+        lapse_rates=tuple(float(noise) for noise in noises.split(",")),
+        scenes=scenes,
+        planned=planned,
+    )
+    policy = load_conditioned(conditioned) if conditioned else None
+    result = benchmark_headline(setup, policy, config, lambda done: typer.echo(f"{done:.0%}", err=True))
+    if out is not None:
+        write_result(out, result)
+    say(
+        {"setup": setup, "rows": result["preferences"]}
+        | {f"lapse_rate {s['lapse_rate']}": s for s in result["summary"]},
+        as_json,
+    )
+
+
+@commands.command()
+@plain_errors
+def explanations(
+    policy: Annotated[
+        str, typer.Option(help="A shipped name such as study_room/base, an id or a path.")
+    ] = "study_room/base",
+    scenes: Annotated[int, typer.Option(min=2)] = 40,
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Are explanations true? Deletion and insertion against random orders, per method; milliseconds."""
+    from backend.commands.science import find_policy
+    from backend.experiments.benchmarks.explanations import benchmark_explanations
+
+    say(benchmark_explanations(find_policy(policy), policy, scenes=scenes, seed=seed), as_json)

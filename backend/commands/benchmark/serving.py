@@ -1,0 +1,92 @@
+"""The server: sessions, pages, joins, and studies walked as participants would."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from backend.commands.benchmark.group import commands, write_result
+from backend.commands.output import JsonFlag, plain_errors, say
+
+
+@commands.command()
+@plain_errors
+def serve(
+    sessions: Annotated[int, typer.Option(min=1, help="Participants at once.")] = 20,
+    answers: Annotated[int, typer.Option(min=1, help="Answers each of them gives.")] = 2,
+    pace: Annotated[
+        float | None,
+        typer.Option(
+            help="Seconds between two answers of one participant; default 20 as people take, and as much less "
+            "with fewer than 50 participants."
+        ),
+    ] = None,
+    during_alignment: Annotated[bool, typer.Option(help="Let alignments run meanwhile.")] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Many participants at once, each with a real websocket to the stage: is every acknowledged answer stored?"""
+    from backend.experiments.benchmarks.serving import benchmark_serve
+
+    say(benchmark_serve(sessions=sessions, answers=answers, pace_s=pace, during_alignment=during_alignment), as_json)
+
+
+@commands.command()
+@plain_errors
+def pages(
+    studies: Annotated[int, typer.Option(min=1, help="Studies in the installation.")] = 20,
+    participants: Annotated[int, typer.Option(min=1, help="Simulated people in each of them.")] = 31,
+    restarts: Annotated[int, typer.Option(min=1, help="Starts of the server that are timed.")] = 5,
+    joining: Annotated[int, typer.Option(min=1, help="People who join at once.")] = 40,
+    data: Annotated[
+        Path | None, typer.Option(help="Keep the installation in this folder, or take the one that is there.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """What people wait for: restart to the first page, every page of the lab, joining all at once."""
+    from backend.experiments.benchmarks.pages import benchmark_pages
+
+    result = benchmark_pages(
+        studies=studies,
+        participants=participants,
+        restarts=restarts,
+        joining=joining,
+        data=data,
+        tell=lambda words: typer.echo(words, err=True),
+    )
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
+@commands.command()
+@plain_errors
+def finish(
+    participants: Annotated[int, typer.Option(min=1, help="Who give their last answer at the same moment.")] = 10,
+    oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Everybody finishes at once: seconds from the last answer to the policy, and to the search behind it."""
+    from backend.experiments.benchmarks.finishing import benchmark_finish
+
+    say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)
+
+
+@commands.command("study")
+@plain_errors
+def study_command(
+    participants: Annotated[int, typer.Option(min=3, help="Simulated participants of the interface study.")] = 31,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: chapter 7's study over HTTP, its report, its data set there and back; what was put in is found."""
+    from backend.experiments.benchmarks.interface_study import benchmark_study
+
+    result = benchmark_study(participants=participants, seed=seed, tell=lambda words: typer.echo(words, err=True))
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
