@@ -1,0 +1,38 @@
+"""A small ranking set for tests: the study room's base policy in rooms of five things."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
+
+from backend.explain.methods import AttributionError
+from backend.explain.ranking_sets import ExplainedRollout, RankingSet, explained_rollout
+from backend.learning.policies.shipped import load_policy
+from backend.learning.policies.torch_actor import actor_of
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.scene import Scene
+
+FIVE = (0, 2, 3, 5, 6)  # of the study room's eight: three boxes and two pillars
+
+
+def five_things() -> Iterator[Scene]:
+    for scene in scene_set("study_room", 400, purpose=Purpose.FIGURE, seed=17):
+        yield replace(scene, obstacles=tuple(scene.obstacles[i] for i in FIVE))
+
+
+@cache
+def small_ranking_set(count: int = 8, practice: int = 2) -> RankingSet:
+    """`count` rollouts and some for practice, each with three things at least that told the policy something."""
+    policy = load_policy("study_room/base")
+    found: list[ExplainedRollout] = []
+    for scene in five_things():
+        if len(found) == count + practice:
+            break
+        try:
+            one = explained_rollout(actor_of(policy), policy.rollout_policy, scene)
+        except AttributionError:
+            continue
+        if (one.scores[-1] > 0).sum() >= 3:
+            found.append(replace(one, practice=len(found) >= count))
+    return RankingSet("study_room", tuple(found), "study_room/base", "saliency", "speed")

@@ -1,0 +1,55 @@
+"""What rankings are asked about: rollouts that halt, objects with scores at every step, files that come back alike."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.explain.attribution import explain
+from backend.explain.methods import AttributionError
+from backend.explain.ranking_sets import RankingSet, explained_rollout, is_ranking_set, ranking_set
+from backend.explain.sight import sight_of
+from backend.learning.policies.shipped import load_policy
+from backend.learning.policies.torch_actor import actor_of
+from backend.simulation.fast import rollout
+from backend.simulation.setups import get_setup
+from tests.explain.ranking_rooms import five_things, small_ranking_set
+
+
+def test_the_robot_drives_three_seconds_and_every_moment_has_a_score_per_object() -> None:
+    for one in small_ranking_set().rollouts:
+        assert one.trajectory.duration_s == pytest.approx(3.0)
+        assert one.scores.shape == (16, 5)
+        assert one.things == ("box 1", "box 2", "box 3", "pillar 1", "pillar 2")
+        assert 0 <= one.scores.min() <= one.scores.max() <= 1
+        assert list(one.at_halt) == list(one.things)
+
+
+def test_the_scores_at_the_halt_explain_what_the_policy_would_have_done_next() -> None:
+    policy, one = load_policy("study_room/base"), small_ranking_set().rollouts[0]
+    whole = rollout(get_setup("study_room"), policy.rollout_policy, [one.trajectory.scene])[0]
+    explained = explain(actor_of(policy), sight_of(whole), method="saliency")
+    np.testing.assert_allclose(explained.scores[15, :5], one.scores[-1], atol=1e-6)
+
+
+def test_a_set_is_read_back_as_it_was_and_tells_itself_from_queries() -> None:
+    made = small_ranking_set()
+    content = made.to_bytes()
+    again = RankingSet.from_bytes(content)
+    assert again.to_bytes() == content
+    assert is_ranking_set(content)
+    assert [one.practice for one in again.rollouts] == [False] * 8 + [True] * 2
+    for kept, read in zip(made.rollouts, again.rollouts, strict=True):
+        assert read.trajectory.digest() == kept.trajectory.digest()
+        np.testing.assert_array_equal(read.scores, kept.scores)
+    assert not is_ranking_set(b"PK")
+    with pytest.raises(AttributionError, match="not a desirepath ranking set"):
+        RankingSet.from_bytes(made.rollouts[0].trajectory.to_bytes())
+
+
+def test_a_rollout_that_is_over_before_the_halt_is_refused_by_its_scene() -> None:
+    policy, scene = load_policy("study_room/base"), next(five_things())
+    with pytest.raises(AttributionError, match=f"scene {scene.seed}: the rollout is over"):
+        explained_rollout(actor_of(policy), policy.rollout_policy, scene, drive_s=60.0)
+    with pytest.raises(AttributionError, match="there is none"):
+        ranking_set(actor_of(policy), policy.rollout_policy, [], [], policy="study_room/base")
