@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -92,11 +93,11 @@ class RankingSet:
             rollouts, first, score = [], 0, 0
             for k, (said, steps) in enumerate(zip(meta["rollouts"], arrays["steps"].tolist(), strict=True)):
                 rows, poses = slice(first, first + steps), slice(first + k, first + k + steps + 1)
-                cut = {name: arrays[name][poses if name == "poses" else rows] for name in STORED}
+                cut: dict[str, Any] = {name: arrays[name][poses if name == "poses" else rows] for name in STORED}
                 things = tuple(str(thing) for thing in said["things"])
                 scores = arrays["scores"][score : score + (steps + 1) * len(things)].reshape(steps + 1, len(things))
                 scene = Scene.from_dict(said["scene"])
-                trajectory = Trajectory(scene=scene, outcome=Outcome.RUNNING, dt=float(said["dt"]), **cut)
+                trajectory = Trajectory(scene, Outcome.RUNNING, **cut, dt=float(said["dt"]))
                 rollouts.append(ExplainedRollout(trajectory, things, scores, bool(said["practice"])))
                 first, score = first + steps, score + scores.size
             return cls(meta["setup"], tuple(rollouts), meta["policy"], meta["method"], meta["command"])
