@@ -18,6 +18,7 @@ from torch import Tensor
 from backend.explain.methods import COMMANDS, Command, Method, checked
 from backend.explain.sight import AHEAD, FAR, GOAL, PERSON, Sight
 from backend.simulation.fast import Floats
+from backend.simulation.setups import Setup
 
 Doubles = NDArray[np.float64]
 Actor = Callable[[Tensor], Tensor]
@@ -25,7 +26,7 @@ Actor = Callable[[Tensor], Tensor]
 
 IG_STEPS = 128  # points on the way from the baseline; ours: sums are right to 0.05 of a command in [-1, 1]
 NOISE, SAMPLES = 0.05, 25  # SmoothGrad: standard deviation in scaled inputs, draws per moment; ours
-GOAL_INPUTS, PERSON_INPUTS = (0, 1), (2, 3)  # distance and bearing, as every lidar setup lays them out
+GOAL_INPUTS = (0, 1)  # distance and bearing, as every lidar setup lays them out
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,10 @@ class Explanation:
 
 
 def attribute(
-    actor: Actor, observations: Floats, *, rays_from: int, method: Method, command: Command, seed: int = 0
+    actor: Actor, observations: Floats, *, setup: Setup, method: Method, command: Command, seed: int = 0
 ) -> Doubles:
     """observations (T, obs) -> (T, obs) attributions of one command to each input, signed; gradients per unit of the
-    scaled input. rays_from: index of the first lidar input.
+    scaled input. setup: whose observations these are.
 
     Integrated Gradients add up to the command's difference from the baseline (`baseline`). `seed`: SmoothGrad's noise.
     Raises AttributionError for an unknown method or command.
@@ -60,7 +61,7 @@ def attribute(
     if method == "saliency":
         found = Saliency(actor).attribute(inputs, target=index, abs=False)
     elif method == "integrated_gradients":
-        start = torch.from_numpy(baseline(observations, rays_from))
+        start = torch.from_numpy(baseline(observations, setup))
         found = IntegratedGradients(actor).attribute(
             inputs, baselines=start, target=index, n_steps=IG_STEPS, method="gausslegendre"
         )
@@ -73,13 +74,13 @@ def attribute(
     return found.detach().numpy().astype(np.float64)
 
 
-def baseline(observations: Floats, rays_from: int) -> Floats:
+def baseline(observations: Floats, setup: Setup) -> Floats:
     """(T, obs) an empty room: every ray at the lidar's range, goal and person far off and straight ahead; the robot's
     own velocity stays.
     """
     empty = observations.copy()
-    empty[:, rays_from:] = 1.0
-    for distance, bearing in (GOAL_INPUTS, PERSON_INPUTS):
+    empty[:, setup.polar_size :] = 1.0
+    for distance, bearing in filter(None, (GOAL_INPUTS, setup.person_inputs)):
         empty[:, distance], empty[:, bearing] = FAR, AHEAD
     return empty
 
@@ -88,10 +89,10 @@ def explain(
     actor: Actor, sight: Sight, *, method: Method = "saliency", command: Command = "speed", seed: int = 0
 ) -> Explanation:
     """Score what was seen at each moment by how much it moved the command. Raises AttributionError."""
-    inputs = attribute(actor, sight.observations, rays_from=sight.first_ray, method=method, command=command, seed=seed)
+    inputs = attribute(actor, sight.observations, setup=sight.setup, method=method, command=command, seed=seed)
     rays = np.abs(inputs[:, sight.first_ray :])
-    goal, person = (np.abs(inputs[:, list(pair)]).max(axis=1) for pair in (GOAL_INPUTS, PERSON_INPUTS))
-    every = np.column_stack([rays, goal, person])
+    told = [np.abs(inputs[:, list(pair)]).max(axis=1) for pair in (GOAL_INPUTS, sight.setup.person_inputs) if pair]
+    every = np.column_stack([rays, *told])
     low, high = every.min(axis=1, keepdims=True), every.max(axis=1, keepdims=True)
     scaled = (every - low) / np.where(high > low, high - low, 1.0)
     sectors = rays.shape[1]
@@ -99,6 +100,7 @@ def explain(
     for number in range(len(sight.things)):
         scores[:, number] = np.where(sight.provider == number, scaled[:, :sectors], 0.0).max(axis=1)
     scores[:, -1] = scaled[:, sectors]
-    at = sight.things.index(PERSON)
-    scores[:, at] = np.maximum(scores[:, at], scaled[:, sectors + 1])
+    if sight.setup.person_inputs is not None:
+        at = sight.things.index(PERSON)
+        scores[:, at] = np.maximum(scores[:, at], scaled[:, sectors + 1])
     return Explanation(method, command, inputs, (*sight.things, GOAL), scores)

@@ -126,8 +126,8 @@ def _rows(
             mine = [float(value) for value in rays[step][sight.provider[step] == k]]
             if thing == "goal":
                 mine += explained.inputs[step, :2].tolist()
-            elif thing == "person":
-                mine += explained.inputs[step, 2:4].tolist()
+            elif thing == "person" and sight.setup.person_inputs is not None:
+                mine += explained.inputs[step, list(sight.setup.person_inputs)].tolist()
             signed = max(mine, key=abs, default=0.0)
             seen = thing == "goal" or bool(sight.seen[step, k])
             score = round(float(explained.scores[step, k]), 4)

@@ -75,14 +75,16 @@ class Sight:
     def without(self, removed: NDArray[np.bool_]) -> Floats:
         """(T, obs) what would be observed had the things (T, things) been taken out of the room.
 
-        Who takes out the person also takes out what the robot is told of where they stand: as far as it is ever said,
-        straight ahead.
+        Who takes out the person also takes out what the robot is told of where they stand, if it is: as far as it is
+        ever said, straight ahead.
         """
         ranges = np.where(removed[:, :, None], self.setup.lidar.range_m, self.ranges).min(axis=1)
         changed = self.observations.copy()
         changed[:, self.first_ray :] = ranges / self.setup.lidar.range_m
-        gone = removed[:, self.things.index(PERSON)]
-        changed[gone, 2], changed[gone, 3] = FAR, AHEAD
+        if self.setup.person_inputs is not None:
+            gone = removed[:, self.things.index(PERSON)]
+            for which, value in zip(self.setup.person_inputs, (FAR, AHEAD), strict=True):
+                changed[gone, which] = value
         return changed
 
 

@@ -44,6 +44,9 @@ def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
         jerk_weight=setup.reward.jerk_weight,
         progress_weight=progress_weight,
         solids=setup.solids,
+        with_person=setup.with_person,
+        near=setup.near.reward if setup.near else 0.0,
+        near_m=setup.near.within_m if setup.near else 0.0,
     )
 
 

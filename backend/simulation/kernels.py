@@ -452,6 +452,97 @@ def draw_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool
     return _draw_places(uniforms, row, spacing)
 
 
+@compiled_exactly
+def _stands_apart(row: Row, box: int, first: int, spacing: Spacing) -> bool:
+    """Whether box number `box` leaves a robot its way around it: 0.3 m at start and goal, 0.6 m to the person, to box
+    number `first` and to those before it (first = -1: there is none yet); less at walls.
+    """
+    o = FIRST_BOX + BOX_COLUMNS * box
+    needed = spacing.robot_radius + 0.3
+    if box_distance(row, o, row[START_X], row[START_Y]) < needed:
+        return False
+    if box_distance(row, o, row[GOAL_X], row[GOAL_Y]) < needed:
+        return False
+    if box_distance(row, o, row[PERSON_X], row[PERSON_Y]) < row[PERSON_RADIUS] + 0.6:
+        return False
+    if nearest_wall_gap(row, box) < spacing.gap_between_bodies:
+        return False
+    if first < 0:
+        return True
+    nearest = boxes_gap(row, o, FIRST_BOX + BOX_COLUMNS * first)
+    for other in range(box):
+        if other != first:
+            nearest = min(nearest, boxes_gap(row, o, FIRST_BOX + BOX_COLUMNS * other))
+    return nearest >= 0.6
+
+
+@compiled_exactly
+def draw_explained_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
+    """Draw one room of chapter 8 into the row from numbers in [0, 1); False if they ran out.
+
+    8 x 7 m with walls (all ours): start and goal 4-6 m apart, so that a robot is still under way after 3 s; it faces
+    the goal. Couch, table, cupboard, sideboard and column, in rows with the walls give or take 17 degrees, 0.6 m from
+    everything and 0.1 m from walls; one of them, drawn, stands in or near the way: its middle between 0.35 and 0.75
+    of the straight line and at most 1 m beside it. The person watches from 1.2 m beside that line or farther, looking
+    at its middle.
+    """
+    row[ROOM_HALF_X], row[ROOM_HALF_Y], row[BOX_COUNT] = 4.0, 3.5, 5
+    at_ends = 0.7  # of walls
+    used = 0
+    while True:
+        if used + 4 > uniforms.size:
+            return False
+        distance, direction = 4.0 + 2.0 * uniforms[used], (2 * uniforms[used + 1] - 1) * math.pi
+        along_x, along_y = math.cos(direction), math.sin(direction)
+        row[START_X] = _tidy((2 * uniforms[used + 2] - 1) * (row[ROOM_HALF_X] - at_ends))
+        row[START_Y] = _tidy((2 * uniforms[used + 3] - 1) * (row[ROOM_HALF_Y] - at_ends))
+        row[GOAL_X], row[GOAL_Y] = _tidy(row[START_X] + distance * along_x), _tidy(row[START_Y] + distance * along_y)
+        used += 4
+        if abs(row[GOAL_X]) <= row[ROOM_HALF_X] - at_ends and abs(row[GOAL_Y]) <= row[ROOM_HALF_Y] - at_ends:
+            break
+    row[START_YAW], row[GOAL_YAW] = direction, direction
+    middle_x, middle_y = (row[START_X] + row[GOAL_X]) / 2, (row[START_Y] + row[GOAL_Y]) / 2
+    while True:
+        if used + 2 > uniforms.size:
+            return False
+        row[PERSON_X] = _tidy((2 * uniforms[used] - 1) * row[ROOM_HALF_X])
+        row[PERSON_Y] = _tidy((2 * uniforms[used + 1] - 1) * row[ROOM_HALF_Y])
+        used += 2
+        dx, dy = row[PERSON_X] - row[START_X], row[PERSON_Y] - row[START_Y]
+        if abs(dy * along_x - dx * along_y) >= 1.2 and _person_fits(row, spacing):
+            break
+    row[PERSON_YAW] = _tidy(math.atan2(middle_y - row[PERSON_Y], middle_x - row[PERSON_X]))
+    lengths, widths = (1.9, 1.2, 1.2, 1.0, 0.4), (0.85, 0.8, 0.5, 0.5, 0.4)
+    heights = (0.8, 0.75, 1.9, 0.9, 2.0)
+    while True:  # everything anew if it closes the way
+        if used + 1 > uniforms.size:
+            return False
+        blocking = min(int(5 * uniforms[used]), 4)
+        used += 1
+        for place in range(5):  # the one in the way first: the others leave it room
+            box = blocking if place == 0 else (place - 1 if place - 1 < blocking else place)
+            o = FIRST_BOX + BOX_COLUMNS * box
+            row[o + BOX_HALF_LENGTH], row[o + BOX_HALF_WIDTH] = lengths[box] / 2, widths[box] / 2
+            row[o + BOX_HEIGHT] = heights[box]
+            while True:
+                if used + 4 > uniforms.size:
+                    return False
+                if place == 0:
+                    share, aside = 0.35 + 0.4 * uniforms[used], 2 * uniforms[used + 1] - 1
+                    row[o + BOX_X] = _tidy(row[START_X] + share * distance * along_x - aside * along_y)
+                    row[o + BOX_Y] = _tidy(row[START_Y] + share * distance * along_y + aside * along_x)
+                else:
+                    row[o + BOX_X] = _tidy((2 * uniforms[used] - 1) * row[ROOM_HALF_X])
+                    row[o + BOX_Y] = _tidy((2 * uniforms[used + 1] - 1) * row[ROOM_HALF_Y])
+                yaw = _tidy(math.pi / 2 * math.floor(2 * uniforms[used + 2]) + 0.3 * (2 * uniforms[used + 3] - 1))
+                row[o + BOX_YAW], row[o + BOX_COS], row[o + BOX_SIN] = yaw, math.cos(yaw), math.sin(yaw)
+                used += 4
+                if _stands_apart(row, box, -1 if place == 0 else blocking, spacing):
+                    break
+        if reachable(row, spacing.robot_radius + 0.1):
+            return True
+
+
 # --- lidar ----------------------------------------------------------------------------------------------------------
 
 
@@ -608,6 +699,9 @@ class Rules(NamedTuple):
     jerk_weight: float
     progress_weight: float
     solids: int  # > 0: that many walls and boxes are observed instead of the lidar
+    with_person: bool
+    near: float  # reward of a step that ends with the robot's centre nearer than near_m to anything
+    near_m: float
 
 
 class State(NamedTuple):
@@ -772,13 +866,15 @@ def observe(
     out[1] = wrap(math.atan2(dy, dx) - yaw) / math.pi
     dx, dy = row[PERSON_X] - x, row[PERSON_Y] - y
     person, bearing = math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - yaw)
-    out[2] = person / rules.distance_scale
-    out[3] = bearing / math.pi
-    first = 4
+    first = 2
+    if rules.with_person:
+        out[2] = person / rules.distance_scale
+        out[3] = bearing / math.pi
+        first = 4
     if rules.with_velocity:
-        out[4] = v / rules.v_max
-        out[5] = w / rules.w_max
-        first = 6
+        out[first] = v / rules.v_max
+        out[first + 1] = w / rules.w_max
+        first += 2
     scan_knowing(row, x, y, yaw, person, bearing, beams, scratch)
     for k in range(beams.sectors):
         out[first + k] = scratch[k] / beams.range_m
@@ -835,6 +931,8 @@ def _step_one(
     crossed = crosses_itself(state.paths[i], steps, rules.loop_age, rules.v_max * rules.dt)
     if crossed:
         reward += rules.self_intersection
+    if min(surface, person - row[PERSON_RADIUS]) < rules.near_m:
+        reward += rules.near
     outcome = RUNNING
     if hit:
         outcome = COLLISION

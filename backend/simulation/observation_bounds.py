@@ -26,8 +26,9 @@ def observation_bounds(setup: Setup) -> tuple[Floats, Floats]:
         low[:] = -1.0
         low[distances], high[distances] = 0.0, far / setup.distance_scale_m
     else:
-        low[[1, 3]] = -1.0
-        high[[0, 2]] = far / setup.distance_scale_m
+        for distance, bearing in filter(None, ((0, 1), setup.person_inputs)):
+            low[bearing], high[distance] = -1.0, far / setup.distance_scale_m
         if setup.with_velocity:
-            low[4], low[5] = setup.limits.v_min / setup.limits.v_max, -1.0
+            velocity = setup.polar_size - 2
+            low[velocity], low[velocity + 1] = setup.limits.v_min / setup.limits.v_max, -1.0
     return low.astype(np.float32), high.astype(np.float32)

@@ -258,9 +258,9 @@ class ReferenceEngine:
         task = [
             math.hypot(goal_x, goal_y) / scale,
             k.wrap(math.atan2(goal_y, goal_x) - yaw) / math.pi,
-            self.human_distance / scale,
-            k.wrap(math.atan2(person_y, person_x) - yaw) / math.pi,
         ]
+        if self.setup.with_person:
+            task += [self.human_distance / scale, k.wrap(math.atan2(person_y, person_x) - yaw) / math.pi]
         if self.setup.with_velocity:
             task += [v / self.setup.limits.v_max, w / self.setup.limits.w_max]
         pooled = self.raw_ranges().reshape(self.setup.lidar.sectors, -1).min(axis=1) / self.setup.lidar.range_m
@@ -291,6 +291,11 @@ class ReferenceEngine:
         if k.crosses_itself(self._path, self.steps, rules.loop_age, rules.v_max * rules.dt):
             self.self_intersections += 1
             self.reward += rules.self_intersection
+        apart = min(
+            k.surface_distance(row, *self.pose[:2]), k.person_distance(row, *self.pose[:2]) - row[k.PERSON_RADIUS]
+        )
+        if apart < rules.near_m:
+            self.reward += rules.near
         if hit:
             self.outcome = Outcome.COLLISION
             self.reward += rules.collision

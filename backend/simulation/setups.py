@@ -48,10 +48,22 @@ class CoreReward:
 
 
 @dataclass(frozen=True)
+class NearPenalty:
+    """What a step costs that ends with the robot's centre this near to the surface of a wall, an obstacle or a person.
+
+    Beside `CoreReward`, whose fields every exported data set names.
+    """
+
+    reward: float
+    within_m: float
+
+
+@dataclass(frozen=True)
 class Setup:
     """Everything a policy is bound to. Observation: float32 vector of
 
-    [goal distance / distance_scale_m, goal bearing / pi, person distance / distance_scale_m, person bearing / pi,
+    [goal distance / distance_scale_m, goal bearing / pi,
+     (person distance / distance_scale_m, person bearing / pi if with_person),
      (v / v_max, w / w_max if with_velocity), sector ranges / lidar range ...].
 
     Where `solids` is above 0 (chapter 2), the robot knows that many walls and obstacles instead of a lidar scan:
@@ -72,13 +84,21 @@ class Setup:
     distance_scale_m: float = 10.0
     self_intersection_min_age_steps: int = 4
     solids: int = 0
+    with_person: bool = True
+    near: NearPenalty | None = None
+    extractors: bool = True  # networks read task part and lidar by an extractor each (ch. 6), or all at once (ch. 8)
 
     @property
     def polar_size(self) -> int:
         """Length of the task part of the observation (everything before lidar or solids)."""
         if self.solids:
             return 7
-        return 6 if self.with_velocity else 4
+        return 2 + 2 * self.with_person + 2 * self.with_velocity
+
+    @property
+    def person_inputs(self) -> tuple[int, int] | None:
+        """Where distance and bearing of the person are observed; None where only the lidar tells of them."""
+        return (2, 3) if self.with_person and not self.solids else None
 
     @property
     def surroundings_size(self) -> int:
@@ -96,9 +116,12 @@ class Setup:
         polar: list[dict[str, object]] = [
             {"name": "goal_distance", "unit": "m", "divided_by": self.distance_scale_m},
             {"name": "goal_bearing", "unit": "rad", "divided_by": math.pi},
-            {"name": "person_distance", "unit": "m", "divided_by": self.distance_scale_m},
-            {"name": "person_bearing", "unit": "rad", "divided_by": math.pi},
         ]
+        if self.with_person:
+            polar += [
+                {"name": "person_distance", "unit": "m", "divided_by": self.distance_scale_m},
+                {"name": "person_bearing", "unit": "rad", "divided_by": math.pi},
+            ]
         if self.with_velocity:
             polar += [
                 {"name": "linear_velocity", "unit": "m/s", "divided_by": self.limits.v_max},
@@ -172,7 +195,27 @@ def _demonstrated(name: str, solids: int) -> Setup:
 
 CORRIDOR = _demonstrated("corridor", solids=4)
 ROOM = _demonstrated("room", solids=7)
-SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM)}
+EXPLAINED_ROOM = Setup(
+    name="explained_room",  # ch. 8, section 8.3.2; limits, goal radius, episode length and discount as in ch. 7 (ours)
+    limits=Limits(0.0, 1.0),
+    lidar=Lidar(beams=360, sectors=15, range_m=6.0),
+    reward=CoreReward(
+        goal=20.0,
+        collision=-20.0,
+        timeout=-1.0,
+        self_intersection=0.0,
+        time_per_step=-0.001,
+        jerk_weight=1e-7,
+    ),
+    goal_radius_m=0.36,
+    max_steps=500,
+    gamma=0.98,
+    with_velocity=False,
+    with_person=False,
+    near=NearPenalty(reward=-0.001, within_m=0.4),
+    extractors=False,
+)
+SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM)}
 PREFERENCE_SETUPS = (OPEN_FIELD.name, STUDY_ROOM.name)
 DEMONSTRATION_SETUPS = (CORRIDOR.name, ROOM.name)
 
@@ -190,6 +233,15 @@ def require_lidar(setup: Setup) -> None:
     if setup.solids:
         raise SetupError(
             f"setup {setup.name} observes closest points, no lidar; this needs one of {', '.join(PREFERENCE_SETUPS)}"
+        )
+
+
+def require_person(setup: Setup) -> None:
+    """Raise SetupError for a setup whose robot scans its surroundings and is not told where the person is."""
+    require_lidar(setup)
+    if setup.person_inputs is None:
+        raise SetupError(
+            f"setup {setup.name} does not observe where the person is; this needs one of {', '.join(PREFERENCE_SETUPS)}"
         )
 
 

@@ -61,7 +61,7 @@ def test_saliency_is_the_gradient(policy: Policy, sights: list[Sight]) -> None:
     actor, seen = actor_of(policy), sights[0].observations[:5]
     double = torch.from_numpy(seen).double()
     exact = actor_of_double(policy)
-    found = attribute(actor, seen, rays_from=6, method="saliency", command="turning")
+    found = attribute(actor, seen, setup=SETUP, method="saliency", command="turning")
     step = 1e-6
     for column in range(0, seen.shape[1], 5):
         ahead, behind = double.clone(), double.clone()
@@ -89,9 +89,9 @@ def actor_of_double(policy: Policy) -> Callable[[Tensor], Tensor]:
 
 def test_integrated_gradients_add_up_to_the_difference_from_the_empty_room(policy: Policy, sights: list[Sight]) -> None:
     actor, seen = actor_of(policy), sights[0].observations
-    found = attribute(actor, seen, rays_from=6, method="integrated_gradients", command="turning")
+    found = attribute(actor, seen, setup=SETUP, method="integrated_gradients", command="turning")
     with torch.no_grad():
-        apart = (actor(torch.from_numpy(seen)) - actor(torch.from_numpy(baseline(seen, 6))))[:, 1].numpy()
+        apart = (actor(torch.from_numpy(seen)) - actor(torch.from_numpy(baseline(seen, SETUP))))[:, 1].numpy()
     np.testing.assert_allclose(found.sum(axis=1), apart, atol=0.05)
     assert np.abs(found.sum(axis=1) - apart).mean() < 0.01
 
@@ -130,7 +130,7 @@ def test_smooth_grad_has_a_seed(policy: Policy, sights: list[Sight]) -> None:
     before = torch.random.get_rng_state()
     first, again, other = (
         attribute(
-            actor_of(policy), sights[0].observations, rays_from=6, method="smooth_grad", command="speed", seed=seed
+            actor_of(policy), sights[0].observations, setup=SETUP, method="smooth_grad", command="speed", seed=seed
         )
         for seed in (3, 3, 4)
     )
@@ -167,7 +167,7 @@ def test_the_true_explanation_beats_chance_and_the_reversed_one_loses(sights: li
 
 def test_unknown_methods_and_blind_setups_are_refused(policy: Policy, sights: list[Sight]) -> None:
     with pytest.raises(AttributionError, match=r"method = .lime.: must be one of integrated_gradients, saliency"):
-        attribute(actor_of(policy), sights[0].observations, rays_from=6, method="lime", command="speed")  # type: ignore[arg-type]
+        attribute(actor_of(policy), sights[0].observations, setup=SETUP, method="lime", command="speed")  # type: ignore[arg-type]
     corridor = rollout(
         get_setup("corridor"),
         lambda seen: np.zeros((len(seen), 2), dtype=np.float32),

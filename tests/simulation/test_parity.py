@@ -131,6 +131,18 @@ def test_the_environments_of_chapter_2_are_the_same_in_both_engines(name: str) -
         assert np.abs(fast.observations - reference.observations).max() < 0.02
 
 
+def test_the_room_of_chapter_8_is_the_same_in_both_engines_its_rewards_too() -> None:
+    setup, scenes = SETUPS["explained_room"], draw_scenes("explained_room", range(6))
+    act = towards_goal(setup)
+    for fast, reference in zip(rollout(setup, act, scenes), rollout_reference(setup, act, scenes), strict=True):
+        assert (fast.outcome, len(fast.actions)) == (reference.outcome, len(reference.actions))
+        assert np.abs(fast.poses[:-1, :2] - reference.poses[:-1, :2]).max() < 0.005
+        assert np.quantile(np.abs(fast.observations - reference.observations), 0.99) < 0.01  # a ray may miss a corner
+        assert fast.rewards == pytest.approx(reference.rewards, abs=1e-4)
+        near = fast.observations[1:, setup.polar_size :].min(axis=1) * setup.lidar.range_m < 0.39
+        assert (fast.rewards[:-1][near] < -0.0019).all()  # time and nearness, each 0.001
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_drives_end_at_the_same_step_in_the_same_way(name: str) -> None:
     setup, scenes = SETUPS[name], draw_scenes(name, range(SCENES))

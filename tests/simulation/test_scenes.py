@@ -82,6 +82,7 @@ def test_a_pool_gives_each_scene_once_before_it_repeats_any(monkeypatch: pytest.
     [
         ("open_field", (-1.507964, -1.732797), (-0.496578, 0.293001)),
         ("study_room", (2.665458, 0.098837), (-0.457145, 0.186276)),
+        ("explained_room", (-2.382275, 2.245871), (-2.282649, -2.831729)),
     ],
 )
 def test_scene_of_seed_2026_is_what_it_always_was(
@@ -125,6 +126,26 @@ def test_study_room_is_drawn_as_spec_01_says() -> None:
         sizes = [(o.kind, o.length, o.width, o.height) for o in s.obstacles]
         assert sizes == [("box", 0.8, 1.6, 1.2)] * 4 + [("pillar", 0.3, 0.3, 2.0)] * 4
         assert {o.pose.yaw for o in s.obstacles} <= {0.0, math.pi / 2}
+
+
+def test_a_room_of_chapter_8_has_five_kinds_of_things_one_of_them_near_the_way_and_an_observer_beside_it() -> None:
+    in_the_way = []
+    for s in draw_scenes("explained_room", range(500)):
+        assert [o.kind for o in s.obstacles] == ["couch", "table", "cupboard", "box", "pillar"]
+        assert 4 - 1e-5 <= distance(s.start, s.goal) <= 6 + 1e-5
+        towards = math.atan2(s.goal.y - s.start.y, s.goal.x - s.start.x)
+        assert s.start.yaw == pytest.approx(towards, abs=1e-5)
+
+        def aside(pose: Pose, scene: Scene = s, towards: float = towards) -> float:
+            dx, dy = pose.x - scene.start.x, pose.y - scene.start.y
+            return abs(dy * math.cos(towards) - dx * math.sin(towards))
+
+        assert min(aside(o.pose) for o in s.obstacles) <= 1 + 1e-5
+        assert aside(s.person.pose) >= 1.2 - 1e-5
+        x, y = (s.start.x + s.goal.x) / 2 - s.person.pose.x, (s.start.y + s.goal.y) / 2 - s.person.pose.y
+        assert s.person.pose.yaw == pytest.approx(math.atan2(y, x), abs=1e-5)
+        in_the_way.append(min(aside(o.pose) - o.width / 2 for o in s.obstacles) < 0.18)
+    assert 0.3 < np.mean(in_the_way) < 0.95  # straight ahead is free in some rooms, not in others
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,9 @@ def mirror_of(setup: Setup) -> Mirror:
     require_lidar(setup)
     order, signs = np.arange(setup.observation_size), np.ones(setup.observation_size, dtype=np.float32)
     order[setup.polar_size :] = order[setup.polar_size :][::-1]
-    signs[[1, 3]] = -1  # goal and person bearing
+    signs[1] = -1  # goal bearing
+    if setup.person_inputs is not None:
+        signs[setup.person_inputs[1]] = -1
     if setup.with_velocity:
-        signs[5] = -1  # angular velocity
+        signs[setup.polar_size - 1] = -1  # angular velocity
     return Mirror(order, signs)

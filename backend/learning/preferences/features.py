@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation.scene import Person, Pose
-from backend.simulation.setups import ROBOT_RADIUS_M, Setup, require_lidar
+from backend.simulation.setups import ROBOT_RADIUS_M, Setup, require_person
 
 Floats = NDArray[np.float32]
 
@@ -36,9 +36,9 @@ def obstacle_clearance_m(observations: Floats, setup: Setup) -> Floats:
     """(n,) distance (m) from the robot's surface to the nearest lidar return that is not the person.
 
     Sectors that the person covers are left out; where nothing else is in range, the lidar's range. Raises SetupError
-    for a setup without lidar.
+    for a setup without lidar, or whose robot is not told where the person is.
     """
-    require_lidar(setup)
+    require_person(setup)
     sectors = setup.lidar.sectors
     width = 2 * math.pi / sectors
     centres = ((np.arange(sectors) + 0.5) * width).astype(np.float32)
