@@ -24,6 +24,7 @@ from backend.api.core.prose import prose
 from backend.api.core.throttle import TooLarge, memory_limiter
 from backend.api.lab.power_runs import PowerRuns
 from backend.api.lab.whole_reports import Reports
+from backend.api.participant.joining_together import Doors
 from backend.api.participant.requests import refusal_page
 from backend.api.stage.admission import Admission
 from backend.api.stage.listening import Listeners
@@ -67,6 +68,7 @@ def build_services(settings: Settings) -> Services:
         figures=FigureProcess(),
         reports=Reports(settings),
         power=PowerRuns(settings),
+        doors=Doors(database, files),
         presenter=Presenter(database, files, replays, listeners),
         listeners=listeners,
         admission=Admission(settings, database, replays),

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from backend.api.core.figure_process import FigureProcess
     from backend.api.lab.power_runs import PowerRuns
     from backend.api.lab.whole_reports import Reports
+    from backend.api.participant.joining_together import Doors
     from backend.api.stage.admission import Admission
     from backend.api.stage.listening import Listeners
     from backend.api.stage.presenting import Presenter
@@ -42,6 +43,7 @@ class Services:
     figures: FigureProcess
     reports: Reports
     power: PowerRuns
+    doors: Doors
     presenter: Presenter
     listeners: Listeners
     admission: Admission

@@ -24,13 +24,13 @@ from backend.api.participant.device_check import remember
 from backend.api.participant.replies import Joined
 from backend.api.participant.requests import too_many
 from backend.api.participant.sent import Joining
-from backend.store.models import Participant, RecruitingId, Session, Study, utc_now
+from backend.store.models import RecruitingId, Session, Study, utc_now
 from backend.study.grammar.texts import local
 from backend.study.links import as_issued, token_hash
 from backend.study.protocol.schema import DeviceGate
 from backend.study.protocol.stages import STAGES
 from backend.study.refusals import Refused
-from backend.study.session.joining import check_open, join_study
+from backend.study.session.joining import Joiner, TakenIn, check_open
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import study_by_link
 
@@ -111,47 +111,49 @@ async def join(recruiting_token: str, request: Request) -> Response:
         asked = Joining.model_validate(given)
     except ValidationError as wrong:
         raise RequestValidationError([{**one, "loc": ("body", *one["loc"])} for one in wrong.errors()]) from None
-    return await asyncio.to_thread(_join, recruiting_token, request, asked, is_json)
-
-
-def _join(recruiting_token: str, request: Request, asked: Joining, is_json: bool) -> Response:
-    services = services_of(request)
-    recruiting = {field: given for name, field in PLATFORM_FIELDS.items() if (given := getattr(asked, name))}
     simulated = is_json and asked.simulated
     if simulated and not _from_here(request):
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
-    with services.database.transaction() as s:
-        study = study_by_link(s, recruiting_token)
-        begun = _begun_here(s, request, study, asked.PROLIFIC_PID) if asked.PROLIFIC_PID and not is_json else None
+    if asked.PROLIFIC_PID and not is_json:
+        begun = await asyncio.to_thread(_begun, request, recruiting_token, asked.PROLIFIC_PID)
         if begun is not None:
             return RedirectResponse(f"/p/{begun}", status_code=303)
-        session, token = join_study(
-            s,
-            study,
-            files=services.files,
-            language=asked.language,
-            recruiting={"platform": "prolific", **recruiting} if recruiting else None,
-            device=asked.device,
-            simulated=simulated,
-            oracle=asked.oracle,
+    recruiting = {field: given for name, field in PLATFORM_FIELDS.items() if (given := getattr(asked, name))}
+    who = Joiner(
+        language=asked.language,
+        recruiting={"platform": "prolific", **recruiting} if recruiting else None,
+        device=asked.device,
+        simulated=simulated,
+        oracle=asked.oracle,
+    )
+    return _let_in(request, await services_of(request).doors.join(recruiting_token, who), is_json=is_json)
+
+
+def _begun(request: Request, recruiting_token: str, external_id: str) -> str | None:
+    with services_of(request).database.session() as s:
+        return _begun_here(s, request, study_by_link(s, recruiting_token), external_id)
+
+
+def _let_in(request: Request, joined: TakenIn, *, is_json: bool) -> Response:
+    """The answer to a new participant, once everything of theirs is on the disk."""
+    session, token = joined.session, joined.token
+    response: Response = RedirectResponse(f"/p/{token}", status_code=303)
+    if is_json:
+        told = {"token": token, "participant": joined.participant.code, "simulated": session.simulated}
+        response = reply_of(Joined, told, 201)
+    remember(request, response, session)
+    if not session.simulated:
+        response.set_cookie(
+            f"{JOINED_COOKIE}{session.study_id[:8]}",
+            token,
+            max_age=max(0, int((session.expires_at - utc_now()).total_seconds())),
+            path="/join",
+            httponly=True,
+            samesite="lax",
+            secure=request.url.scheme == "https",
         )
-        code = s.get_one(Participant, session.participant_id).code
-        response: Response = RedirectResponse(f"/p/{token}", status_code=303)
-        if is_json:
-            response = reply_of(Joined, {"token": token, "participant": code, "simulated": simulated}, 201)
-        remember(request, response, session)
-        if not simulated:
-            response.set_cookie(
-                f"{JOINED_COOKIE}{study.id[:8]}",
-                token,
-                max_age=max(0, int((session.expires_at - utc_now()).total_seconds())),
-                path="/join",
-                httponly=True,
-                samesite="lax",
-                secure=request.url.scheme == "https",
-            )
     return response
 
 

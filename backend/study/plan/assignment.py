@@ -42,26 +42,60 @@ class OrderLine:
     attrition: float | None
 
 
-def assign(
-    s: DatabaseSession, study: Study, protocol: Protocol, *, seed: int, simulated: bool, now: datetime
-) -> tuple[Place, dict[str, Any]]:
-    """A place for whoever joins now, and what their session keeps of it. The study must be locked.
+class Places:
+    """Gives a study's places out, one after the other within one transaction, in which the study must be locked.
 
-    seed: of the session, for scheme `random`. People, pilots and simulated participants fill the orders each for
-    themselves.
+    Who holds a place is counted once, whoever is given one in here beside it. People and simulated participants fill
+    the orders each for themselves, pilots too.
     """
-    design = design_of(protocol)
-    if not design.rows:
-        place = design.place_by_lot(np.random.default_rng([seed, 13]))
-        return place, design.described(place, None)
-    held = [0] * len(design.rows)
-    given = Session.assignment["design"].as_string(), Session.assignment["row"].as_integer()
-    columns = (given[0].label("design"), given[1].label("row"))  # of a hundred people, not a hundred whole objects
-    for person in _people(s, study, *columns, simulated=simulated, pilot=study.pilot):
-        if person.design == design.digest and _holds(_standing(person, protocol.assignment, now), protocol):
-            held[person.row] += 1
-    row = next_row(held, study.seed)
-    return design.rows[row], design.described(design.rows[row], row)
+
+    def __init__(self, s: DatabaseSession, study: Study, protocol: Protocol, *, now: datetime) -> None:
+        self._s, self._study, self._protocol, self._now = s, study, protocol, now
+        self._design = design_of(protocol)
+        self._held: dict[bool, list[int]] = {}
+        self._taken: int | None = None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether as many people take part as the protocol asks for; bots take no place of a person."""
+        most = self._protocol.participants
+        if most is None:
+            return False
+        if self._taken is None:
+            self._taken = people_taken(self._s, self._study, self._protocol)
+        return self._taken >= most
+
+    def next(self, *, seed: int, simulated: bool) -> tuple[Place, dict[str, Any]]:
+        """The place for whoever comes now, and what the session keeps of it. seed: of the session, for scheme `random`.
+
+        It is next until somebody takes it (`take`).
+        """
+        design = self._design
+        if not design.rows:
+            place = design.place_by_lot(np.random.default_rng([seed, 13]))
+            return place, design.described(place, None)
+        if simulated not in self._held:
+            self._held[simulated] = self._count(simulated=simulated)
+        row = next_row(self._held[simulated], self._study.seed)
+        return design.rows[row], design.described(design.rows[row], row)
+
+    def take(self, assignment: dict[str, Any], *, simulated: bool) -> None:
+        """Count who got the place that `next` told."""
+        if self._taken is not None and not simulated:
+            self._taken += 1
+        if assignment["row"] is not None:
+            self._held[simulated][assignment["row"]] += 1
+
+    def _count(self, *, simulated: bool) -> list[int]:
+        """How many hold each row."""
+        held = [0] * len(self._design.rows)
+        given = Session.assignment["design"].as_string(), Session.assignment["row"].as_integer()
+        columns = (given[0].label("design"), given[1].label("row"))  # of a hundred people, not a hundred whole objects
+        for person in _people(self._s, self._study, *columns, simulated=simulated, pilot=self._study.pilot):
+            standing = _standing(person, self._protocol.assignment, self._now)
+            if person.design == self._design.digest and _holds(standing, self._protocol):
+                held[person.row] += 1
+        return held
 
 
 def assignment_table(
