@@ -68,7 +68,7 @@ def test_one_commit_is_for_all_who_wait(services, crowded):
     commits = []
     event.listen(services.database.engine, "commit", commits.append)
     assert all(isinstance(one, TakenIn) for one in at_once(services, crowded, [BOT] * 12))
-    assert len(commits) == 3, "the writer before them, who knocked first, and the eleven who waited meanwhile"
+    assert len(commits) <= 2, "one for who knocked first, one for the eleven who waited meanwhile"
 
 
 def test_the_same_person_of_a_platform_is_let_in_once_among_those_who_wait(services, crowded):
