@@ -2,7 +2,8 @@
 
 A sample (or `--all`) of all changes that can be made: a comparison, a sign, a bound, a condition, a number. Each runs
 in a process of its own, forked from one in which the libraries are loaded: first the tests that bear the file's name,
-then, if these notice nothing, all tests of both rooms. What survives is listed.
+then, if these notice nothing, all tests of both rooms. What survives is listed. With `--out` a run that was stopped
+goes on where it was: what the file tells of a change to the same source is not tried again.
 
     python scripts/mutation.py --sample 150 --seed 1 --out mutants.jsonl
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import hashlib
 import importlib.abc
 import importlib.util
 import json
@@ -322,6 +324,20 @@ def _run(mutant: Mutant, files: list[str]) -> None:
         os._exit(code)
 
 
+def source_hash(file: str) -> str:
+    """Of the file that is changed: what was tried of an older one tells nothing."""
+    return hashlib.sha256((ROOT / file).read_bytes()).hexdigest()[:12]
+
+
+def already_tried(out: Path | None, *, survivors_again: bool) -> dict[tuple[str, int, str], bool]:
+    """(source hash, number, change) -> whether it survived, from the lines of an earlier run; later lines win."""
+    if out is None or not out.is_file():
+        return {}
+    lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
+    tried = {(line["source"], line["number"], line["change"]): line["survives"] for line in lines if "source" in line}
+    return {key: lives for key, lives in tried.items() if not (lives and survivors_again)}
+
+
 def main() -> None:
     told = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     told.add_argument("--sample", type=int, default=150, help="how many changes, drawn by lot")
@@ -332,7 +348,8 @@ def main() -> None:
     told.add_argument("--slow", action="store_true", help="with the tests that count over hundreds of studies")
     told.add_argument("--limit-s", type=float, default=240.0, help="for the tests of one change")
     told.add_argument("--minutes", type=float, default=1e9, help="stop after so long; what was tried counts")
-    told.add_argument("--out", type=Path, help="a line of JSON for each change")
+    told.add_argument("--out", type=Path, help="a line of JSON for each change; what is there is not tried again")
+    told.add_argument("--survivors-again", action="store_true", help="but what survived is: after new tests")
     asked = told.parse_args()
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
@@ -367,23 +384,28 @@ def main() -> None:
             if (ROOT / file).read_text(encoding="utf-8").count(there) != 1:
                 sys.exit(f"{name}: {there!r} does not stand in {file} once; say what the change is now")
     begun, tried, alive = time.monotonic(), 0, list[Mutant]()
+    known = already_tried(asked.out, survivors_again=asked.survivors_again)
     for one in chosen:
-        if time.monotonic() - begun > 60 * asked.minutes:
-            break
-        lives = survives(one, slow=asked.slow, limit_s=asked.limit_s)
+        source = source_hash(one.file)
+        lives = known.get((source, one.number, one.change))
+        if lives is None and time.monotonic() - begun > 60 * asked.minutes:
+            continue
+        before = lives is not None
+        if lives is None:
+            lives = survives(one, slow=asked.slow, limit_s=asked.limit_s)
         tried += 1
         alive += [one] * lives
         line = {"file": one.file, "line": one.line, "change": one.change, "number": one.number, "survives": lives}
-        if asked.out:
+        line["source"] = source
+        if asked.out and not before:
             with asked.out.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(line) + "\n")
         if lives or asked.named:
             print(f"{'survives' if lives else 'noticed'}: {one.file}:{one.line}: {one.change}", flush=True)
     killed = tried - len(alive)
     low, high = _wilson(killed, tried)
-    print(
-        f"{killed} of {tried} noticed ({killed / max(1, tried):.1%}, {low:.1%} to {high:.1%}) of {len(every)} changes"
-    )
+    print(f"{killed} of {tried} noticed ({killed / max(1, tried):.1%}, {low:.1%} to {high:.1%})", end="")
+    print(f"; {len(chosen) - tried} of those chosen are left; {len(every)} can be made")
 
 
 def _wilson(hits: int, n: int) -> tuple[float, float]:
