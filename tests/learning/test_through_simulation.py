@@ -14,7 +14,8 @@ from backend.learning.preferences.measures import MEASURES
 from backend.learning.preferences.objectives import OPPOSITES
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.through_simulation.differentiable import Rolled, roll_out
-from backend.learning.through_simulation.sharpening import SHARPENING, drawn_weights, mixed, sharpen
+from backend.learning.through_simulation.sharpening import drawn_weights, mixed, sharpen
+from backend.learning.through_simulation.uphill import SHARPENING
 from backend.simulation.fast import FastEngine
 from backend.simulation.setups import PREFERENCE_SETUPS, SetupError, get_setup
 from backend.simulation.trajectory import Outcome

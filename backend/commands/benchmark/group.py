@@ -12,6 +12,14 @@ import typer
 commands = typer.Typer(help="Measure speed; every ratio comes from one run on this machine.", no_args_is_help=True)
 
 
+def seed_range(seeds: str) -> tuple[int, ...]:
+    """(0, 1, 2, 3, 4) of 0-4, (7,) of 7. Raises BadParameter."""
+    first, _, last = seeds.partition("-")
+    if not first.isdigit() or not (last or first).isdigit():
+        raise typer.BadParameter(f"seeds = {seeds}: such as 0-4")
+    return tuple(range(int(first), int(last or first) + 1))
+
+
 def write_result(out: Path, result: dict[str, Any]) -> None:
     """A result as a file that datasets/ can hold: its command and commit, numbers to five digits."""
     from backend.learning.cards import source_commit

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.benchmark.group import commands, write_result
+from backend.commands.benchmark.group import commands, seed_range, write_result
 from backend.commands.output import JsonFlag, plain_errors, say
 
 
@@ -170,11 +170,8 @@ def headline_command(
     from backend.experiments.benchmarks.headline import HeadlineConfig, benchmark_headline
     from backend.learning.policies.shipped import load_conditioned
 
-    first, _, last = seeds.partition("-")
-    if not first.isdigit() or not (last or first).isdigit():
-        raise typer.BadParameter(f"seeds = {seeds}: such as 0-4")
     config = HeadlineConfig(
-        seeds=tuple(range(int(first), int(last or first) + 1)),
+        seeds=seed_range(seeds),
         lapse_rates=tuple(float(noise) for noise in noises.split(",")),
         scenes=scenes,
         planned=planned,

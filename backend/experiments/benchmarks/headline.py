@@ -90,7 +90,7 @@ def benchmark_headline(
     rows: list[dict[str, Any]] = []
     for place, seed in enumerate(config.seeds):
         scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_REPORT_SEED + seed)
-        queries = _queries(setup, config.answers, seed)
+        queries = fresh_queries(setup, config.answers, seed)
         course = Course(scenes)
         reported = _Reported(course, course.rollout(base), {})
         few = scenes[: config.planned]
@@ -118,7 +118,7 @@ def true_weights(name: str) -> Doubles:
     return weights
 
 
-def _queries(setup: str, answers: int, seed: int) -> Sequence[Query]:
+def fresh_queries(setup: str, answers: int, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds, by the policy that the shipped varied queries were made with."""
     asked = QueryConfig(count=answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries

@@ -18,7 +18,8 @@ from backend.learning.shipped_files import DATASETS
 from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
-from backend.learning.through_simulation.sharpening import FIRST_SELECTION_SEED, SHARPENING, sharpen
+from backend.learning.through_simulation.sharpening import FIRST_SELECTION_SEED, sharpen
+from backend.learning.through_simulation.uphill import SHARPENING
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
