@@ -182,6 +182,9 @@ def power_command(
     ] = None,
     items_alike: Annotated[float, typer.Option(min=0, max=1, help="Correlation between the items.")] = 0.0,
     drop_out: Annotated[float, typer.Option(min=0, max=1, help="Share of participants who do not finish.")] = 0.0,
+    shown: Annotated[
+        float, typer.Option(min=0, max=1, help="Share of those who finish that the gate lets compare their own policy.")
+    ] = 1.0,
     condition: Annotated[
         str | None, typer.Option(help="The condition with the effect; default the last by name.")
     ] = None,
@@ -210,6 +213,7 @@ def power_command(
         own_against_other=own_against_other,
         items_alike=items_alike,
         drop_out=drop_out,
+        shown=shown,
         walk=walk,
         cohorts=cohorts,
         seed=seed,

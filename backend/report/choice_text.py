@@ -115,9 +115,10 @@ def _units(one: Personalised) -> str:
 def personalised_section(found: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
     if not found.personalised:
-        return Section("Does it personalise?")
+        return Section("Does it personalise?", [who_compared(found)] if _refused(found) else [])
     alpha = found.plan.alpha
     paragraphs = [personalised_sentence(found, k) for k in range(len(found.personalised))]
+    paragraphs += [who_compared(found)] if found.own_policies else []
     against = {one.against: one for one in found.personalised}
     if "other" in against:
         paragraphs.append(_verdict(against, alpha))
@@ -155,6 +156,38 @@ def personalised_section(found: Findings) -> Section:
         f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
     )
     return Section("Does it personalise?", paragraphs)
+
+
+_REFUSED = {
+    "not_surely_better": "it was not surely better for that very person",
+    "gate_not_passed": "it did not pass the gate",
+    "too_few_answers": "there were too few answers",
+    "job_failed": "its training failed",
+    "late": "it was not ready in time",
+    "no_consent": "learning from the answers was not consented to",
+    "no_scenes": "there was no scene to compare it in",
+}
+"""Why somebody was not shown a policy as theirs, in the report's order."""
+
+
+def _refused(found: Findings) -> dict[str, int]:
+    return {why: people for why, people in found.own_policies.items() if why != "shown"}
+
+
+def who_compared(found: Findings) -> str:
+    """How many were shown a policy as theirs, how many were not and why: the comparisons are of the first alone."""
+    shown, refused = found.own_policies.get("shown", 0), _refused(found)
+    people = shown + sum(refused.values())
+    if not refused:
+        whom = f"All {people} people for whom a policy was to be made were" if people > 1 else "The only person was"
+        return f"{whom} shown one as theirs; nobody is left out."
+    why = [f"{refused[name]} because {words}" for name, words in _REFUSED.items() if name in refused]
+    why += [f"{count} for another reason ({name})" for name, count in refused.items() if name not in _REFUSED]
+    return (
+        f"{shown} of {people} people for whom a policy was to be made were shown it as theirs, and only they compare; "
+        f"{sum(refused.values())} were not: {', '.join(why)}. What is found here is about those who were shown one, "
+        "not about everybody."
+    )
 
 
 def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:

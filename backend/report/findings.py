@@ -60,7 +60,8 @@ class Flow:
 
 @dataclass(frozen=True)
 class Findings:
-    """All of it, of the kind of participants named in `who`. analysed: their codes."""
+    """All of it, of the kind of participants named in `who`. analysed: their codes. own_policies: what became of the
+    policies made from their answers -> people."""
 
     who: Who
     analysed: Sequence[str]
@@ -82,6 +83,7 @@ class Findings:
     triads: Mapping[str, Triads]
     disagreement: Mapping[Pair, Mapping[Metric, Mean]]
     personalised: Sequence[Personalised]
+    own_policies: Mapping[str, int]
     guessed: Guessed | None
     further: Further | None
     devices: Mapping[tuple[str, str], int]
@@ -150,6 +152,7 @@ def analyse(
         triads={name: found for name in queried if (found := triads_of(own.choices, name))},
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=personalised(own.comparisons, used),
+        own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
         guessed=guessed(own.guesses),
         further=further(own, rated, designs, used, list(combinations(queried, 2)))
         if (intervals if beside is None else beside)

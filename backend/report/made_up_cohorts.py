@@ -50,7 +50,8 @@ class Cohort:
     before). second_shown: chance that the second trajectory is taken whatever is asked. own: mean chance that the own
     policy is preferred to another; only of data sets made here, since bots that see rollouts decide by preference.
     own_against_other: the same against another participant's policy, where it differs. items_alike: correlation of a
-    person's opinions on two items about the same condition. drop_out: share of people who do not finish.
+    person's opinions on two items about the same condition. drop_out: share of people who do not finish. shown: share
+    of those who are shown a policy as theirs, and so compare; the gate refuses the others.
     """
 
     ratings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -64,6 +65,7 @@ class Cohort:
     items_alike: float = 0.0
     drop_out: float = 0.0
     seed: int = 0
+    shown: float = 1.0
 
     def __post_init__(self) -> None:
         steadiness = {"steady": self.steady, **{f"consistency.{c}": v for c, v in self.consistency.items()}}
@@ -75,7 +77,7 @@ class Cohort:
             "own": self.own,
             "own_against_other": self.own_against_other,
         }
-        probabilities |= {"items_alike": self.items_alike, "drop_out": self.drop_out}
+        probabilities |= {"items_alike": self.items_alike, "drop_out": self.drop_out, "shown": self.shown}
         for name, chance in probabilities.items():
             if chance is not None and not 0 <= chance <= 1:
                 raise CohortError(f"{name} = {chance}: a chance lies between 0 and 1")
@@ -148,6 +150,11 @@ class MadeUpPerson:
         """Whether the person does not finish."""
         return bool(self._random("drop out").random() < self.cohort.drop_out)
 
+    @property
+    def is_shown_own(self) -> bool:
+        """Whether a policy is shown as theirs: one that the gate finds surely better for them."""
+        return bool(self._random("shown").random() < self.cohort.shown)
+
     def rank(self, ranking: str, options: Sequence[str]) -> list[str]:
         """All options, best first, by Luce's rule: each place goes to one that is left, by shares of first choices."""
         given, names = self.cohort.first_choice.get(ranking, {}), sorted(options)
@@ -214,7 +221,8 @@ def made_up_study(
         mine = cells if within or not between else {group: of_group}
         state = "expired" if made_up.drops_out else "completed"
         of = {"block": group} if between else {}
-        people.append(ParticipantRow(code, True, None, False, state, tuple(mine), of))
+        own = ("shown" if made_up.is_shown_own else "not_surely_better") if comparisons else None
+        people.append(ParticipantRow(code, True, None, False, state, tuple(mine), of, own))
         for condition, levels in mine.items():
             at = (*levels, *(of_group if between else ()))
             ratings += [
@@ -228,7 +236,7 @@ def made_up_study(
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
             choices += [_choice(made_up, code, condition, role, f"{code}-{k}") for role, k in asked]
         ratings += [Rating(code, None, "view_ranking", r, made_up.rank(r, list(cells))) for r in rankings]
-        for against in opponents if comparisons else ():
+        for against in opponents if comparisons and made_up.is_shown_own else ():
             for k in range(comparisons):
                 won = made_up.prefers_own(str(k), against)
                 compared.append(Comparison(code, *(("own", against) if won else (against, "own")), look_alike=False))

@@ -25,7 +25,8 @@ class Assumed:
     at that level of a factor. first_choice: share of people who put that condition first (a third is no effect).
     consistency: chance of the same answer to the same query. own, own_against_other: mean chance that the own policy is
     preferred to the base policy, and to another participant's (default: the same). items_alike: correlation between
-    items. drop_out: share of participants who do not finish.
+    items. drop_out: share of participants who do not finish. shown: of those who do, the share that is shown a policy
+    as theirs; the gate refuses the others, who compare nothing.
     """
 
     condition: str
@@ -39,6 +40,7 @@ class Assumed:
     items_alike: float = 0.0
     drop_out: float = 0.0
     seed: int = 0
+    shown: float = 1.0
 
     def cohort(self, cells: Sequence[str] = ()) -> Cohort:
         """Raises CohortError for what no cohort can have. cells: what can be ranked; a level is none of them."""
@@ -51,6 +53,7 @@ class Assumed:
             own_against_other=self.own_against_other,
             items_alike=self.items_alike,
             drop_out=self.drop_out,
+            shown=self.shown,
             seed=self.seed,
         )
 

@@ -287,6 +287,7 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
     compared = any("own against" in test for test in tests)
     own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
+    own += f" by the {100 * assumed.shown:.0f} % who are shown one" if compared and assumed.shown < 1 else ""
     caption = (
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what "
         f"was assumed, with 95 % Wilson intervals. Assumed: {labelled(assumed.item)} is rated {assumed.effect:g} "

@@ -21,7 +21,8 @@ Load = Callable[[str], Trajectory]
 @dataclass(frozen=True)
 class ParticipantRow:
     """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came.
-    groups: stage -> what of a block's `one_of` this participant meets, levels joined by "-"."""
+    groups: stage -> what of a block's `one_of` this participant meets, levels joined by "-". own_policy: what became of
+    the policy made from their answers (shown, not_surely_better, ...), None where none was to be made."""
 
     code: str
     simulated: bool
@@ -30,6 +31,7 @@ class ParticipantRow:
     state: str
     order: tuple[str, ...]
     groups: Mapping[str, str] = field(default_factory=dict)
+    own_policy: str | None = None
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,7 @@ def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:
         state=last.get("state", "none"),
         order=tuple(order),
         groups=(last.get("assignment") or {}).get("groups", {}),
+        own_policy=next((one["personalisation"] for one in reversed(sessions) if one["personalisation"]), None),
     )
 
 

@@ -69,6 +69,7 @@ def plan_power(
     own_against_other: float | None = None,
     items_alike: float = 0.0,
     drop_out: float = 0.0,
+    shown: float = 1.0,
     walk: int = 6,
     cohorts: int = 500,
     seed: int = 0,
@@ -101,6 +102,7 @@ def plan_power(
         own_against_other=own_against_other,
         items_alike=items_alike,
         drop_out=drop_out,
+        shown=shown,
         seed=seed + 1,
     )
     results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)

@@ -46,6 +46,7 @@ def test_power_of_a_draft_is_computed_in_the_background_as_by_the_command(lab: T
     page = lab.get(f"{draft}/power").text
     assert "Nothing computed yet" in page
     assert 'name="own"' not in page, "this study compares no policies"
+    assert 'name="shown"' not in page
     begun = lab.post(f"{draft}/power", data={"csrf": csrf(lab, f"{draft}/power"), **ASKED})
     assert begun.status_code == 303
     there = begun.headers["location"].partition("#")[0]

@@ -26,10 +26,19 @@ def compared(code: str, against: str, own: int, other: int, lent: str | None = N
     ] * other
 
 
-def found(comparisons: list[Comparison], plan: AnalysisPlan = PLAN, guesses: tuple[Guess, ...] = ()) -> Findings:
+def found(
+    comparisons: list[Comparison],
+    plan: AnalysisPlan = PLAN,
+    guesses: tuple[Guess, ...] = (),
+    refused: tuple[str, ...] = (),
+) -> Findings:
+    """refused: of each person who compares nothing, why."""
     codes = list(dict.fromkeys(one.person for one in comparisons))
-    people = [ParticipantRow(code, False, None, False, "completed", ()) for code in codes]
-    asked = [Choice(code, "v", "v", "1", "regular", "a", "b", "a", 1.0) for code in codes]
+    people = [ParticipantRow(code, False, None, False, "completed", (), own_policy="shown") for code in codes]
+    people += [
+        ParticipantRow(f"R-{k}", False, None, False, "completed", (), own_policy=why) for k, why in enumerate(refused)
+    ]
+    asked = [Choice(one.code, "v", "v", "1", "regular", "a", "b", "a", 1.0) for one in people]
     data = StudyData("By hand", "1", {}, "", [], people, asked, [], comparisons, guesses=guesses)
     return analyse(data, nothing, plan=plan)
 
@@ -66,6 +75,24 @@ def test_signed_ranks_count_by_how_much() -> None:
     assert ranks.test.p == sign.beside.p
     assert ranks.test.statistic == 3.0  # the two smallest of seven ranks are against
     assert ranks.test.direction == "the own policy is mostly chosen over the base policy"
+
+
+def test_who_was_not_shown_a_policy_as_theirs_is_counted_and_said() -> None:
+    """Twelve people, nine of whom the gate lets compare: the tests are of nine, and the text says so."""
+    answers = [one for k in range(9) for one in compared(f"P-{k}", "base", 3, 0)]
+    of = found(answers, refused=("not_surely_better", "gate_not_passed", "not_surely_better"))
+    assert of.own_policies == {"shown": 9, "not_surely_better": 2, "gate_not_passed": 1}
+    assert of.personalised[0].people == 9
+    said = verdict(of)
+    assert "9 of 12 people for whom a policy was to be made were shown it as theirs, and only they compare" in said
+    assert "3 were not: 2 because it was not surely better for that very person, 1 because it did not pass" in said
+    assert "not about everybody" in said
+    assert "All 9 people for whom a policy was to be made were shown one as theirs" in verdict(found(answers))
+    nobody = verdict(found([], refused=("not_surely_better", "stranger")))
+    assert "0 of 2 people" in nobody
+    assert "1 for another reason (stranger)" in nobody
+    nothing_made = replace(of, personalised=[], own_policies={})
+    assert not any(part.title == "Does it personalise?" for part in sections(nothing_made, [], Path()))
 
 
 def test_people_who_were_lent_the_same_policy_are_one() -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from backend.analysis.scale_wordings import SCALES
 from backend.report.analysis_plan import AnalysisPlan, Equivalence
-from backend.report.made_up_cohorts import CONDITIONS, Cohort, made_up_study
+from backend.report.findings import analyse
+from backend.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, made_up_study
 from backend.report.planned_design import Assumed, PlannedDesign
 from backend.report.simulated_power import Power, power
 
@@ -94,6 +95,27 @@ def test_own_against_base_and_against_other_apart() -> None:
     assert rates(found)["Signed ranks, own against base"] == 1.0
     assert rates(found)["Sign test, own against other"] <= 0.25
     assert rates(found)["Signed ranks, own against other"] <= 0.25
+
+
+def test_who_is_shown_no_policy_as_theirs_compares_nothing() -> None:
+    """With drop-out: of a hundred, a fifth is gone, and of those who finish half compare."""
+    cohort = Cohort(shown=0.5, drop_out=0.2, seed=4)
+    data = made_up_study(cohort, 100, conditions=("x",), items=(), rankings=(), queries=1, comparisons=2)
+    compared = {one.person for one in data.comparisons}
+    assert compared == {one.code for one in data.people if one.own_policy == "shown"}
+    assert 35 <= len(compared) <= 65
+    of = analyse(data, lambda _: pytest.fail("no trajectory"), "all", AnalysisPlan(metrics=()), intervals=False)
+    finished = {one.code for one in data.people if one.state == "completed"}
+    assert of.personalised[0].people == of.own_policies["shown"] == len(compared & finished)
+    assert of.own_policies["not_surely_better"] == len(finished) - len(compared & finished)
+    planned = PlannedDesign(("immersive",), (), (), 1, 5)
+    few, all_of_them = (
+        rates(power(planned, Assumed("immersive", "", "", own=0.8, shown=share), (16,), cohorts=12)[0])
+        for share in (0.3, 1.0)
+    )
+    assert few["Sign test, own against base"] < all_of_them["Sign test, own against base"]
+    with pytest.raises(CohortError, match="shown"):
+        Cohort(shown=1.2)
 
 
 def test_items_can_be_correlated() -> None:

@@ -137,7 +137,9 @@ def test_without_a_policy_to_show_the_session_ends_kindly_and_says_why(database,
     assert (ended.state, ended.personalisation) == ("completed", outcome)
     with database.session() as s:
         event = s.scalars(select(Event).where(Event.kind == "personalisation")).one()
+        data, _ = read_study(s, files, s.get_one(Study, study.id))
     assert event.data["outcome"] == outcome
+    assert [one.own_policy for one in data.people] == [outcome]  # what the report counts
 
 
 def test_whether_answers_look_like_what_is_believed_is_kept_with_the_session(database, files, study, waiting):

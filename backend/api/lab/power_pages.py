@@ -28,7 +28,7 @@ from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.session.versions import newest_protocol
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["power"])
-MORE = ("items_alike", "drop_out", "cohorts")  # fields that few will change
+MORE = ("items_alike", "drop_out", "shown", "cohorts")  # fields that few will change
 
 
 Written = Annotated[str, Field("", max_length=60)]
@@ -45,6 +45,7 @@ class PowerForm(BaseModel):
     own_against_other: Written
     items_alike: Written
     drop_out: Written
+    shown: Written
     cohorts: Written
 
 
@@ -159,7 +160,7 @@ def _power_page(
 def _fields(frozen: FrozenProtocol) -> list[str]:
     """Which numbers matter for this protocol."""
     comparison = frozen.protocol.stage_of(ComparisonStage)
-    left_out = set() if comparison is not None else {"own"}
+    left_out = set() if comparison is not None else {"own", "shown"}
     if comparison is None or "other" not in comparison.opponents:
         left_out.add("own_against_other")
     return [name for name in NUMBERS if name not in left_out]

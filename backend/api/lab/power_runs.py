@@ -54,6 +54,7 @@ NUMBERS: dict[str, Number] = {
     "own_against_other": Number(None, 0, 1),
     "items_alike": Number(0.0, 0, 1),
     "drop_out": Number(0.0, 0, 1),
+    "shown": Number(1.0, 0, 1),
     "cohorts": Number(500, 20, 1000, 1),
 }
 """In the words of the command's options, which say what each means."""
