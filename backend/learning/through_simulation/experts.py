@@ -35,8 +35,9 @@ SLOW_STEPS = {"study_room": 300, "open_field": 400}
 class ExpertConfig:
     """round_steps: of Adam, after which the selection scenes say whether it improved. batch, slow_batch: episodes per
     step, where slowness is preferred fewer, longer ones. most_rounds: at most so many; it has converged where so many
-    rounds as `patience` together add less than the share `enough` of what was gained by then. max_loss: success it may lose against the base policy;
-    needed: or the success that is enough. shares: of a round's change, that are tried.
+    rounds as `patience` together add less than the share `enough` of what was gained by then. max_loss: success it may
+    lose against the base policy; needed: or the success that is enough. shares: of a round's change, that are tried.
+    aim, like_before, learning_rate: as in `SharpeningConfig`.
     """
 
     setup: str
