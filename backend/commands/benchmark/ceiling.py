@@ -33,6 +33,7 @@ def ceiling_command(
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: what a policy made for one preference alone gets of it, and what 15 answers are worth of that."""
+    from backend.experiments.benchmarks.headline import MADE_OF_OBJECTIVES
     from backend.experiments.benchmarks.policy_ceiling import CeilingConfig, benchmark_ceiling, train_experts
     from backend.learning.policies.conditioned import ConditionedPolicy
     from backend.learning.policies.shipped import load_conditioned
@@ -41,7 +42,7 @@ def ceiling_command(
     others = dict(one.split("=", 1) for one in conditioned.split(",") if "=" in one)
     policies = {name: ConditionedPolicy.load(Path(file)) for name, file in others.items()}
     config = CeilingConfig(
-        **({"preferences": tuple(preference.split(","))} if preference else {}),
+        preferences=tuple(preference.split(",")) if preference else MADE_OF_OBJECTIVES,
         seeds=seed_range(seeds),
         scenes=scenes,
         planned=planned,
