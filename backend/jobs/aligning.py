@@ -58,8 +58,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
     `scene` a hash, `base` and `own` ids of stored trajectories; empty where the policy may not be shown. `yoked`: the
     same with `other` instead of `base`, in other scenes, where another participant's policy or a stand-in is named;
-    `neutral`: with the conditioned policy without preferences, where that is asked for. Of one person's answers also
-    `personal` (`PersonalVerdict`: below `surely_better` it is not shown as theirs) and `check` (`PredictiveCheck`).
+    `neutral`: with the conditioned policy without preferences, where that is asked for. Of one person's answers, where
+    `surely_better` asks: `personal` (`PersonalVerdict`: below it is not shown as theirs), `check` (`PredictiveCheck`).
     """
     began = time.monotonic()
     answers = snapshot_of(context, params.snapshot)
@@ -81,9 +81,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
     context.progress(0.03)
     made = aligned(context, params, base, model)
-    believed = posterior_of_person(of_participant)
+    believed = None
+    if params.surely_better:  # else nobody asks, and it takes seconds
+        independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
+        believed = posterior_of_person(independent, params.symmetry)
     verdict = None
-    if believed is not None and params.surely_better and made.may_be_shown:
+    if believed is not None and made.may_be_shown:
         verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
     may_be_shown = made.may_be_shown and (verdict is None or verdict.passed)
     own = {

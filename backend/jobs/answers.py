@@ -15,7 +15,7 @@ from backend.jobs.kept_artefacts import find_artefact, keep
 from backend.jobs.kinds import Params
 from backend.learning.errors import TooFewAnswers
 from backend.learning.measures.pairs import PairDifferences
-from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.predictive_check import PredictiveCheck, checked_answers
 from backend.learning.preferences.preferences import Preference, usable
@@ -30,7 +30,7 @@ from backend.learning.rewards.storage import reward_model_to_bytes
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Artefact
-from backend.store.snapshots import Answer, Snapshot, implied_choices, load_snapshot
+from backend.store.snapshots import Answer, Snapshot, implied_choices, independent_choices, load_snapshot
 
 
 def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot]:
@@ -41,8 +41,13 @@ def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot
     return artefact, snapshot
 
 
-def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Preference]]:
-    """The independent answers by participant. Probes ask the same again: they measure, they do not teach."""
+def preferences_of(
+    context: JobContext, snapshot: Snapshot, *, independent: bool = False
+) -> dict[str, list[Preference]]:
+    """The answers by participant. Probes ask the same again: they measure, they do not teach.
+
+    independent: of the choices that ratings imply only such as share no rating, for what counts how sure it may be.
+    """
     loaded: dict[str, Trajectory] = {}
 
     def trajectory(trajectory_id: str) -> Trajectory:
@@ -56,7 +61,7 @@ def preferences_of(context: JobContext, snapshot: Snapshot) -> dict[str, list[Pr
     found: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
         found.setdefault(answer.participant, []).append(preference(answer))
-    for better, worse in implied_choices(snapshot.ratings):
+    for better, worse in (independent_choices if independent else implied_choices)(snapshot.ratings):
         pair = Preference(
             trajectory(better.trajectory), trajectory(worse.trajectory), better.source, better.participant
         )
@@ -121,18 +126,23 @@ def prediction_of(
 
 
 def posterior_of_person(
-    of_participant: Mapping[str, Sequence[Preference]],
+    of_participant: Mapping[str, Sequence[Preference]], symmetry: str = "none"
 ) -> tuple[FreePosterior, PredictiveCheck] | None:
-    """What is believed of the one person whose answers these are, and whether they look like it; None of several
-    people, and where nothing about two different trajectories was answered."""
+    """What is believed of the one person whose independent answers these are, and whether they look like it; None of
+    several people, and where nothing about two different trajectories was answered."""
     if len(of_participant) != 1:
         return None
     try:
         setup, kept = usable(next(iter(of_participant.values())), fewest=1)
     except TooFewAnswers:
         return None
-    differences = PairDifferences.of(setup.name, [(one.chosen, one.rejected) for one in kept])
-    return checked_answers(differences, np.ones(len(kept), dtype=np.bool_))
+    mirrored = symmetry == "left_right"
+    pairs = [(one.chosen, one.rejected) for one in kept]
+    return checked_answers(
+        PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
+        np.ones(len(kept), dtype=np.bool_),
+        FreeConfig(posterior=PosteriorConfig(left_right_symmetry=mirrored)),
+    )
 
 
 def described(model: RewardModel) -> dict[str, Any]:

@@ -110,11 +110,8 @@ def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTraje
 
     At most `MOST_IMPLIED` per person and condition, drawn with a fixed seed: pairs grow with the square of the ratings.
     """
-    alike: dict[tuple[str, str, str | None], list[RatedTrajectory]] = {}
-    for one in ratings:
-        alike.setdefault((one.participant, one.view, one.block), []).append(one)
     found = []
-    for rated in alike.values():
+    for rated in _rated_alike(ratings):
         pairs = [
             (one, other) if one.rating > other.rating else (other, one)
             for one, other in combinations(rated, 2)
@@ -122,6 +119,29 @@ def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTraje
         ]
         found += pairs if len(pairs) <= MOST_IMPLIED else random.Random(0).sample(pairs, MOST_IMPLIED)
     return found
+
+
+def independent_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTrajectory, RatedTrajectory]]:
+    """(better, worse) such that no rating is in two: of n ratings in their order the first against the one in the
+    middle, the second against the next one, and so on. All of `implied_choices` are not independent, so whoever counts
+    them is too sure."""
+    found = []
+    for rated in _rated_alike(ratings):
+        order = sorted(rated, key=lambda one: -one.rating)
+        half = (len(order) + 1) // 2
+        pairs = zip(order[:half], order[half:], strict=False)
+        found += [
+            pair for pair in pairs if pair[0].rating > pair[1].rating and pair[0].trajectory != pair[1].trajectory
+        ]
+    return found
+
+
+def _rated_alike(ratings: Sequence[RatedTrajectory]) -> list[list[RatedTrajectory]]:
+    """Ratings of one person under one condition, each."""
+    alike: dict[tuple[str, str, str | None], list[RatedTrajectory]] = {}
+    for one in ratings:
+        alike.setdefault((one.participant, one.view, one.block), []).append(one)
+    return list(alike.values())
 
 
 @dataclass(frozen=True)

@@ -100,6 +100,7 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     result = align(begin(services, "align", params.model_dump()), params)
     assert result["passed"]
     assert result["predicted"]["verdict"] in ("better", "no_better_than_chance", "no_better_than_majority")
+    assert "check" not in result, "nobody asked whether it is surely better"
     assert result["predicted"]["low"] < result["predicted"]["accuracy"] <= result["predicted"]["high"]
     assert len(result["comparisons"]) == 2
     assert (result["held_out"]["answers"], result["held_out"]["folds"]) == (15, 2)
@@ -125,6 +126,7 @@ def test_the_own_policy_is_compared_although_the_lender_was_erased_meanwhile(ser
     )
     result = align(begin(services, "align", params.model_dump()), params)
     assert result["personal"]["probability_better"] >= 0.9, "fifteen answers for more room"
+    assert result["check"]["answers"] == 15
     assert len(result["comparisons"]) == 2
     assert result["yoked"] == []
 

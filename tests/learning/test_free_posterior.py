@@ -8,10 +8,12 @@ import pytest
 from backend.learning.errors import LearningError
 from backend.learning.measures.named import NAMES, named_measures
 from backend.learning.measures.pairs import PairDifferences
+from backend.learning.policies.mirroring import mirror_of
 from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.queries.queries import QuerySet
+from backend.simulation.setups import get_setup
 
 CONFIG = FreeConfig(posterior=PosteriorConfig(particles=3_000))
 
@@ -72,6 +74,17 @@ def test_what_was_preferred_is_most_probably_better(study_queries: QuerySet, dif
     assert posterior.probability_better(differences[rest[chosen[60:]]]) > 0.9
     assert posterior.probability_better(differences[rest[~chosen[60:]]]) < 0.1
     assert posterior.probability_better(differences[[]]) == 0.5
+
+
+def test_who_prefers_no_side_would_answer_the_mirrored_pair_alike(study_queries: QuerySet) -> None:
+    pairs = [(q.trajectory_a, q.trajectory_b) for q in study_queries.queries[:3]]
+    mirror = mirror_of(get_setup("study_room"))
+    turned = [(mirror.seen_in(a), mirror.seen_in(b)) for a, b in pairs]
+    one, other = (PairDifferences.of("study_room", some, left_right_symmetry=True) for some in (pairs, turned))
+    np.testing.assert_allclose(one.named, other.named, atol=1e-5)
+    np.testing.assert_allclose(one.embedding, other.embedding, atol=1e-5)
+    assert np.abs(one.named[:, NAMES.index("turning_left")]).max() < 1e-6
+    assert np.abs(PairDifferences.of("study_room", pairs).named[:, NAMES.index("turning_left")]).max() > 0.01
 
 
 def test_an_answer_that_is_known_tells_nothing_more(study_queries: QuerySet, differences: PairDifferences) -> None:

@@ -25,6 +25,7 @@ from backend.store.snapshots import (
     Snapshot,
     TooFewAnswers,
     implied_choices,
+    independent_choices,
     load_snapshot,
     take_snapshot,
 )
@@ -152,6 +153,14 @@ def test_ratings_imply_choices_of_one_person_under_one_condition_only():
     many = [rated("P-1", f"{k}", k) for k in range(60)]
     assert len(implied_choices(many)) == MOST_IMPLIED
     assert implied_choices(many) == implied_choices(many)
+
+
+def test_of_the_choices_that_ratings_imply_those_that_share_no_rating_are_independent():
+    ratings = [rated("P-1", name, rating) for name, rating in (("a", 5), ("b", 1), ("c", 3), ("d", 2), ("e", 3))]
+    found = [(better.trajectory, worse.trajectory) for better, worse in independent_choices(ratings)]
+    assert found == [("a", "d"), ("c", "b")]
+    assert len(implied_choices(ratings)) == 9
+    assert independent_choices([rated("P-1", "a", 4), rated("P-1", "b", 4)]) == []
 
 
 def test_whoever_rates_all_alike_teaches_nothing_and_is_told_so_at_once(walk, files):

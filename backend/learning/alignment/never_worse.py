@@ -51,5 +51,6 @@ def better_for_person(
     moved = [pair for pair in both if not np.array_equal(pair[0].poses, pair[1].poses)]
     if not moved:  # the same policy is not better
         return PersonalVerdict(needed <= 0.5, 0.5, needed, len(both), posterior.something_else())
-    probable = posterior.probability_better(PairDifferences.of(setup.name, both))
+    symmetry = posterior.config.posterior.left_right_symmetry
+    probable = posterior.probability_better(PairDifferences.of(setup.name, both, left_right_symmetry=symmetry))
     return PersonalVerdict(probable >= needed, probable, needed, len(both), posterior.something_else())

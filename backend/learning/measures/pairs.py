@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from backend.learning.measures.embedding import embedded
 from backend.learning.measures.named import named_measures
 from backend.learning.measures.steps import reference
+from backend.learning.policies.mirroring import mirror_of
 from backend.learning.preferences.spans import seen_differences
+from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
@@ -31,11 +33,18 @@ class PairDifferences:
     embedding: Doubles
 
     @classmethod
-    def of(cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]]) -> PairDifferences:
-        """Raises SetupError for trajectories of several setups, ValueError for none."""
+    def of(
+        cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]], *, left_right_symmetry: bool = False
+    ) -> PairDifferences:
+        """left_right_symmetry: of what a pair and its mirror image have in common, for people who would answer both
+        alike. Raises SetupError for trajectories of several setups, ValueError for none."""
         trajectories = [trajectory for pair in pairs for trajectory in pair]
         units = _units(setup)
         named, features = _both(trajectories)
+        if left_right_symmetry:
+            mirror = mirror_of(get_setup(setup))
+            mirrored = _both([mirror.seen_in(trajectory) for trajectory in trajectories])
+            named, features = (named + mirrored[0]) / 2, (features + mirrored[1]) / 2
         return cls(
             setup,
             seen_differences(pairs),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation.setups import Setup, require_lidar
+from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 ACTION_SIGNS = np.array([1, -1], dtype=np.float32)
@@ -24,6 +26,15 @@ class Mirror(NamedTuple):
 
     order: NDArray[np.int64]
     signs: Floats
+
+    def seen_in(self, trajectory: Trajectory) -> Trajectory:
+        """What the robot observed and did, with left and right exchanged. Scene and poses stay as they are."""
+        return replace(
+            trajectory,
+            observations=trajectory.observations[:, self.order] * self.signs,
+            actions=trajectory.actions * ACTION_SIGNS,
+            next_observations=trajectory.next_observations[:, self.order] * self.signs,
+        )
 
 
 def mirror_of(setup: Setup) -> Mirror:
