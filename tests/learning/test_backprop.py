@@ -9,15 +9,16 @@ from torch import Tensor
 from torch.nn.functional import mse_loss
 
 from backend.learning.policies.networks import Parameters, actor_forward, critic_forward
-from backend.learning.policies.shape import NetworkShape
+from backend.learning.policies.shape import EXPLAINED_HEADS, NetworkShape
 from backend.learning.td3.backprop import Adam
 from backend.learning.td3.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
-from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup
+from backend.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, Setup
 
 SHAPES = [
     NetworkShape.of(OPEN_FIELD),
     NetworkShape.of(STUDY_ROOM),
     NetworkShape(task_inputs=7, lidar_inputs=12, extractor=16, heads=(40, 24)),
+    NetworkShape.of(EXPLAINED_ROOM, EXPLAINED_HEADS),
 ]
 BATCH = 33
 
@@ -82,8 +83,8 @@ def test_actor_gradients_are_those_of_the_loss(shape: NetworkShape, with_term: b
     assert_equal_gradients(ours, actor.grad)
 
 
-def test_targets_are_the_equation_written_in_torch() -> None:
-    shape = SHAPES[0]
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_targets_are_the_equation_written_in_torch(shape: NetworkShape) -> None:
     actor, critic = networks(shape)
     batch, config = random_batch(shape), Td3Config(gamma=0.9)
     noise = torch.randn(BATCH, 2, generator=torch.Generator().manual_seed(1))
@@ -95,7 +96,7 @@ def test_targets_are_the_equation_written_in_torch() -> None:
     np.testing.assert_allclose(targets, expected.numpy(), atol=1e-5)
 
 
-@pytest.mark.parametrize("setup", [OPEN_FIELD, STUDY_ROOM], ids=lambda setup: setup.name)
+@pytest.mark.parametrize("setup", [OPEN_FIELD, STUDY_ROOM, EXPLAINED_ROOM], ids=lambda setup: setup.name)
 def test_the_actor_acts_as_in_torch(setup: Setup) -> None:
     actor, _ = networks(NetworkShape.of(setup))
     observations = torch.rand(50, setup.observation_size)

@@ -20,14 +20,14 @@ from stable_baselines3 import TD3
 from backend.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
 from backend.learning.policies.policy import Policy, PolicyError
 from backend.learning.policies.sb3 import policy_of_sb3
-from backend.learning.policies.shape import THESIS_HEADS, NetworkShape
+from backend.learning.policies.shape import EXPLAINED_HEADS, THESIS_HEADS, NetworkShape
 from backend.learning.policies.shipped import load_policy
 from backend.learning.td3.base import BaseResult
 from backend.learning.td3.ensemble import agent_of
 from backend.learning.td3.td3 import Td3Config
 from backend.simulation.fast import FastEngine, evaluate
 from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
+from backend.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
 
 
 @pytest.fixture(params=["open_field", "study_room"])
@@ -166,6 +166,20 @@ def test_sb3_zip_opens_where_our_package_is_missing(policy: Policy, tmp_path: Pa
 
 def test_the_thesis_heads_fit_everywhere() -> None:
     shape = NetworkShape.of(OPEN_FIELD, THESIS_HEADS)
+    acts_alike_in_onnx("open_field", shape)
+
+
+def test_one_network_without_extractors_acts_alike_in_every_format() -> None:
+    """Chapter 8: goal and 15 rays go straight into 256, 128 and 64 units."""
+    policy = acts_alike_in_onnx("explained_room", NetworkShape.of(EXPLAINED_ROOM, EXPLAINED_HEADS))
+    assert [array.shape for array in policy.actor[::2]] == [(17, 256), (256, 128), (128, 64), (64, 2)]
+    observations = seen_by(policy)
+    model = TD3.load(io.BytesIO(policy_to_sb3_zip(policy)), device="cpu")
+    np.testing.assert_allclose(model.predict(observations, deterministic=True)[0], policy.act(observations), atol=1e-5)
+    assert Policy.from_bytes(policy.to_bytes()).digest() == policy.digest()
+
+
+def acts_alike_in_onnx(setup: str, shape: NetworkShape) -> Policy:
     assert NetworkShape.from_dict(shape.as_dict()) == shape
     random = np.random.default_rng(0)
     actor = tuple(
@@ -173,10 +187,11 @@ def test_the_thesis_heads_fit_everywhere() -> None:
         for i, o in shape.actor_layers()
         for size in ((i, o), (o,))
     )
-    policy = Policy("open_field", shape, actor)
+    policy = Policy(setup, shape, actor)
     observations = seen_by(policy)
     session = onnxruntime.InferenceSession(policy_to_onnx(policy), providers=["CPUExecutionProvider"])
     np.testing.assert_allclose(session.run(None, {"observation": observations})[0], policy.act(observations), atol=1e-5)
+    return policy
 
 
 def test_sb3_zip_of_before_the_rooms_were_rebuilt_still_opens() -> None:

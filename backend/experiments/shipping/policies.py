@@ -15,7 +15,7 @@ from backend.learning.policies.policy import Policy
 from backend.learning.policies.steerability import steerability_of
 from backend.learning.scene_sets import Purpose, describe, scene_set
 from backend.learning.shipped_files import DATASETS
-from backend.learning.td3.base import BaseConfig, OnProgress, no_progress, train_base
+from backend.learning.td3.base import BaseConfig, OnProgress, base_config, no_progress, train_base
 from backend.learning.td3.conditioned_training import CONFIGS, ConditionedConfig, ConditionedResult, train_conditioned
 from backend.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
 from backend.learning.through_simulation.sharpening import FIRST_SELECTION_SEED, sharpen
@@ -68,7 +68,7 @@ def store_policy(
 
 def ship_base(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
     """Train, measure and store one base policy, critic included: alignment starts from it."""
-    config = BaseConfig(setup=setup, seed=seed)
+    config = base_config(setup, seed)
     result = train_base(config, on_progress)
     return store_policy(
         result.policy,

@@ -23,21 +23,25 @@ def policy_to_onnx(policy: Policy) -> bytes:
     """An ONNX graph `observation (n, obs) -> action (n, 2)`, the policy's manifest in its metadata."""
     split = policy.shape.task_inputs
     nodes: list[onnx.NodeProto] = []
-    weights = [
-        numpy_helper.from_array(np.array([split, policy.shape.lidar_inputs], dtype=np.int64), "split_sizes"),
-        *(numpy_helper.from_array(np.ascontiguousarray(array), f"p{k}") for k, array in enumerate(policy.actor)),
-    ]
+    weights = [numpy_helper.from_array(np.ascontiguousarray(array), f"p{k}") for k, array in enumerate(policy.actor)]
 
     def dense(x: str, layer: int, activation: str, out: str) -> str:
         nodes.append(helper.make_node("Gemm", [x, f"p{2 * layer}", f"p{2 * layer + 1}"], [f"{out}_linear"]))
         nodes.append(helper.make_node(activation, [f"{out}_linear"], [out]))
         return out
 
-    nodes.append(helper.make_node("Split", ["observation", "split_sizes"], ["task", "lidar"], axis=1))
-    task = dense(dense("task", 0, "Relu", "task_1"), 1, "Relu", "task_2")
-    lidar = dense(dense("lidar", 2, "Relu", "lidar_1"), 3, "Relu", "lidar_2")
-    nodes.append(helper.make_node("Concat", [task, lidar], ["features"], axis=1))
-    dense(dense(dense("features", 4, "Relu", "head_1"), 5, "Relu", "head_2"), 6, "Tanh", "action")
+    last, layer = "observation", 0
+    if policy.shape.extractor:
+        sizes = np.array([split, policy.shape.lidar_inputs], dtype=np.int64)
+        weights.insert(0, numpy_helper.from_array(sizes, "split_sizes"))
+        nodes.append(helper.make_node("Split", ["observation", "split_sizes"], ["task", "lidar"], axis=1))
+        task = dense(dense("task", 0, "Relu", "task_1"), 1, "Relu", "task_2")
+        lidar = dense(dense("lidar", 2, "Relu", "lidar_1"), 3, "Relu", "lidar_2")
+        nodes.append(helper.make_node("Concat", [task, lidar], ["features"], axis=1))
+        last, layer = "features", 4
+    for number in range(1, len(policy.shape.heads) + 1):
+        last, layer = dense(last, layer, "Relu", f"head_{number}"), layer + 1
+    dense(last, layer, "Tanh", "action")
     graph = helper.make_graph(
         nodes,
         "desirepath_policy",

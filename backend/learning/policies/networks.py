@@ -1,4 +1,5 @@
-"""Actor and critic of chapter 6: two feature extractors (task part, lidar part), joined, then two hidden layers.
+"""Actor and critic: two feature extractors (task part, lidar part), joined, then hidden layers (chapter 6), or these
+alone (chapter 8).
 
 Here live parameters and forward passes in torch. Their sizes live in `shape.py`, how they are trained in `td3.py`, how
 a finished actor is carried around in `policy.py`.
@@ -95,6 +96,8 @@ def _linear(x: Tensor, layer: Layer) -> Tensor:
 
 def _features(observations: Tensor, layers: list[Layer]) -> Tensor:
     task_inputs = layers[0][0].shape[0]
+    if task_inputs >= observations.shape[1]:  # no extractors
+        return observations
     task, lidar = observations[:, :task_inputs], observations[:, task_inputs:]
     task = torch.relu(_linear(torch.relu(_linear(task, layers[0])), layers[1]))
     lidar = torch.relu(_linear(torch.relu(_linear(lidar, layers[2])), layers[3]))
@@ -102,12 +105,18 @@ def _features(observations: Tensor, layers: list[Layer]) -> Tensor:
 
 
 def _head(x: Tensor, layers: list[Layer]) -> Tensor:
-    return _linear(torch.relu(_linear(torch.relu(_linear(x, layers[0])), layers[1])), layers[2])
+    for layer in layers[:-1]:
+        x = torch.relu(_linear(x, layer))
+    return _linear(x, layers[-1])
+
+
+def _head_layers(observations: Tensor, layers: list[Layer]) -> list[Layer]:
+    return layers[4:] if layers[0][0].shape[0] < observations.shape[1] else layers
 
 
 def actor_features(observations: Tensor, layers: list[Layer]) -> Tensor:
     """observations (n, obs) -> (n, 2) what actions are before tanh."""
-    return _head(_features(observations, layers), layers[4:7])
+    return _head(_features(observations, layers), _head_layers(observations, layers))
 
 
 def actor_forward(observations: Tensor, layers: list[Layer]) -> Tensor:
@@ -118,4 +127,6 @@ def actor_forward(observations: Tensor, layers: list[Layer]) -> Tensor:
 def critic_forward(observations: Tensor, actions: Tensor, layers: list[Layer], n_heads: int = 2) -> list[Tensor]:
     """observations (n, obs), actions (n, 2) -> one (n,) value per head."""
     joined = torch.cat([_features(observations, layers), actions], 1)
-    return [_head(joined, layers[4 + 3 * k : 7 + 3 * k])[:, 0] for k in range(n_heads)]
+    every = _head_layers(observations, layers)
+    depth = 1 + next(k for k, (weight, _) in enumerate(every) if weight.shape[1] == 1)  # a head ends with its value
+    return [_head(joined, every[depth * k : depth * (k + 1)])[:, 0] for k in range(n_heads)]

@@ -165,11 +165,13 @@ class Policy(StoredPolicy):
                 f"observations have shape {observations.shape}; "
                 f"a {self.setup} policy reads (n, {self.shape.observation_size})"
             )
-        split = self.shape.task_inputs
-        task = self._relu_layers(observations[:, :split], 0, 2)
-        lidar = self._relu_layers(observations[:, split:], 2, 4)
-        hidden = self._relu_layers(np.concatenate([task, lidar], axis=1), 4, 6)
-        actions: Floats = np.tanh(hidden @ self.actor[12] + self.actor[13])
+        split, first, seen = self.shape.task_inputs, 0, observations
+        if self.shape.extractor:
+            task = self._relu_layers(observations[:, :split], 0, 2)
+            lidar = self._relu_layers(observations[:, split:], 2, 4)
+            first, seen = 4, np.concatenate([task, lidar], axis=1)
+        hidden = self._relu_layers(seen, first, len(self.actor) // 2 - 1)
+        actions: Floats = np.tanh(hidden @ self.actor[-2] + self.actor[-1])
         return actions
 
     def _relu_layers(self, x: Floats, first: int, last: int) -> Floats:

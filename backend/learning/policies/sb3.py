@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -31,7 +32,7 @@ def sb3_td3(
     setup: Setup,
     config: Td3Config,
     *,
-    heads: tuple[int, int],
+    heads: tuple[int, ...],
     seed: int,
     buffer_size: int,
     updates_per_step: int,
@@ -39,6 +40,12 @@ def sb3_td3(
 ) -> TD3:
     """SB3's TD3 with the same network and hyper-parameters as ours, `updates_per_step` updates per vector step."""
     shape = NetworkShape.of(setup, heads)
+    extractors: dict[str, Any] = {}
+    if shape.extractor:
+        extractors = {
+            "features_extractor_class": TwoBranchExtractor,
+            "features_extractor_kwargs": {"task_inputs": shape.task_inputs, "width": shape.extractor},
+        }
     return TD3(
         "MlpPolicy",
         env,
@@ -53,11 +60,7 @@ def sb3_td3(
         policy_delay=config.policy_delay,
         target_policy_noise=config.target_noise,
         target_noise_clip=config.target_noise_clip,
-        policy_kwargs={
-            "features_extractor_class": TwoBranchExtractor,
-            "features_extractor_kwargs": {"task_inputs": shape.task_inputs, "width": shape.extractor},
-            "net_arch": list(heads),
-        },
+        policy_kwargs=extractors | {"net_arch": list(heads)},
         seed=seed,
         device="cpu",
     )
@@ -115,7 +118,7 @@ def sb3_model_of(policy: Policy) -> TD3:
     return model
 
 
-def policy_of_sb3(model: TD3, setup: Setup, heads: tuple[int, int]) -> Policy:
+def policy_of_sb3(model: TD3, setup: Setup, heads: tuple[int, ...]) -> Policy:
     """The policy that an SB3 model trained by `sb3_td3` has reached."""
     return Policy(
         setup.name, NetworkShape.of(setup, heads), read_layers(actor_layers(model)), read_layers(critic_layers(model))

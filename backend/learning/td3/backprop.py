@@ -22,7 +22,9 @@ Weights = Sequence[tuple[Floats, Floats]]
 
 
 class Features(NamedTuple):
-    """What a backward pass needs of the two extractors: inputs and activations; `joined` holds both outputs."""
+    """What a backward pass needs of the two extractors: inputs and activations; `joined` holds both outputs. Without
+    extractors `joined` is what is observed, and the others are empty.
+    """
 
     task: Floats
     task_hidden: Floats
@@ -31,11 +33,13 @@ class Features(NamedTuple):
     joined: Floats  # (n, 2 * extractor width [+ 2 actions])
 
 
-class Head(NamedTuple):
-    """Activations of a head: two hidden layers and its linear output (n, outputs)."""
+_NONE = np.empty((0, 0), dtype=np.float32)
 
-    first: Floats
-    second: Floats
+
+class Head(NamedTuple):
+    """Activations of a head: its hidden layers and its linear output (n, outputs)."""
+
+    hidden: tuple[Floats, ...]
     output: Floats
 
 
@@ -118,8 +122,23 @@ def _dense_relu(x: Floats, layer: tuple[Floats, Floats]) -> Floats:
     return out
 
 
+def has_extractors(observations: Floats, layers: Weights) -> bool:
+    """Whether the first of the layers reads a part of the observation only, so that four of them are extractors'."""
+    return bool(layers[0][0].shape[0] < observations.shape[1])
+
+
+def heads_of(observations: Floats, layers: Weights, n_heads: int = 1) -> list[Weights]:
+    """The layers of each head; the gradients of weights are split likewise, by `n_heads` and the same observations."""
+    every = layers[4:] if has_extractors(observations, layers) else layers
+    depth = len(every) // n_heads
+    return [every[depth * k : depth * (k + 1)] for k in range(n_heads)]
+
+
 def features(observations: Floats, layers: Weights, actions: Floats | None = None) -> Features:
     """Both extractors on observations (n, obs); the critic's `joined` ends with the actions (n, 2)."""
+    if not has_extractors(observations, layers):
+        joined = observations if actions is None else np.concatenate([observations, actions], axis=1)
+        return Features(_NONE, _NONE, _NONE, _NONE, joined)
     split, width = layers[0][0].shape[0], layers[1][0].shape[1]
     task, lidar = observations[:, :split], observations[:, split:]
     task_hidden, lidar_hidden = _dense_relu(task, layers[0]), _dense_relu(lidar, layers[2])
@@ -134,10 +153,11 @@ def features(observations: Floats, layers: Weights, actions: Floats | None = Non
 
 
 def head(joined: Floats, layers: Weights) -> Head:
-    """Three layers of a head on (n, features)."""
-    first = _dense_relu(joined, layers[0])
-    second = _dense_relu(first, layers[1])
-    return Head(first, second, second @ layers[2][0] + layers[2][1])
+    """The layers of a head on (n, features)."""
+    hidden = [_dense_relu(joined, layers[0])]
+    for layer in layers[1:-1]:
+        hidden.append(_dense_relu(hidden[-1], layer))
+    return Head(tuple(hidden), hidden[-1] @ layers[-1][0] + layers[-1][1])
 
 
 def _to_inputs(gradient: Floats, weight: Floats) -> Floats:
@@ -150,26 +170,25 @@ def head_backward(gradient: Floats, joined: Floats, seen: Head, layers: Weights,
 
     Writes the gradients of the head's weights.
     """
-    np.matmul(seen.second.T, gradient, out=gradients[2][0])
-    gradient.sum(0, out=gradients[2][1])
-    at_second = _to_inputs(gradient, layers[2][0])
-    relu_backward(at_second, seen.second, gradients[1][1])
-    np.matmul(seen.first.T, at_second, out=gradients[1][0])
-    at_first: Floats = at_second @ layers[1][0].T
-    relu_backward(at_first, seen.first, gradients[0][1])
-    np.matmul(joined.T, at_first, out=gradients[0][0])
-    return at_first
+    inputs = (joined, *seen.hidden)
+    np.matmul(inputs[-1].T, gradient, out=gradients[-1][0])
+    gradient.sum(0, out=gradients[-1][1])
+    at_hidden = _to_inputs(gradient, layers[-1][0])
+    for k in range(len(seen.hidden) - 1, -1, -1):
+        relu_backward(at_hidden, seen.hidden[k], gradients[k][1])
+        np.matmul(inputs[k].T, at_hidden, out=gradients[k][0])
+        if k:
+            at_hidden = at_hidden @ layers[k][0].T
+    return at_hidden
 
 
 def input_gradient(gradient: Floats, seen: Head, layers: Weights, columns: slice) -> Floats:
     """The gradient (n, columns) at some of a head's inputs, from that at its output; no weight's is wanted."""
-    unused = np.empty(layers[1][1].size, dtype=np.float32)
-    at_second = _to_inputs(gradient, layers[2][0])
-    relu_backward(at_second, seen.second, unused)
-    at_first: Floats = at_second @ layers[1][0].T
-    relu_backward(at_first, seen.first, np.empty(layers[0][1].size, dtype=np.float32))
-    inputs: Floats = at_first @ layers[0][0][columns].T
-    return inputs
+    at_hidden = _to_inputs(gradient, layers[-1][0])
+    for k in range(len(seen.hidden) - 1, -1, -1):
+        relu_backward(at_hidden, seen.hidden[k], np.empty(layers[k][1].size, dtype=np.float32))
+        at_hidden = at_hidden @ (layers[k][0] if k else layers[0][0][columns]).T
+    return at_hidden
 
 
 def features_backward(at_joined: Floats, seen: Features, layers: Weights, gradients: Weights) -> None:

@@ -18,14 +18,14 @@ from backend.analysis.metrics import collision_rate, success_rate
 from backend.learning.cards import stored_config
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shape import FAST_HEADS, NetworkShape
+from backend.learning.policies.shape import EXPLAINED_HEADS, FAST_HEADS, NetworkShape
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.backprop import Floats
 from backend.learning.td3.checkpoints import checkpoints
 from backend.learning.td3.replay import ReplayBuffer, ReplayCollector
 from backend.learning.td3.td3 import Td3Agent, Td3Config
 from backend.simulation.fast import FastEngine, evaluate
-from backend.simulation.setups import get_setup
+from backend.simulation.setups import EXPLAINED_ROOM, get_setup
 
 TURNING = 1  # which of the two actions is the turn rate
 
@@ -56,7 +56,7 @@ class BaseConfig:
 
     setup: str
     seed: int = 0
-    heads: tuple[int, int] = FAST_HEADS
+    heads: tuple[int, ...] = FAST_HEADS
     updates: int = 60_000  # ours: with the smoothing ones about two minutes on one core
     n_envs: int = 256  # DESIGN: many environments, few updates
     updates_per_step: int = 12
@@ -77,6 +77,11 @@ class BaseConfig:
 
     def as_dict(self) -> dict[str, Any]:
         return stored_config(self)
+
+
+def base_config(setup: str, seed: int = 0) -> BaseConfig:
+    """How the shipped base policy of that setup is trained."""
+    return BaseConfig(setup, seed, EXPLAINED_HEADS if setup == EXPLAINED_ROOM.name else FAST_HEADS)
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,10 @@ from backend.learning.td3.backprop import (
     Weights,
     features,
     features_backward,
+    has_extractors,
     head,
     head_backward,
+    heads_of,
     input_gradient,
     move_towards,
 )
@@ -62,7 +64,7 @@ class Batch(NamedTuple):
 
 def act(observations: Floats, actor: Weights) -> Floats:
     """observations (n, obs) -> actions (n, 2) in [-1, 1]."""
-    actions: Floats = np.tanh(head(features(observations, actor).joined, actor[4:7]).output)
+    actions: Floats = np.tanh(head(features(observations, actor).joined, heads_of(observations, actor)[0]).output)
     return actions
 
 
@@ -72,25 +74,29 @@ def td_targets(batch: Batch, noise: Floats, actor_target: Weights, critic_target
     clipped = np.clip(noise * np.float32(config.target_noise), -config.target_noise_clip, config.target_noise_clip)
     actions = np.clip(act(following, actor_target) + clipped, -1, 1)
     joined = features(following, critic_target, actions).joined
-    value = np.minimum(head(joined, critic_target[4:7]).output, head(joined, critic_target[7:10]).output)[:, 0]
+    first, second = heads_of(following, critic_target, 2)
+    value = np.minimum(head(joined, first).output, head(joined, second).output)[:, 0]
     targets: Floats = batch.rewards.numpy() + np.float32(config.gamma) * batch.continues.numpy() * value
     return targets
 
 
 def critic_gradients(batch: Batch, targets: Floats, critic: Weights, gradients: Weights) -> float:
     """Write the gradients of sum_k mean (Q_k(s, a) - y)^2 over both heads k; returns that loss."""
-    seen = features(batch.observations.numpy(), critic, batch.actions.numpy())
-    width = 2 * critic[1][0].shape[1]
+    observations = batch.observations.numpy()
+    seen = features(observations, critic, batch.actions.numpy())
+    extracted = has_extractors(observations, critic)
+    width = seen.joined.shape[1] - batch.actions.shape[1]
     at_joined = np.zeros((len(targets), width), dtype=np.float32)
     loss = 0.0
-    for first in (4, 7):
-        layers = critic[first : first + 3]
+    for layers, of_layers in zip(heads_of(observations, critic, 2), heads_of(observations, gradients, 2), strict=True):
         through = head(seen.joined, layers)
         error = (through.output - targets[:, None]) * np.float32(2 / len(targets))
         loss += float(np.vdot(error, error)) * len(targets) / 4
-        at_first = head_backward(error, seen.joined, through, layers, gradients[first : first + 3])
-        at_joined += at_first @ layers[0][0][:width].T
-    features_backward(at_joined, seen, critic, gradients)
+        at_first = head_backward(error, seen.joined, through, layers, of_layers)
+        if extracted:
+            at_joined += at_first @ layers[0][0][:width].T
+    if extracted:
+        features_backward(at_joined, seen, critic, gradients)
     return loss
 
 
@@ -100,18 +106,21 @@ def actor_gradients(
     """Write the gradients of -mean Q_1(s, pi(s)), plus a term on the actions where an algorithm has one (eq. 6.3);
     returns the former, without the term."""
     seen = features(observations, actor)
-    through = head(seen.joined, actor[4:7])
+    (layers,), (of_layers,) = heads_of(observations, actor), heads_of(observations, gradients)
+    through = head(seen.joined, layers)
     actions = np.tanh(through.output)
     judged = features(observations, critic, actions)
     width = seen.joined.shape[1]
     minus_mean = np.full((len(actions), 1), -1 / len(actions), dtype=np.float32)
-    value = head(judged.joined, critic[4:7])
-    at_actions = input_gradient(minus_mean, value, critic[4:7], slice(width, None))
+    judge = heads_of(observations, critic, 2)[0]
+    value = head(judged.joined, judge)
+    at_actions = input_gradient(minus_mean, value, judge, slice(width, None))
     if term is not None:
         at_actions += term(observations, actions)
     at_output = at_actions * (1 - actions * actions)
-    at_first = head_backward(at_output, seen.joined, through, actor[4:7], gradients[4:7])
-    features_backward(at_first @ actor[4][0].T, seen, actor, gradients)
+    at_first = head_backward(at_output, seen.joined, through, layers, of_layers)
+    if has_extractors(observations, actor):
+        features_backward(at_first @ layers[0][0].T, seen, actor, gradients)
     return -float(value.output.mean())
 
 
