@@ -8,6 +8,16 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+import structlog
+
+# A logged error drawn with all that surrounds it takes seconds of a core; the product writes it plain, too.
+structlog.configure(
+    processors=[
+        structlog.contextvars.merge_contextvars,
+        structlog.processors.add_log_level,
+        structlog.dev.ConsoleRenderer(colors=False, exception_formatter=structlog.dev.plain_traceback),
+    ]
+)
 
 # Set before numba is imported: two cores are shared by everything.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")

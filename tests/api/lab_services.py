@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import timedelta
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,7 +18,8 @@ from sqlalchemy import select, update
 
 from backend.api.application import build_services, create_application
 from backend.api.core.auth import add_user, change_password, ensure_first_user
-from backend.api.core.dependencies import Services
+from backend.api.core.dependencies import Application, Services
+from backend.learning.shipped_files import resolve
 from backend.settings import Settings
 from backend.store.artefacts import save_artefact
 from backend.store.models import Job, ProblemReport, Session, Study, StudyRole, TrajectoryRow, User, utc_now
@@ -150,40 +153,55 @@ def walked(walked_services: tuple[Path, Walked]) -> Walked:
 
 @pytest.fixture
 def two_studies(lab_services: Services, walked: Walked) -> SimpleNamespace:
+    """The walked study and another one, each with what was learned from it: see `add_two_studies`."""
+    return add_two_studies(lab_services, walked)
+
+
+def add_two_studies(services: Services, walked: Walked) -> SimpleNamespace:
     """`ours` is the walked study; `theirs` another one. Each with a snapshot, a policy made from it and its job; the
     other study's policy was made on the command line, so that only its lineage tells whose answers it is made of."""
-    with lab_services.database.transaction() as s:
-        register_shipped(s, lab_services.files)
+    with services.database.transaction() as s:
+        register_shipped(s, services.files)
         base = policy_artefact(s, "study_room/base").id
-    theirs = add_answered_study(lab_services.database, lab_services.files, participants=2, answers=6)
+    theirs = add_answered_study(services.database, services.files, participants=2, answers=6)
     found = SimpleNamespace(ours=walked.id, theirs=theirs, base=base, snapshot={}, policy={}, job={})
-    with lab_services.database.transaction() as s:
+    with services.database.transaction() as s:
         for name, study, whose in (("ours", walked.id, "all"), ("theirs", theirs, "simulated")):
-            snapshot = take_snapshot(s, lab_services.files, study_id=study, whose=whose)
+            snapshot = take_snapshot(s, services.files, study_id=study, whose=whose)
             job = enqueue_job(s, "align", {"snapshot": snapshot.id}, study_id=study if name == "ours" else None)
             policy = save_artefact(
-                s, lab_services.files, kind="policy", name=f"policy of {name}", setup=snapshot.setup,
-                content=f"policy of {name}".encode(), card={"results": {}}, parents=[(snapshot.id, "answers")],
+                s, services.files, kind="policy", name=f"policy of {name}", setup=snapshot.setup,
+                content=_policy_of(name), card={"results": {}}, parents=[(snapshot.id, "answers")],
                 study_id=job.study_id, job_id=job.id,
             )  # fmt: skip
             found.snapshot[name], found.policy[name], found.job[name] = snapshot.id, policy.id, job.id
     return found
 
 
+def _policy_of(name: str) -> bytes:
+    """The shipped base policy in an archive of its own, so that it is another artefact."""
+    archive = BytesIO(resolve("study_room/base").read_bytes())
+    with zipfile.ZipFile(archive, "a") as opened:
+        opened.comment = name.encode()
+    return archive.getvalue()
+
+
 @pytest.fixture
 def colleague(lab_services: Services, two_studies: SimpleNamespace) -> Callable[..., TestClient]:
     """A signed-in browser of somebody with a role in the installation, and others in our study."""
+    application = create_application(lab_services)
+    return lambda everywhere, *here: enter_as(application, two_studies.ours, everywhere, *here)
 
-    def enter(everywhere: str, *here: str) -> TestClient:
-        name = "-".join(("a", everywhere, *here))
-        password = add_user(lab_services.database, name, everywhere)
-        with lab_services.database.transaction() as s:
-            s.execute(update(User).where(User.name == name).values(must_change_password=False))
-            user = s.scalars(select(User).where(User.name == name)).one()
-            s.add_all(StudyRole(user_id=user.id, study_id=two_studies.ours, role=one, given_by="x") for one in here)
-        return sign_in(TestClient(create_application(lab_services), follow_redirects=False), name, password)
 
-    return enter
+def enter_as(application: Application, study_id: str, everywhere: str, *here: str) -> TestClient:
+    """A new account with a role in the installation and others in one study, signed in in a browser of its own."""
+    database, name = application.services.database, "-".join(("a", everywhere, *here))
+    password = add_user(database, name, everywhere)
+    with database.transaction() as s:
+        s.execute(update(User).where(User.name == name).values(must_change_password=False))
+        user = s.scalars(select(User).where(User.name == name)).one()
+        s.add_all(StudyRole(user_id=user.id, study_id=study_id, role=one, given_by="x") for one in here)
+    return sign_in(TestClient(application, follow_redirects=False), name, password)
 
 
 def _walk(

@@ -5,6 +5,7 @@ The numbers and figures are those of `desirepath report`.
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from fastapi import APIRouter, Depends, Request
@@ -13,8 +14,9 @@ from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.auth import checked_csrf
 from backend.api.core.dependencies import Db, services_of
-from backend.api.core.lab_frame import LabRefusal, lab_page
+from backend.api.core.lab_frame import LabRefusal, lab_page, rights_in
 from backend.api.core.media import answers_with, figure_file
+from backend.api.core.roles import Right
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.api.lab.whole_reports import MadeFrom, ReportFiles
 from backend.store.models import Study
@@ -22,6 +24,7 @@ from backend.store.models import Study
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
 WHO = ("people", "simulated")
+LINK_TO_ROWS = re.compile(rb'<a href="[^"]*[.]csv">CSV</a>,\s*')  # as `printed.html` has it; not for who only looks
 SHOWN = ("html", "png", "svg")  # endings of what is looked at; all else is data
 
 
@@ -104,4 +107,7 @@ def _file(request: Request, study_id: str, who: str, name: str, database: Db) ->
         return RedirectResponse(f"/lab/studies/{study.id}/analysis/{who}", status_code=303)
     if report is None or name not in report.files:
         raise LabRefusal(404, "no_report")
-    return figure_file(request, name, report.files[name], shown=SHOWN)
+    content = report.files[name]
+    if name == REPORT_FILE and not rights_in(request).may(Right.TAKE, study_id):
+        content = LINK_TO_ROWS.sub(b"", content)
+    return figure_file(request, name, content, shown=SHOWN)
