@@ -10,6 +10,7 @@ from sqlalchemy import select
 
 from backend.api.core.roles import CHANGING, Right, rights_of, rule_of
 from backend.store.models import Artefact, Audit, Job, Study, StudyRole
+from backend.store.outbox import enqueue_job
 from tests.api.lab_services import csrf
 
 REFUSED = "Your role does not allow this"
@@ -117,6 +118,32 @@ def test_a_viewer_of_everything_may_be_analyst_of_one_study(colleague, two_studi
         assert taken.status_code == status, taken.text
     assert f"/lab/jobs/new/align?snapshot={two_studies.snapshot['ours']}" in one.get("/lab/snapshots").text
     assert f"/lab/jobs/new/align?snapshot={two_studies.snapshot['theirs']}" not in one.get("/lab/snapshots").text
+
+
+def test_what_was_learned_from_another_study_is_looked_at_and_not_taken_away(colleague, two_studies, lab_services):
+    """One may look everywhere and is analyst of ours: that opens no file made of the other study's answers."""
+    one, theirs, ours = colleague("viewer", "analyst"), two_studies.policy["theirs"], two_studies.policy["ours"]
+    shown = one.get(f"/lab/policies/{theirs}")
+    assert shown.status_code == 200
+    for link in (f"/lab/artefacts/{theirs}/content", f"/lab/policies/{theirs}/policy.zip"):
+        assert link not in shown.text
+        assert one.get(link).status_code == 403
+    assert f"policy={theirs}" not in shown.text, "no evaluation of it is offered, which would be refused"
+    assert one.get(f"/lab/artefacts/{ours}/content").status_code == 200
+    assert f"policy={ours}" in one.get(f"/lab/policies/{ours}").text
+
+
+def test_a_job_that_works_on_both_studies_is_hidden_before_it_has_made_anything(colleague, two_studies, lab_services):
+    pair = {"policy_a": two_studies.policy["ours"], "policy_b": two_studies.policy["theirs"]}
+    with lab_services.database.transaction() as s:
+        job = enqueue_job(s, "compare", pair, study_id=two_studies.ours).id
+        alone = enqueue_job(s, "evaluate", {"policy": two_studies.policy["ours"]}, study_id=two_studies.ours).id
+    member, everywhere = colleague("member", "analyst"), colleague("viewer")
+    assert everywhere.get(f"/lab/jobs/{job}").status_code == 200
+    listed = member.get("/lab/jobs").text
+    assert (job in listed, alone in listed) == (False, True)
+    assert member.get(f"/lab/jobs/{job}").status_code in (403, 404)
+    assert member.get(f"/lab/jobs/{alone}").status_code == 200
 
 
 def test_an_owner_of_the_study_gives_roles_in_it_and_nowhere_else(colleague, two_studies, lab_services):

@@ -25,7 +25,7 @@ from backend.api.core.contract import form_of
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from backend.api.core.media import answers_with, media_of
-from backend.api.core.permits import in_studies, seen_artefacts
+from backend.api.core.permits import in_studies, may_with, seen_artefacts
 from backend.api.core.roles import Right
 from backend.learning.policies.policy import Policy
 from backend.store.artefacts import Lineage, lineage, load_trajectory
@@ -85,6 +85,7 @@ def snapshot(request: Request, artefact_id: str, database: Db, files: Files) -> 
             request,
             "analyst/snapshot.html",
             artefact=artefact,
+            may=_may(request, s, artefact),
             study=s.get(Study, artefact.study_id) if artefact.study_id else None,
             content=content,
             per_participant=sorted(per_participant.items()),
@@ -273,6 +274,7 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         request,
         "analyst/artefact.html",
         artefact=artefact,
+        may=_may(request, s, artefact),
         tree=tree,
         answers=_answers(s, tree),
         job=job,
@@ -394,3 +396,9 @@ def _download(data: bytes, filename: str) -> Response:
         media_type=media_of(filename),
         headers={"Content-Disposition": f'attachment; filename="{filename}"'},
     )
+
+
+def _may(request: Request, s: DatabaseSession, artefact: Artefact) -> dict[str, bool]:
+    """Which buttons of an artefact's page are for who looks: what it was made from counts, not its study alone."""
+    rights = rights_in(request)
+    return {right.value: may_with(s, rights, right, artefact) for right in (Right.ANALYSE, Right.TAKE, Right.TIDY)}

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import ColumnElement, and_, false, or_, select, true
+from sqlalchemy import ColumnElement, Text, and_, cast, exists, false, or_, select, true
 from sqlalchemy.orm import InstrumentedAttribute
 from sqlalchemy.orm import Session as DatabaseSession
 
@@ -37,7 +37,7 @@ def may_with(s: DatabaseSession, rights: Rights, right: Right, artefact: Artefac
     """Whether something may be done with an artefact."""
     if right in rights.everywhere:
         return True
-    return rights.may(right, artefact.study_id) and _found(s, Artefact.id, artefact.id, seen_artefacts(rights))
+    return rights.may(right, artefact.study_id) and _found(s, Artefact.id, artefact.id, seen_artefacts(rights, right))
 
 
 def in_studies(
@@ -51,20 +51,25 @@ def in_studies(
 
 
 def seen_artefacts(rights: Rights, right: Right = Right.LOOK) -> ColumnElement[bool]:
-    """A condition on `Artefact`: made from answers of such studies only, in which that may be done."""
-    studies = rights.studies(right)
-    if studies is None:
+    """A condition on `Artefact`: made from answers of such studies only, in which that may be done.
+
+    To tidy an artefact up does nothing to what it was made from, which it is enough to be shown.
+    """
+    if rights.studies(right) is None:
         return true()
-    return and_(in_studies(rights, Artefact.study_id, right), Artefact.id.not_in(_foreign(studies)))
+    before = rights.studies(right if right in SHARED else Right.LOOK)
+    of_those = Artefact.id.not_in(_foreign(before)) if before is not None else true()
+    return and_(in_studies(rights, Artefact.study_id, right), of_those)
 
 
 def seen_jobs(rights: Rights) -> ColumnElement[bool]:
-    """A condition on `Job`: of such studies, and nothing that it made is of others."""
+    """A condition on `Job`: of such studies, and nothing that it works on or made is of others."""
     studies = rights.studies(Right.LOOK)
     if studies is None:
         return true()
     made = select(Artefact.job_id).where(Artefact.job_id.is_not(None), Artefact.id.in_(_foreign(studies)))
-    return and_(in_studies(rights, Job.study_id), Job.id.not_in(made))
+    named = exists().where(Artefact.id.in_(_foreign(studies)), cast(Job.params, Text).contains(Artefact.id))
+    return and_(in_studies(rights, Job.study_id), Job.id.not_in(made), ~named)
 
 
 def _foreign(studies: frozenset[str]) -> Any:
