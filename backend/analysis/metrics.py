@@ -17,6 +17,7 @@ from backend.simulation import kernels
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import scene_to_row
 from backend.simulation.setups import ROBOT_RADIUS_M
+from backend.simulation.social_metrics import SocialMetrics, social_metrics
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Array = NDArray[np.float64]
@@ -142,7 +143,8 @@ def action_diversity(actions: ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class TrajectoryMetrics:
-    """Metrics of n trajectories, each array (n,), SI units; distances as in the functions of the same names."""
+    """Metrics of n trajectories, each array (n,), SI units; distances as in the functions of the same names. social:
+    of the same trajectories."""
 
     outcome: NDArray[np.int8]
     steps: NDArray[np.int64]
@@ -155,6 +157,7 @@ class TrajectoryMetrics:
     path_area: Array
     straight_distance: Array
     relative_path_length: Array
+    social: SocialMetrics
 
 
 def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
@@ -165,17 +168,27 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
     scenes = [t.scene for t in trajectories]
     goals = np.array([(s.goal.x, s.goal.y) for s in scenes])
     times = np.array([t.duration_s for t in trajectories])
+    outcomes = np.array([t.outcome for t in trajectories], dtype=np.int8)
     lengths, straight = path_length(poses), straight_distance(poses[:, 0], goals)
+    turned = accumulated_angle(poses)
     return TrajectoryMetrics(
-        outcome=np.array([t.outcome for t in trajectories], dtype=np.int8),
+        outcome=outcomes,
         steps=np.array([len(t.actions) for t in trajectories]),
         time=times,
         path_length=lengths,
         mean_speed=mean_speed(lengths, times),
-        accumulated_angle=accumulated_angle(poses),
+        accumulated_angle=turned,
         min_human_distance=min_human_distance(poses, _stack([t.scene.person_poses(t.times) for t in trajectories])),
         min_obstacle_distance=min_obstacle_distance(poses, scenes),
         path_area=path_area(poses, goals),
         straight_distance=straight,
         relative_path_length=relative_path_length(lengths, straight),
+        social=social_metrics(
+            [t.poses[:, :2].astype(float) for t in trajectories],
+            scenes,
+            success=outcomes == Outcome.SUCCESS,
+            path_length=lengths,
+            accumulated_angle=turned,
+            dt=np.array([t.dt for t in trajectories]),
+        ),
     )

@@ -13,9 +13,10 @@ from backend.jobs.kinds import CompareParams, EvaluateParams
 from backend.learning.policies.evaluate import compare_tables, describe_table, episode_columns, episodes
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, describe, scene_set
-from backend.simulation.fast import EpisodeTable, rollout
+from backend.simulation.fast import EPISODE_COLUMNS, EpisodeTable, rollout
 from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup, require_same
+from backend.simulation.social_metrics import joined
 
 SCENES_AT_ONCE = 500  # the bar moves, and a cancel is heeded between two batches
 
@@ -116,9 +117,8 @@ def concatenated(tables: list[EpisodeTable]) -> EpisodeTable:
     """The tables' episodes in one table, in order."""
     if len(tables) == 1:
         return tables[0]
-    names = [name for name in EpisodeTable.__dataclass_fields__ if name != "dt"]
-    arrays = {name: np.concatenate([getattr(table, name) for table in tables]) for name in names}
-    return EpisodeTable(**arrays, dt=tables[0].dt)
+    arrays = {name: np.concatenate([getattr(table, name) for table in tables]) for name in EPISODE_COLUMNS}
+    return EpisodeTable(**arrays, social=joined([table.social for table in tables]), dt=tables[0].dt)
 
 
 def _rows(scenes: list[Scene], tables: list[EpisodeTable]) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from backend.simulation.acting import ActFunction, ActionError, EpisodicPolicy, 
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import ScenePool, check_scene, row_columns, row_to_scene, scene_to_row, scenes_to_rows
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
+from backend.simulation.social_metrics import SocialMetrics, social_metrics
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Floats = NDArray[np.float32]
@@ -356,7 +357,7 @@ class EpisodeTable:
     outcome: int8 (Outcome). min_human_distance: centre to centre; min_clearance: robot surface to the nearest box or
     wall, without the person. accumulated_angle: sum of absolute heading changes. path_area: between the path and the
     straight line from start to goal. total_reward: undiscounted core reward. straight_distance: start to goal.
-    ceiling: the largest minimum human distance that any policy can reach in the scene.
+    ceiling: the largest minimum human distance that any policy can reach in the scene. social: of the same episodes.
     """
 
     outcome: NDArray[np.int8]
@@ -370,6 +371,7 @@ class EpisodeTable:
     total_reward: Floats
     straight_distance: Floats
     ceiling: Floats
+    social: SocialMetrics
     dt: float = CONTROL_DT_S
 
     @property
@@ -385,6 +387,10 @@ class EpisodeTable:
         return len(self.outcome)
 
 
+EPISODE_COLUMNS = tuple(name for name in EpisodeTable.__dataclass_fields__ if name not in ("social", "dt"))
+"""Names of its arrays."""
+
+
 def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
     """Roll out in every scene once to its end and keep the numbers, not the trajectories."""
     if not scenes:
@@ -398,16 +404,18 @@ def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[S
         actions[running] = steer(engine.observations[running], running)
         engine.step(actions)
         total += engine.rewards
+    paths = [engine.path(i) for i in range(len(scenes))]
+    outcome, length, turned = engine.outcomes.copy(), engine.path_length.copy(), engine.accumulated_angle.copy()
     return EpisodeTable(
-        outcome=engine.outcomes.copy(),
+        outcome=outcome,
         steps=engine.steps.copy(),
-        path_length=engine.path_length.copy(),
+        path_length=length,
         min_human_distance=engine.min_human_distance.copy(),
         min_clearance=engine.min_clearance.copy(),
         self_intersections=engine.self_intersections.copy(),
-        accumulated_angle=engine.accumulated_angle.copy(),
+        accumulated_angle=turned,
         path_area=np.array(
-            [k.path_area(engine.path(i), scene.goal.x, scene.goal.y) for i, scene in enumerate(scenes)],
+            [k.path_area(path, scene.goal.x, scene.goal.y) for path, scene in zip(paths, scenes, strict=True)],
             dtype=np.float32,
         ),
         total_reward=total.astype(np.float32),
@@ -415,6 +423,14 @@ def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[S
             [math.dist((s.start.x, s.start.y), (s.goal.x, s.goal.y)) for s in scenes], dtype=np.float32
         ),
         ceiling=np.array([s.human_distance_ceiling_m() for s in scenes], dtype=np.float32),
+        social=social_metrics(
+            paths,
+            scenes,
+            success=outcome == Outcome.SUCCESS,
+            path_length=length,
+            accumulated_angle=turned,
+            dt=CONTROL_DT_S,
+        ),
     )
 
 
@@ -422,7 +438,7 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
     """The table that `evaluate` would have made of these trajectories. Raises ValueError for none."""
     if not trajectories:
         raise ValueError("trajectories: none given")
-    columns: dict[str, list[float]] = {name: [] for name in EpisodeTable.__dataclass_fields__ if name != "dt"}
+    columns: dict[str, list[float]] = {name: [] for name in EPISODE_COLUMNS}
     for trajectory in trajectories:
         scene, row = trajectory.scene, scene_to_row(trajectory.scene)
         path = np.ascontiguousarray(trajectory.poses[:, :2], dtype=np.float64)
@@ -444,4 +460,13 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
             columns[name].append(float(value))
     whole = {"outcome": np.int8, "steps": np.int32, "self_intersections": np.int32}
     arrays: dict[str, Any] = {name: np.asarray(c, dtype=whole.get(name, np.float32)) for name, c in columns.items()}
-    return EpisodeTable(**arrays, dt=trajectories[0].dt)
+    dt = trajectories[0].dt
+    social = social_metrics(
+        [one.poses[:, :2].astype(np.float64) for one in trajectories],
+        [one.scene for one in trajectories],
+        success=arrays["outcome"] == Outcome.SUCCESS,
+        path_length=arrays["path_length"],
+        accumulated_angle=arrays["accumulated_angle"],
+        dt=dt,
+    )
+    return EpisodeTable(**arrays, social=social, dt=dt)

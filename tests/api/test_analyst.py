@@ -309,6 +309,29 @@ def test_comparison_numbers_are_the_scenes_numbers(analyst, known):
     assert analyst.get(f"{here}/scene-30.svg").status_code == 404
 
 
+SOCIAL = ("personal_space_violations", "personal_space_time_s", "min_time_to_collision_s", "stalled_time_s")
+
+
+def test_a_comparison_shows_social_metrics_and_one_made_before_them_still_opens(analyst, worked, known, monkeypatch):
+    here = f"/lab/compare/{known.comparison}"
+    page = analyst.get(here).text
+    assert "Minimum time to collision (s)" in page
+    assert 'value="spl"' in page
+    older = json.loads(worked.files.get(known.comparison))
+    for one, scenes in zip(older["policies"], older["scenes"]["policies"], strict=True):
+        for name in (*SOCIAL, "mean_jerk_m_s3", "path_irregularity_rad_m", "spl"):
+            del one["measured"][name], one["measured"]["intervals"][name], scenes[name]
+            older["compared"]["paired"].pop(name, None)
+    stored = worked.files.get
+    monkeypatch.setattr(
+        worked.files, "get", lambda one: json.dumps(older).encode() if one == known.comparison else stored(one)
+    )
+    page = analyst.get(here).text
+    assert "Minimum time to collision (s)" not in page
+    assert "Self-intersections" in page
+    assert analyst.get(f"{here}?measure=spl").status_code == 404
+
+
 def _listed(page: str) -> list[str]:
     """Scene seeds of the table of scenes."""
     return re.findall(r'<th scope="row">(\d+)</th>', page)

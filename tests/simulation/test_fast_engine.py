@@ -371,6 +371,8 @@ def test_rollouts_hold_every_step_and_agree_with_the_table(name: str) -> None:
         assert (getattr(again, column) == getattr(table, column)).all()
     for column in ("path_length", "min_human_distance", "min_clearance", "accumulated_angle", "path_area"):
         assert getattr(again, column) == pytest.approx(getattr(table, column), abs=2e-4)
+    for name, values in vars(table.social).items():
+        assert getattr(again.social, name) == pytest.approx(values, abs=2e-3), name
     for column in ("total_reward", "straight_distance", "ceiling"):
         assert getattr(again, column) == pytest.approx(getattr(table, column), abs=1e-4)
     assert table.success.sum() == (table.outcome == Outcome.SUCCESS).sum() > 0

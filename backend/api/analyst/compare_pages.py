@@ -52,6 +52,13 @@ MEASURES = {  # name in results -> digits that are shown
     "path_area_m2": 2,
     "min_obstacle_distance_m": 2,
     "self_intersections": 3,
+    "personal_space_violations": 3,
+    "personal_space_time_s": 2,
+    "min_time_to_collision_s": 2,
+    "stalled_time_s": 2,
+    "mean_jerk_m_s3": 2,
+    "path_irregularity_rad_m": 3,
+    "spl": 3,
 }
 
 
@@ -109,9 +116,9 @@ def comparison(
     only: which scenes (`compared_scenes.py`); scene: the number of the one that is shown, default the first of them.
     """
     t = _t(request)
-    measure = _measure(measure)
     with database.session() as s:
         artefact, content = _comparison(s, files, artefact_id)
+        measure = _measure(content, measure)
         numbers = chosen_scenes(content, only, measure)
         if numbers is None:
             raise LabRefusal(404, "no_figure")
@@ -139,7 +146,7 @@ def comparison(
         sides=sides,
         rows=_rows(content),
         measure=measure,
-        measures=MEASURES,
+        measures=_measures_of(content),
         histogram=Markup(_histogram(request, content, measure, artefact.id)),  # noqa: S704 - made by us, texts escaped
         only=only,
         filter_words=_filter_words(t, content, only, measure, len(numbers)),
@@ -208,15 +215,14 @@ def scenes_csv(artefact_id: str, database: Db, files: Files) -> Response:
 def difference_svg(request: Request, artefact_id: str, measure: str, database: Db, files: Files) -> Response:
     with database.session() as s:
         _, content = _comparison(s, files, artefact_id)
-    return Response(_histogram(request, content, _measure(measure)), media_type="image/svg+xml")
+    return Response(_histogram(request, content, _measure(content, measure)), media_type="image/svg+xml")
 
 
 @router.get("/lab/compare/{artefact_id}/difference-{measure}.csv")
 def difference_csv(artefact_id: str, measure: str, database: Db, files: Files) -> Response:
-    measure = _measure(measure)
     with database.session() as s:
         _, content = _comparison(s, files, artefact_id)
-    _, seeds, a, b = paired(content, measure)
+    _, seeds, a, b = paired(content, _measure(content, measure))
     rows = zip(seeds.tolist(), a.tolist(), b.tolist(), (b - a).tolist(), strict=True)
     return csv_response(["scene_seed", "a", "b", "difference"], rows, f"difference_{measure}.csv")
 
@@ -262,10 +268,15 @@ def _comparison(s: DatabaseSession, files: ArtefactStore, artefact_id: str) -> t
     return artefact, content
 
 
-def _measure(name: str) -> str:
-    if name not in MEASURES:
+def _measure(content: dict[str, Any], name: str) -> str:
+    if name not in _measures_of(content):
         raise LabRefusal(404, "no_figure")
     return name
+
+
+def _measures_of(content: dict[str, Any]) -> dict[str, int]:
+    """Those that this comparison has: ones made before the social metrics lack them."""
+    return {name: digits for name, digits in MEASURES.items() if name in content["policies"][0]["measured"]}
 
 
 def _rows(content: dict[str, Any]) -> list[Row]:
@@ -291,7 +302,7 @@ def _rows(content: dict[str, Any]) -> list[Row]:
         )
         for name in RATES
     ]
-    for name, digits in MEASURES.items():
+    for name, digits in _measures_of(content).items():
         paired = compared["paired"][name] if compared["both_succeed"] else {}
         rows.append(
             Row(

@@ -36,6 +36,16 @@ MEASURED = {
     "relative_path_length": "relative_path_length",
 }
 """Column of the table of metrics -> field of `TrajectoryMetrics`."""
+SOCIAL = {
+    "personal_space_violations": "personal_space_violations",
+    "personal_space_time_s": "personal_space_time",
+    "min_time_to_collision_s": "min_time_to_collision",
+    "stalled_time_s": "stalled_time",
+    "mean_jerk_m_per_s3": "mean_jerk",
+    "path_irregularity_rad_per_m": "path_irregularity",
+    "spl": "spl",
+}
+"""Column of the table of metrics -> field of `SocialMetrics`."""
 
 
 @dataclass
@@ -98,6 +108,7 @@ def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
 
     found = measure([trajectory])
     values = {column: float(getattr(found, name)[0]) for column, name in MEASURED.items()}
+    values |= {column: float(getattr(found.social, name)[0]) for column, name in SOCIAL.items()}
     return {
         "trajectory": trajectory_id,
         "outcome": Outcome(trajectory.outcome).name.lower(),
