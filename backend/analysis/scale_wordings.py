@@ -1,8 +1,8 @@
 """The validated scales that are shipped, word by word, with their scoring, source and terms.
 
-Only scales whose wording may be shipped, each in the languages whose wording we could check; the words are the scales'
-own and are never changed. RoSAS, MDMT, HRIES, the TiA of Körber and German wordings of trust scales are left out: we
-found no terms that allow to ship them.
+Only wordings that may be shipped, each in the languages that we could check; the words are the scales' own and are
+never changed. Of Godspeed we found no terms that allow to ship its words: who asks it supplies them, what is here is
+how it is built and scored. RoSAS, MDMT, HRIES, the TiA of Körber and German wordings of trust scales are left out.
 """
 
 from __future__ import annotations
@@ -78,21 +78,8 @@ _TRUST = (  # agreeing with the first five lowers the score
     "I am familiar with the system.",
 )
 _SHORT_TRUST = (6, 10, 11)
-_IMPRESSION = {"en": "Please rate your impression of the robot on these scales:"}
-_LIKEABILITY = (
-    ("Dislike", "Like"),
-    ("Unfriendly", "Friendly"),
-    ("Unkind", "Kind"),
-    ("Unpleasant", "Pleasant"),
-    ("Awful", "Nice"),
-)
-_INTELLIGENCE = (
-    ("Incompetent", "Competent"),
-    ("Ignorant", "Knowledgeable"),
-    ("Irresponsible", "Responsible"),
-    ("Unintelligent", "Intelligent"),
-    ("Foolish", "Sensible"),
-)
+_LIKEABILITY = ("like", "friendly", "kind", "pleasant", "nice")
+_INTELLIGENCE = ("competent", "knowledgeable", "responsible", "intelligent", "sensible")
 _MCGRATH = (
     "McGrath, M. J., Lack, O., Tisch, J. and Duenser, A. (2025). Measuring trust in artificial intelligence: "
     "validation of an established scale and its short form. Frontiers in Artificial Intelligence 8, 1582880"
@@ -109,17 +96,17 @@ def _trust_item(number: int) -> ScaleItem:
     return ScaleItem(f"trust_{number}", text, {"en": "Not at all"}, {"en": "Extremely"}, reversed=number <= 5)
 
 
-def _godspeed(name: str, words: str, pairs: tuple[tuple[str, str], ...]) -> Scale:
+def _godspeed(name: str, words: str, keys: tuple[str, ...]) -> Scale:
     return Scale(
         name=name,
         names=(f"Godspeed {words}",),
         points=5,
-        items=tuple(ScaleItem(f"{name}_{high.lower()}", _IMPRESSION, {"en": low}, {"en": high}) for low, high in pairs),
+        items=tuple(ScaleItem(f"{name}_{key}", {}, {}, {}) for key in keys),
         lowest=1.0,
         highest=5.0,
         scoring="the mean of the five pairs of words: 1 to 5",
         source=_BARTNECK,
-        licence="CC BY-NC (the article's): not for commercial studies; name the source",
+        licence="no terms found that allow to ship its words: who asks it supplies them and knows the terms",
     )
 
 
@@ -139,7 +126,8 @@ SCALES: dict[str, Scale] = {
             scoring="odd items: answer - 1, even items: 5 - answer; the sum times 2.5: 0 to 100",
             source="Brooke, J. (1996). SUS: a 'quick and dirty' usability scale. In Usability Evaluation in Industry, "
             "189-194; German: Rummel, B. (2015), System Usability Scale - jetzt auch auf Deutsch",
-            licence="free to use where the source is named",
+            licence="free to use where the source is named (Brooke, J. (2013). SUS: a retrospective. Journal of "
+            "Usability Studies 8, 29-40)",
         ),
         Scale(
             name="raw_tlx",
@@ -166,7 +154,8 @@ SCALES: dict[str, Scale] = {
             source="Jian, J.-Y., Bisantz, A. M. and Drury, C. G. (2000). Foundations for an empirically determined "
             "scale of trust in automated systems. International Journal of Cognitive Ergonomics 4, 53-71; wording as "
             f"in {_MCGRATH}",
-            licence="CC BY 4.0 (McGrath et al.); name the sources",
+            licence="printed in articles of Frontiers, which publishes all of them under CC BY 4.0 (also in "
+            "doi:10.3389/fpsyg.2023.1078438, table 2); terms of the article of 2000 not found; name the sources",
         ),
         Scale(
             name="s_tias",
@@ -177,7 +166,7 @@ SCALES: dict[str, Scale] = {
             highest=7.0,
             scoring="the mean of the three: 1 to 7",
             source=_MCGRATH,
-            licence="CC BY 4.0; name the source",
+            licence="CC BY 4.0, as all articles of Frontiers; name the source",
         ),
         _godspeed("godspeed_likeability", "III: Likeability", _LIKEABILITY),
         _godspeed("godspeed_intelligence", "IV: Perceived Intelligence", _INTELLIGENCE),

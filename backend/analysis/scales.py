@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 
@@ -25,7 +25,10 @@ class ScaleItem:
 
 @dataclass(frozen=True)
 class Scale:
-    """A validated scale. `names`: what only an unchanged copy may be called. The score is `lowest` to `highest`."""
+    """A validated scale. `names`: what only an unchanged copy may be called. The score is `lowest` to `highest`.
+
+    Items without texts: of a scale whose words may not be shipped; who asks it supplies them (`with_words`).
+    """
 
     name: str
     names: tuple[str, ...]
@@ -41,6 +44,17 @@ class Scale:
     def languages(self) -> tuple[str, ...]:
         """The languages it can be asked in."""
         return tuple(self.items[0].text)
+
+    def with_words(self, items: Sequence[ScaleItem]) -> Scale:
+        """The scale with the words that somebody supplies. ValueError: items that are not built as the scale's own."""
+        built = [(item.key, item.reversed) for item in self.items]
+        if [(item.key, item.reversed) for item in items] != built:
+            turned = [key for key, is_reversed in built if is_reversed]
+            raise ValueError(
+                f"{self.name} has the items {', '.join(key for key, _ in built)}, in this order"
+                + (f", reversed: {', '.join(turned)}" if turned else ", none of them reversed")
+            )
+        return replace(self, items=tuple(items))
 
     def digest(self, language: str) -> str:
         """sha256 over the wording in that language: texts, ends, points, order."""

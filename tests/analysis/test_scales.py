@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from backend.analysis.scale_wordings import SCALES
@@ -47,7 +49,14 @@ def test_godspeed_is_the_mean_of_five_pairs_of_words(name):
     keys = [item.key for item in scale.items]
     assert scale.score(dict(zip(keys, (1, 2, 5, 4, 4), strict=True))) == pytest.approx(16 / 5)
     assert (scale.lowest, scale.highest, scale.points) == (1.0, 5.0, 5)
-    assert "CC BY-NC" in scale.licence
+    assert "supplies them" in scale.licence
+    assert scale.languages == ()  # its words are not here
+    worded = scale.with_words([replace(item, text={"en": item.key}) for item in scale.items])
+    assert worded.languages == ("en",)
+    with pytest.raises(ValueError, match=f"{name} has the items {keys[0]}, .* none of them reversed"):
+        scale.with_words(scale.items[:4])
+    with pytest.raises(ValueError, match=r"reversed: tlx_x$"):
+        replace(TLX, items=(replace(TLX.items[0], key="tlx_x", reversed=True),)).with_words(TLX.items[:1])
 
 
 def test_every_scale_says_where_it_is_from_and_why_it_may_be_shipped():

@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from backend.analysis.scale_wordings import SCALES
+from backend.analysis.scales import frozen_scale
 from backend.study.grammar.questionnaires import Questionnaire
 from backend.study.kinds import kind_of, read_step
 from backend.study.kinds.base import Page
@@ -324,6 +326,41 @@ def test_a_scales_name_may_hold_another_ones(tmp_path):
     assert asked(tmp_path, title=title, blocks=[{"scale": "s_tias"}]) == []
     (error,) = asked(tmp_path, title={"en": "Trust in Automation Scale"}, blocks=[{"scale": "s_tias"}])
     assert "the validated scale TIAS, whose items are not asked here" in error["message"]
+
+
+def test_a_scale_whose_words_may_not_be_shipped_is_asked_in_the_labs_words_and_kept_in_the_studys_copy(tmp_path):
+    name = "godspeed_likeability"
+    (error,) = asked(tmp_path, blocks=[{"scale": name}])
+    assert "whose words may not be shipped" in error["message"]
+    assert "godspeed_likeability_like, godspeed_likeability_friendly" in error["message"]
+    words = {"text": {"en": "Your words"}, "low": {"en": "low"}, "high": {"en": "high"}}
+    items = [{"key": item.key, "type": "scale", "points": 5, **words} for item in SCALES[name].items]
+    title = {"en": "Godspeed III: Likeability"}
+    assert asked(tmp_path, title=title, blocks=[{"scale": name, "items": items}]) == []
+    frozen = freeze(tmp_path / "small.yaml")
+    kept = frozen_scale(frozen.files[f"scales/{name}.json"])
+    assert [item.text for item in kept.items] == [{"en": "Your words"}] * 5
+    assert kept.score({item.key: 4 for item in kept.items}) == 4.0
+    for wrong, said in (
+        (items[:4], "has the items godspeed_likeability_like"),
+        ([*items[:4], {**items[4], "points": 7}], "5 points, and no 'when'"),
+        ([{**items[0], "low": {"de": "nur"}}, *items[1:]], "needs of every item text, low and high in en"),
+    ):
+        errors = asked(tmp_path, blocks=[{"scale": name, "items": wrong}])
+        assert any(said in error["message"] for error in errors), errors
+
+
+def test_a_study_that_was_frozen_with_a_scales_words_keeps_them(tmp_path):
+    """Before, Godspeed was shipped: such a study's copy has its words, and is read as it was."""
+    name = "godspeed_likeability"
+    words = [replace(item, text={"en": "As then"}, low={"en": "l"}, high={"en": "h"}) for item in SCALES[name].items]
+    old = SCALES[name].with_words(words)
+    write_files(tmp_path)
+    (tmp_path / "scales").mkdir()
+    (tmp_path / "scales" / f"{name}.json").write_text(json.dumps(asdict(old)), encoding="utf-8")
+    assert asked(tmp_path, blocks=[{"scale": name}]) == []
+    frozen = freeze(tmp_path / "small.yaml")
+    assert [item.text["en"] for item in frozen.questionnaires["rating"].items] == ["As then"] * 5
 
 
 def test_a_reworded_item_cannot_carry_a_scales_name(tmp_path):

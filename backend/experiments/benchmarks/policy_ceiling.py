@@ -39,6 +39,7 @@ from backend.learning.through_simulation.experts import (
     Selection,
     best_of,
     converged,
+    failed_rounds,
     trained_round,
     untrained,
 )
@@ -102,8 +103,8 @@ def train_experts(
             while not converged(training.gained(start), expert):
                 if time.monotonic() - began > 60 * minutes:
                     return False
-                number = len(training.gained(start))
-                made = trained_round(training.candidate(start), weights, selection, expert, number, recovery)
+                number, failed = len(training.gained(start)), failed_rounds(training.gained(start))
+                made = trained_round(training.candidate(start), weights, selection, expert, number, recovery, failed)
                 training.add(start, made)
                 tell(f"{name}, from {start}, round {number}: gained {made.gained:.3f}, success {made.success:.3f}")
         done = done and training.chosen() is not None

@@ -50,7 +50,7 @@ class ExpertConfig:
     patience: int = 1
     max_loss: float = 0.01
     needed: float = 0.97
-    shares: tuple[float, ...] = (0.5, 1.0)
+    shares: tuple[float, ...] = (0.25, 0.5, 1.0)
     selection_scenes: int = 400
     aim: float = 4.0
     like_before: tuple[float, float] = (0.001, 0.02)
@@ -59,8 +59,9 @@ class ExpertConfig:
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
 
-    def training(self, weights: Doubles, number: int) -> SharpeningConfig:
-        """Of one round: what all of `aim` is gained for is this preference alone."""
+    def training(self, weights: Doubles, number: int, failed: int = 0) -> SharpeningConfig:
+        """Of one round: what all of `aim` is gained for is this preference alone. failed: rounds just before that added
+        nothing; each halves the learning rate."""
         slow = weights[NAMES.index("slower_near_person")] > 0
         usual = SHARPENING[self.setup]
         return replace(
@@ -70,7 +71,7 @@ class ExpertConfig:
             batch=self.slow_batch if slow else self.batch,
             most_steps=SLOW_STEPS[self.setup] if slow else usual.most_steps,
             average=0.06,
-            learning_rate=self.learning_rate,
+            learning_rate=self.learning_rate / 2**failed,
             aim=self.aim,
             like_before=self.like_before,
         )
@@ -134,13 +135,14 @@ def trained_round(
     config: ExpertConfig,
     number: int,
     recovery: Sequence[tuple[Floats, ...]] = (),
+    failed: int = 0,
     on_progress: OnProgress = no_progress,
 ) -> Candidate:
     """The best of what stood before the round and what one round of training made of it, with this recovery and
     without."""
     use_one_thread()
     told = (weights / weights.max()).astype(np.float32)
-    training = config.training(weights, number)
+    training = config.training(weights, number, failed)
     uphill = Uphill(start.policy, training, lambda of, random: np.repeat(told[None], of.batch, axis=0))
     for step in range(1, training.steps + 1):
         numbers = uphill.step(step)
@@ -166,6 +168,11 @@ def converged(gained: Sequence[float], config: ExpertConfig) -> bool:
     if len(gained) <= config.patience:
         return False
     return gained[-1] - gained[-1 - config.patience] <= config.enough * max(abs(gained[-1]), 1e-6)
+
+
+def failed_rounds(gained: Sequence[float]) -> int:
+    """How many of the last rounds added nothing. gained: before the first and after every round."""
+    return next((k for k in range(len(gained) - 1) if gained[-1 - k] > gained[-2 - k]), max(0, len(gained) - 1))
 
 
 def untrained(starts: Mapping[str, Policy], selection: Selection) -> list[Candidate]:

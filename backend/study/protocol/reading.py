@@ -10,7 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from backend.analysis.scale_wordings import SCALES
-from backend.analysis.scales import Scale, frozen_items, wording_digest
+from backend.analysis.scales import Scale, ScaleItem, frozen_items, wording_digest
 from backend.study.grammar import source as yaml_source
 from backend.study.grammar.conditions import Crossed
 from backend.study.grammar.error_words import meant, parsed
@@ -189,6 +189,11 @@ class Reader:
         if scale is None:
             message = f"is no validated scale; there are: {', '.join(SCALES)}{meant(block.scale, list(SCALES))}"
             raise ProtocolError([own.problem(path, message)])
+        kept = f"scales/{scale.name}.json"
+        frozen = self._read(kept)
+        if not scale.languages:
+            self.files[kept] = frozen = frozen or _as_file(self._with_words(scale, block, path, own))
+            return [Item(**item) for item in frozen_items(frozen)]
         missing = [language for language in self._languages if language not in scale.languages]
         if missing:
             message = (
@@ -202,10 +207,31 @@ class Reader:
                 "itself, or leave 'scale' out and give the questionnaire another name"
             )
             raise ProtocolError([own.problem(path, message)])
-        kept = f"scales/{scale.name}.json"
-        frozen = self._read(kept) or _as_file(scale)
-        self.files[kept] = frozen
+        self.files[kept] = frozen = frozen or _as_file(scale)
         return [Item(**item) for item in frozen_items(frozen)]
+
+    def _with_words(self, scale: Scale, block: ItemBlock, path: yaml_source.Path, own: Source) -> Scale:
+        """A scale whose words may not be shipped, with those that the questionnaire supplies."""
+        if not block.items:
+            message = (
+                f"is {scale.names[0]}, whose words may not be shipped with this program; supply them as 'items' of "
+                f"type scale with {scale.points} points and the keys {', '.join(item.key for item in scale.items)}"
+            )
+            raise ProtocolError([own.problem(path, message)])
+        given = [ScaleItem(i.key, i.text, i.low or {}, i.high or {}, reversed=i.reversed) for i in block.items]
+        try:
+            worded = scale.with_words(given)
+        except ValueError as problem:
+            raise ProtocolError([own.problem(path, str(problem))]) from None
+        whole = all(set(self._languages) <= words.keys() for i in given for words in (i.text, i.low, i.high))
+        marks = all((i.type, i.points, i.when) == ("scale", scale.points, []) for i in block.items)
+        if not whole or not marks:
+            message = (
+                f"needs of every item text, low and high in {', '.join(self._languages)}, type scale, "
+                f"{scale.points} points, and no 'when'"
+            )
+            raise ProtocolError([own.problem(path, message)])
+        return worded
 
 
 def _as_file(scale: Scale) -> str:

@@ -26,6 +26,7 @@ from backend.learning.through_simulation.experts import (
     Selection,
     best_of,
     converged,
+    failed_rounds,
     trained_round,
     untrained,
 )
@@ -48,6 +49,11 @@ def test_training_ends_when_rounds_add_nothing_or_are_used_up() -> None:
     assert converged([0.1, 0.2, 0.2, 0.204], replace(config, patience=2))
     assert converged([0.0, 0.1, 0.2, 0.3, 0.4], config)
     assert not converged([-0.1, -0.05], config)
+    assert [failed_rounds(gained) for gained in ([0.1], [0.1, 0.1], [0.1, 0.2, 0.2], [0.1, 0.2])] == [0, 1, 1, 0]
+    true = true_weights(FAR)
+    assert config.training(true, 2, failed=1).learning_rate == config.learning_rate / 2
+    slow = config.training(true_weights("left-and-slow"), 1)
+    assert slow.most_steps > config.training(true, 1).most_steps
 
 
 def test_who_arrives_too_rarely_is_no_ceiling(selection: Selection) -> None:
