@@ -144,6 +144,33 @@ class PlainOrder(TypedDict):
     type: Literal["clear", "replaced"]
 
 
+class LivePath(TypedDict):
+    """What a robot would drive: `arrives`: whether it comes to the goal; colour up to 255 each."""
+
+    track: Track
+    colour: list[int]
+    arrives: bool
+
+
+class PathsMessage(TypedDict):
+    """From the page: one path per robot of the scene; onward: from where it is, so that it drives on."""
+
+    do: Literal["paths"]
+    id: str
+    onward: bool
+    paths: list[LivePath]
+    legend: list[LegendEntry]
+
+
+class RobotsMoved(TypedDict):
+    """The event `moved`: where the robots are on their paths."""
+
+    poses: list[list[float]]
+    seconds: float
+    driving: bool
+    over: bool
+
+
 Order = ShowOrder | DrawOrder | PlayOrder | ReplayOrder | PlainOrder
 
 

@@ -12,6 +12,7 @@ import json
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import viser
@@ -72,6 +73,17 @@ class Stage:
         with self._lock:
             self._show(scene, require_view(view), (), (bodies.NEUTRAL,), goal=True)
             self._run({"type": "draw", **paper.as_message(scene, view)})
+
+    def live(
+        self, scene: Scene, view: View, *, trajectories: Sequence[Trajectory] = (), robots: Literal[1, 2] = 1
+    ) -> None:
+        """Show the scene with its goal for paths that the page sends itself (`client/steer.js`).
+
+        trajectories: what the robot may do, so that the view from above is wide enough. robots: two are told apart by
+        colour. Raises ViewError for an unknown view.
+        """
+        colours = (bodies.NEUTRAL,) if robots == 1 else (bodies.LEFT, bodies.RIGHT)
+        self._show(scene, require_view(view), trajectories, colours, goal=True)
 
     def play(
         self,

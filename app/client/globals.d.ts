@@ -16,6 +16,7 @@ type Solid = import("../../frontend/static/js/contract.js").Solid;
 type Round = import("../../frontend/static/js/contract.js").Round;
 type Surroundings = import("../../frontend/static/js/contract.js").Surroundings;
 type DrawnStroke = import("../../frontend/static/js/contract.js").Drawn;
+type LivePath = import("../../frontend/static/js/contract.js").LivePath;
 type PenState = import("../../frontend/static/js/contract.js").PenState;
 /** Rows of [t, x, y, yaw], s, m and radians. */
 type Track = number[][];
@@ -69,6 +70,7 @@ interface DesirePath {
     along(track: Track, t: number): number[];
     use(names: string[], who?: string, where?: number[]): void;
     walkTo(walked: Track, t: number): void;
+    place(i: number, where: number[]): void;
     play(order: Orders["play"]): void;
     rest(start: number[]): void;
     replay(order: Orders["replay"]): void;
@@ -117,6 +119,10 @@ interface DesirePath {
     obey(message: any): void;
     press(event: PointerEvent): boolean;
     key(event: KeyPressed): boolean;
+  };
+  steer: {
+    obey(message: any): void;
+    stop(): void;
   };
   walk: {
     KEYS: string[];

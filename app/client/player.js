@@ -72,6 +72,12 @@
       window.desirePath.viser.pose(person, x, y, yaw);
     },
 
+    /** A robot stands there, the camera with it where it follows. @param {number} i which one @param {number[]} where x, y, yaw */
+    place(i, [x, y, yaw]) {
+      window.desirePath.viser.pose(robots[i], x, y, yaw);
+      if (i === 0) window.desirePath.camera.watch(x, y);
+    },
+
     /** @param {Orders["play"]} order */
     play(order) {
       this.interrupt("another-trajectory");

@@ -2,7 +2,7 @@
 /** What the server may order (app/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, draw, walk } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, draw, steer, walk } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
@@ -17,6 +17,7 @@
     document.documentElement.dataset.stage = "building";
     sheet.legend([]);
     draw.stop();
+    steer.stop();
     player.use(order.robots, order.person, [...order.stands]);
     const whenStanding = () => {
       if (mine !== shown) return;
@@ -71,6 +72,7 @@
       document.documentElement.dataset.stage = "empty";
       player.use([]);
       draw.stop();
+      steer.stop();
       sheet.legend([]);
     } else if (order.type === "replaced") {
       viser.stopReconnecting();

@@ -18,6 +18,7 @@ from starlette.responses import Response
 
 from backend.api.core.catalogues import Texts
 from backend.api.core.prose import prose
+from backend.study.kinds.live import CONTROLS
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 CONTACT = "Dr. Ada Muster, ada@example.org"
@@ -112,6 +113,14 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": "How did you like it?",
         "low": "not at all",
         "high": "very much",
+    },
+    "tuning": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 3,
+        "controls": CONTROLS,
+        "question": None,
+        "start": {"farther": 0.5, "smoother": 0.25},
     },
     "wait": {"learns_from": "paths"},
     "guess": {"learns_from": "answers"},

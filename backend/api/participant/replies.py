@@ -48,6 +48,26 @@ class DrawingReply(SessionState):
     problem: StrokeProblemState | None = None
 
 
+class LiveRollout(Reply):
+    """track: rows of [t s, x m, y m, yaw rad], yaw without jumps; arrives: whether it comes to the goal."""
+
+    track: list[list[float]]
+    arrives: bool
+
+
+class LivePaths(Reply):
+    """The ways that the robots of a step would take, in the order in which they stand on the stage."""
+
+    place: int
+    paths: list[LiveRollout]
+
+
+class PlaceShown(Reply):
+    """Which place the stage is told to show."""
+
+    place: int
+
+
 class TrialData(Reply):
     """Both trajectories of the current trial as NPZ in base64."""
 

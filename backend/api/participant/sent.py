@@ -100,6 +100,21 @@ class WalkAgain(Sent):
     request_id: RequestId
 
 
+class LiveAsked(Sent):
+    """Which way would the robot take? weights: objective -> 0 to 1, None: as it was learned; poses: where the robots
+    are, x, y, yaw in m and radians, None: at the start."""
+
+    weights: dict[str, Number] | None = Field(None, max_length=20)
+    place: int = Field(0, ge=0, le=99)
+    poses: list[Pose] | None = Field(None, max_length=2)
+
+
+class PlaceChosen(Sent):
+    """Another place of the step, from 0."""
+
+    place: int = Field(ge=0, le=99)
+
+
 DEVICE_FIELDS = (
     *("width", "height", "pixel_ratio", "frame_rate"),
     *("pointer", "touch", "webgl", "scheme", "reduced_motion"),

@@ -18,7 +18,7 @@ from starlette.responses import RedirectResponse, Response
 from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import TheServices, contact, page, services_of
 from backend.api.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
-from backend.api.participant import device_check, recruiting, stream, stroke_requests, trials
+from backend.api.participant import device_check, live_requests, recruiting, stream, stroke_requests, trials
 from backend.api.participant.replies import Answered, SessionState
 from backend.api.participant.requests import not_too_often, too_many
 from backend.api.participant.sent import Noticed, ProblemReport
@@ -216,5 +216,5 @@ def _change(
     return reply_of(SessionState, reply)
 
 
-for part in (recruiting, device_check, trials, stroke_requests, stream):
+for part in (recruiting, device_check, trials, stroke_requests, live_requests, stream):
     router.include_router(part.router)

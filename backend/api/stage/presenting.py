@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, cast
 import structlog
 
 from app.views import View
-from backend.api.stage import drawing_sheet
+from backend.api.stage import drawing_sheet, live_scene
 from backend.api.stage.listening import Listeners
 from backend.api.stage.replay_stages import ReplayStages
 from backend.simulation.trajectory import Trajectory
@@ -112,6 +112,10 @@ class Presenter:
             session_id, lambda stage: drawing_sheet.play_stroke(self._database, self._files, stage, session_id, shown)
         )
 
+    def show_place(self, session_id: str, place: int) -> None:
+        """Show another place of a step at which weights are changed by hand."""
+        self._tell(session_id, lambda stage: live_scene.present(self._database, stage, session_id, place))
+
     def _tell(self, session_id: str, order: Callable[[Stage], None]) -> None:
         """Put an order for the session's stage into the line; nobody waits for it, what goes wrong is logged."""
         server = self.server
@@ -151,6 +155,9 @@ class Presenter:
                 trial = machine.trial_of(s, session)
         if shows == "paper":
             drawing_sheet.present(self._database, stage, session_id)
+            return
+        if shows == "live":
+            live_scene.present(self._database, stage, session_id)
             return
         if trial is None:
             stage.clear()

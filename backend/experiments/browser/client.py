@@ -176,11 +176,27 @@ class BrowserSessionClient:
             self._page.locator("[data-skip]" if value.get("skipped") else "[data-keep]").click()
         elif kind == "evaluation":
             self._page.locator("[data-go-on]").click()
+        elif kind == "tuning":
+            self._tune(value["weights"])
+            self._picture(f"{kind}_{self._view()}")
+            self._page.locator("[data-done]").click()
         else:
             self._fill(kind, value)
             self._press_on(key, value)
         self._page.locator(f".step-body[data-key='{key}']").wait_for(state="detached")
         return {"duplicate": False, **self.state()}
+
+    def _tune(self, weights: Mapping[str, float]) -> None:
+        """Put every slider where these weights have it, with the keys, and see the robot's way drawn."""
+        self._page.locator("[data-drive][aria-disabled=false]").wait_for()
+        for slider in self._page.locator("[data-ends]").all():
+            ends = str(slider.get_attribute("data-ends")).split()
+            least, step = int(slider.get_attribute("min") or 0), int(slider.get_attribute("step") or 1)
+            wanted = sum(weights.get(name, 0) * (-1 if len(ends) > k + 1 else 1) for k, name in enumerate(ends))
+            slider.press("Home")
+            for _ in range(round((100 * wanted - least) / step)):
+                slider.press("ArrowRight")
+        self._page.locator("#live-way[data-seconds]").wait_for()
 
     def _step(self, key: str) -> Locator:
         body = self._page.locator(f".step-body[data-key='{key}']")

@@ -34,6 +34,7 @@ from backend.store.sides import chosen_and_rejected, is_side
 from backend.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn, role_of
 
 Row = dict[str, Any]
+TUNED = ("tuning", "meet_your_robot")  # kinds of answers that hold a history of changed weights
 REMOVED = "[removed]"
 MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordinary words
 # Entries of an event's data that hold words and ids of ours; everything else may have been typed or sent by a page.
@@ -214,6 +215,19 @@ class Content:
                     "condition": step.get("block"),
                     "answer": given if isinstance(given, str) else as_json(given),
                     "answer_number": float(given) if is_number else None,
+                }
+
+    def tuning_changes(self) -> Iterator[Row]:
+        for answer in self.answers:
+            if answer.kind not in TUNED:
+                continue
+            for index, change in enumerate(answer.value.get("history", [])):
+                yield {
+                    "response": answer.id,
+                    **self.of_session(answer.session_id),
+                    "step": answer.step_key,
+                    "index": index,
+                    **{name: change[name] for name in ("seconds", "place", "by", "objective", "weight")},
                 }
 
     def _step_of(self, answer: Response) -> Row:

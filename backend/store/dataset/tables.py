@@ -230,6 +230,25 @@ ITEMS = Table(
     key=("response", "item"),
     refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT),
 )
+TUNING_CHANGES = Table(
+    "tuning_changes",
+    "change of a preference weight by hand (kinds of step `tuning` and `meet_your_robot`)",
+    (
+        Column("response", TEXT, "id of the answer that holds the final weights", form=IS_ID),
+        _SESSION,
+        _PARTICIPANT,
+        *_MARKS,
+        Column("step", TEXT, "key of the step", form=IS_KEY),
+        Column("index", WHOLE, "order of the changes, from 0; from the answer's `start` they lead to its `weights`"),
+        Column("seconds", NUMBER, "since the page was opened, browser's clock"),
+        Column("place", WHOLE, "in which of the step's scenes it was tried, from 0"),
+        Column("by", TEXT, "mouse, touch, pen, keys, button (all of them set back), words or bot"),
+        Column("objective", TEXT, "which weight; raising one of two opposites puts the other to 0"),
+        Column("weight", NUMBER, "its new value, 0 to 1"),
+    ),
+    key=("response", "index"),
+    refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT),
+)
 EVENTS = Table(
     "events",
     "event of the append-only log",
@@ -408,6 +427,6 @@ STEPS = Table(
     refers=(("trajectory", *_TRAJECTORY),),
 )
 TABLES = (
-    *(PARTICIPANTS, SESSIONS, PLANNED_STEPS, TRIALS, RESPONSES, ITEMS, EVENTS, PAIRS, STROKES),
+    *(PARTICIPANTS, SESSIONS, PLANNED_STEPS, TRIALS, RESPONSES, ITEMS, TUNING_CHANGES, EVENTS, PAIRS, STROKES),
     *(TRAJECTORIES, METRICS, STEPS),
 )

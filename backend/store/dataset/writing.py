@@ -52,6 +52,7 @@ from backend.store.dataset.tables import (
     TABLES,
     TRAJECTORIES,
     TRIALS,
+    TUNING_CHANGES,
 )
 from backend.store.dataset.trajectory_files import write_trajectories
 from backend.store.models import (
@@ -138,6 +139,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         TRIALS: trials,
         RESPONSES: list(content.responses()),
         ITEMS: list(content.items()),
+        TUNING_CHANGES: list(content.tuning_changes()),
         EVENTS: list(content.events()),
         PAIRS: list(content.pairs(stored)),
         STROKES: list(stroke_rows(strokes, content.of_session)),

@@ -327,6 +327,9 @@ class Simulated(Protocol):
         ...
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
+    def wants(self, step: Mapping[str, Any]) -> dict[str, float]:
+        """The preference weights that it would set: objective -> weight above 0."""
+        ...
 
 
 def timed_out(value: Mapping[str, Any]) -> bool:
@@ -343,8 +346,8 @@ class Kind(Generic[S, A]):
     """Keys under the protocol's `stages` that plan steps of this kind (others, too, may)."""
     block_parts: ClassVar[Mapping[str, type[BlockPart]]] = {}
     """Keys in a block's `before`, `after` and `between`."""
-    shows: ClassVar[Literal["page", "trajectories", "paper"]] = "page"
-    """trajectories: a trial on the stage; paper: something is drawn there."""
+    shows: ClassVar[Literal["page", "trajectories", "paper", "live"]] = "page"
+    """trajectories: a trial on the stage; paper: something is drawn there; live: what a robot would do, redrawn."""
     trajectories: ClassVar[int] = 2
     """How many a trial of it shows, one after the other."""
     previewed: ClassVar[bool] = False

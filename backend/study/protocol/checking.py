@@ -11,6 +11,7 @@ from backend.study.grammar.skipping import ItemWhen, When, problems_with
 from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.comprehension import ComprehensionStage
+from backend.study.kinds.live import SETUPS, LiveStage
 from backend.study.kinds.wait import TrainStage
 from backend.study.plan.asked_queries import Needs
 from backend.study.plan.counterbalancing import design_of
@@ -84,6 +85,13 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield from _arms(compared, learning, ("stages", first("comparison"), "comparison"), source)
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
+    asked_in = (protocol.query_set or "").partition("/")[0]
+    for index, entry in enumerate(protocol.stages):
+        live = entry.stage
+        learned = isinstance(live, LiveStage) and getattr(live, "start", "learned") == "learned"
+        if isinstance(live, LiveStage) and learned and asked_in in SETUPS and live.setup != asked_in:
+            here = ("stages", index, entry.kind, "setup")
+            yield source.problem(here, f"must be {asked_in}, as the query set's, whose answers it shows")
     for index, entry in enumerate(protocol.stages):
         if entry.when is not None and entry.stage.for_everybody:
             yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")

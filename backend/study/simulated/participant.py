@@ -16,6 +16,7 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from backend.learning.people.card import FAMILIES
+from backend.learning.preferences.objectives import NAMES
 from backend.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
 from backend.learning.queries.queries import Query
 from backend.report.made_up_cohorts import Cohort, MadeUpPerson
@@ -194,6 +195,16 @@ class SimulatedParticipant:
         before.append(value)
         return (below + 0.5) / len(before)
 
+    def wants(self, step: Mapping[str, Any]) -> dict[str, float]:
+        """Its preference as weights, the foremost 1; none where it is not made of objectives."""
+        condition = str(step.get("block"))
+        name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        weights = preference_of(name).weights if name != "random" else None
+        if weights is None or not weights.max() > 0:
+            return {}
+        shares = zip(NAMES, weights / weights.max(), strict=True)
+        return {one: round(float(weight), 2) for one, weight in shares if weight > 0}
+
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """A path in its style, drawn again where it touches something, then kept.
 
@@ -243,6 +254,9 @@ class _OnPages:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def wants(self, step: Mapping[str, Any]) -> dict[str, float]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
 

@@ -6,7 +6,8 @@
  * @typedef {import("./contract.js").SessionState} SessionState
  * @typedef {import("./contract.js").TrialState} TrialState
  * @typedef {import("./contract.js").DrawingState} DrawingState
- * @typedef {TrialState | DrawingState} BarState what a bar under the stage shows
+ * @typedef {{phase: "live", playback_id: null}} LiveState weights are changed by hand; the page itself knows how far it is
+ * @typedef {TrialState | DrawingState | LiveState} BarState what a bar under the stage shows
  *
  * @typedef {import("./contract.js").StepNow} StepNow
  * @typedef {NonNullable<import("./contract.js").AnswerSent["kind"]>} Kind of step, as the server's folder of kinds has them

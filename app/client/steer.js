@@ -1,0 +1,171 @@
+// @ts-check
+/**
+ * Paths that robots would take from where they are, redrawn whenever the page sends others, and robots that drive them.
+ *
+ * The page asks the server for a path and sends it down here, so that nothing waits for viser. A robot under way goes
+ * on along its new path; where it is, is told to the page (`moved`), which asks for the next path from there.
+ */
+(() => {
+  "use strict";
+  const { bridge } = window.desirePath;
+  const MOST_PIXELS_PER_POINT = 2;
+  const RIBBON_M = 0.13;
+  const TELL_EVERY_MS = 60;
+  const AHEAD_S = 1.5; // a path that was asked for so long ago still begins behind the robot
+  const CASING = "rgb(255 255 255 / 0.85)";
+
+  const canvas = document.createElement("canvas");
+  canvas.id = "desire-path-ribbon";
+  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+
+  /** @type {LivePath[]} */
+  let paths = [];
+  /** The order that is to be told of once it has been drawn. @type {string | null} */
+  let fresh = null;
+  /** Where each robot is along its path, s. @type {number[]} */
+  let along = [];
+  let driving = false;
+  let lastFrame = 0;
+  let toldAt = 0;
+  let running = false;
+
+  /** @param {LivePath} path @param {number} t s @returns {number[]} x, y, yaw */
+  const at = (path, t) => window.desirePath.player.along(path.track, t);
+  const ends = (/** @type {LivePath} */ path) => path.track[path.track.length - 1][0];
+
+  /** The time on a new path at which the robot is nearest to where it stands. @param {LivePath} path @param {number[]} here */
+  function nearest(path, here) {
+    let [best, distance] = [0, Infinity];
+    for (let t = 0; t <= Math.min(AHEAD_S, ends(path)); t += 0.02) {
+      const [x, y] = at(path, t);
+      const apart = Math.hypot(x - here[0], y - here[1]);
+      if (apart < distance - 1e-6) [best, distance] = [t, apart];
+    }
+    return best;
+  }
+
+  function place() {
+    paths.forEach((path, i) => window.desirePath.player.place(i, at(path, along[i])));
+  }
+
+  /** @param {boolean} over whether all robots have come to their ends */
+  function tell(over) {
+    toldAt = performance.now();
+    const poses = paths.map((path, i) => at(path, along[i]));
+    bridge.post("moved", { poses, seconds: Math.max(0, ...along), driving, over });
+  }
+
+  function fit() {
+    const density = Math.min(MOST_PIXELS_PER_POINT, window.devicePixelRatio || 1);
+    const [width, height] = [Math.round(window.innerWidth * density), Math.round(window.innerHeight * density)];
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    pen.setTransform(density, 0, 0, density, 0, 0);
+    pen.clearRect(0, 0, window.innerWidth, window.innerHeight);
+    pen.lineCap = pen.lineJoin = "round";
+  }
+
+  /** @param {Projector} project @param {LivePath} path @param {number} from s: what lies behind the robot is faint */
+  function ribbon(project, path, from) {
+    const { track, colour, arrives } = path;
+    const spots = track.map(([, x, y]) => project(x, y));
+    const beside = track.map(([, x, y]) => project(x, y + RIBBON_M) ?? project(x + RIBBON_M, y));
+    const wide = spots.map((spot, i) => {
+      const other = beside[i];
+      return spot && other ? Math.max(4, Math.min(40, Math.hypot(spot[0] - other[0], spot[1] - other[1]))) : 6;
+    });
+    for (const [more, ink] of /** @type {[number, string][]} */ ([[4, CASING], [0, `rgb(${colour.join(" ")})`]])) {
+      for (let i = 1; i < track.length; i += 1) {
+        const [a, b] = [spots[i - 1], spots[i]];
+        if (!a || !b) continue;
+        if (!arrives && i % 3 === 0) continue; // broken: it does not arrive
+        pen.globalAlpha = track[i][0] <= from ? 0.3 : 0.9;
+        pen.strokeStyle = ink;
+        pen.lineWidth = wide[i] + more;
+        pen.beginPath();
+        pen.moveTo(a[0], a[1]);
+        pen.lineTo(b[0], b[1]);
+        pen.stroke();
+      }
+    }
+    // A dot for every second: where they are close together the robot is slow.
+    pen.globalAlpha = 1;
+    pen.fillStyle = "white";
+    for (let second = 1; second < ends(path); second += 1) {
+      const [x, y] = at(path, second);
+      const spot = project(x, y);
+      if (!spot || second <= from) continue;
+      pen.beginPath();
+      pen.arc(spot[0], spot[1], 2.6, 0, 2 * Math.PI);
+      pen.fill();
+    }
+  }
+
+  /** Whether anything would look different from what is painted: a canvas of the window's size costs its time. */
+  let painted = "";
+  function paint() {
+    const project = window.desirePath.viser.projector();
+    const seen = paths.flatMap(({ track }) => [project(track[0][1], track[0][2]), project(0, 0), project(1, 1)]);
+    const now = JSON.stringify([window.innerWidth, window.innerHeight, along, seen]);
+    if (now === painted && fresh === null) return;
+    painted = now;
+    fit();
+    for (let i = paths.length - 1; i >= 0; i -= 1) ribbon(project, paths[i], along[i] ?? 0);
+    if (fresh !== null) {
+      bridge.post("drawn", { id: fresh });
+      fresh = null;
+    }
+  }
+
+  function step() {
+    if (!running) return;
+    const now = performance.now();
+    if (driving) {
+      const passed = (now - lastFrame) / 1000;
+      along = along.map((t, i) => Math.min(ends(paths[i]), t + passed));
+      place();
+      const over = along.every((t, i) => t >= ends(paths[i]));
+      if (over) driving = false;
+      if (over || now - toldAt > TELL_EVERY_MS) tell(over);
+    }
+    lastFrame = now;
+    if (window.desirePath.viser.isUp()) paint();
+    requestAnimationFrame(step);
+  }
+
+  window.desirePath.steer = {
+    /** @param {any} message from the page */
+    obey(message) {
+      if (message.do === "paths") {
+        const here = paths.map((path, i) => at(path, along[i]));
+        const goesOn = message.onward && here.length === message.paths.length;
+        paths = message.paths;
+        along = paths.map((path, i) => (goesOn ? nearest(path, here[i]) : 0));
+        fresh = message.id;
+        if (!goesOn) {
+          driving = false;
+          place();
+        }
+        if (!running) {
+          running = true;
+          lastFrame = performance.now();
+          window.desirePath.sheet.element.prepend(canvas);
+          requestAnimationFrame(step);
+        }
+        window.desirePath.sheet.legend(message.legend ?? []);
+      } else if (message.do === "drive" && paths.length) {
+        if (along.every((t, i) => t >= ends(paths[i]))) along = paths.map(() => 0);
+        lastFrame = performance.now();
+        driving = true;
+      } else if (message.do === "stop") {
+        driving = false;
+        tell(false);
+      }
+    },
+    /** Another scene stands there: nothing of this one is left. */
+    stop() {
+      running = driving = false;
+      [paths, along, fresh] = [[], [], null];
+      canvas.remove();
+    },
+  };
+})();

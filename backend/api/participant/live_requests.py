@@ -1,0 +1,94 @@
+"""The API of weights that are changed by hand: which way the robot would take from where it is, and in which place.
+
+Nothing is changed or stored here: the final weights with their history are the step's answer (`session_pages.py`). The
+rollouts are `study/personalising/live_rollouts.py`'s, what the stage shows `stage/live_scene.py`'s.
+"""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
+
+from backend.api.core.contract import reply_of
+from backend.api.core.dependencies import TheServices, services_of
+from backend.api.participant.replies import LivePaths, PlaceShown
+from backend.api.participant.sent import LiveAsked, PlaceChosen
+from backend.api.participant.session_view import looking
+from backend.store.models import Session, utc_now
+from backend.study.kinds import kind_of
+from backend.study.kinds.base import Moment
+from backend.study.kinds.live import LiveKind, LiveStep, cleaned
+from backend.study.kinds.wire import BadValue
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.session.versions import protocol_of
+
+router = APIRouter()  # included in participant.router, which keeps guessers out
+
+
+@router.post("/api/session/{token}/live/{key}/paths", response_model=LivePaths)
+def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Response:
+    """The way of each robot of the step, in one of its places: at these weights, and of the usual robot beside it where
+    two are shown. Robots that are under way say where they are."""
+    from backend.simulation.scene import SceneError
+    from backend.study.personalising import live_rollouts as live
+
+    with looking(services, token) as (s, session):
+        step = _step(s, session, key)
+        kind = kind_of(step)
+        assert isinstance(kind, LiveKind)  # noqa: S101  its steps are of such kinds
+        place = _place(step, body.place)
+        policies = kind.policies(
+            step,
+            Moment(s, session, protocol_of(s, session), utc_now()),
+            services.files,
+            cleaned(body.weights, "weights") if body.weights is not None else None,
+        )
+    scene = live.scenes_of(step.setup)[place]  # outside the transaction: it computes
+    poses: list[list[float] | None] = list(body.poses) if body.poses else [None] * len(policies)
+    if len(poses) != len(policies):
+        raise BadValue("poses", len(poses), f"must be one per robot, which are {len(policies)}")
+    try:
+        rolled_out = [
+            live.path_of(live.rolled_out(policy, scene, pose)) for policy, pose in zip(policies, poses, strict=True)
+        ]
+    except SceneError as wrong:  # it has arrived, or brushes past something between two steps
+        raise BadValue("poses", None, f"must be where a robot can go on from; {wrong}") from None
+    return reply_of(
+        LivePaths,
+        {"place": place, "paths": [{"track": one.track, "arrives": one.arrives} for one in rolled_out]},
+    )
+
+
+@router.post("/api/session/{token}/live/{key}/place", response_model=PlaceShown)
+def place(token: str, key: str, request: Request, body: PlaceChosen) -> Response:
+    """Show another of the step's places on the stage."""
+    services = services_of(request)
+    with looking(services, token) as (s, session):
+        step = _step(s, session, key)
+        chosen = _place(step, body.place)
+        session_id = session.id
+    services.presenter.show_place(session_id, chosen)
+    return reply_of(PlaceShown, {"place": chosen})
+
+
+def _place(step: LiveStep, place: int) -> int:
+    if place >= step.scenes:
+        raise BadValue("place", place, f"must be below {step.scenes}, the step's number of scenes")
+    return place
+
+
+def _step(s: DatabaseSession, session: Session, key: str) -> LiveStep:
+    """The session's current step, if it is that one and weights are changed at it."""
+    step = machine.step_of(session)
+    if session.state != "active" or step.key != key or not isinstance(step, LiveStep):
+        raise Refused(
+            409,
+            "not_current_step",
+            "The session is at another step.",
+            session_id=session.id,
+            study_id=session.study_id,
+            step=key[:80],
+        )
+    return step

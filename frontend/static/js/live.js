@@ -1,0 +1,228 @@
+// @ts-check
+/**
+ * The panel beside a stage on which the robot's way is redrawn while weights are changed: one request under way at a
+ * time, always for the newest weights; a robot that drives goes on along its new way. The sliders are controls.js's.
+ */
+
+import { Controls } from "./controls.js";
+import { speaker } from "./say.js";
+import { Refused } from "./send.js";
+import { StageBar } from "./stage-bar.js";
+
+/** @typedef {import("./types.js").LiveState} LiveState */
+/** @typedef {import("./controls.js").Weights} Weights */
+/** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
+/** @typedef {import("./contract.js").LivePaths} LivePaths */
+
+/**
+ * @typedef {object} LiveNeeds what a panel gets from the page beside what every bar gets
+ * @property {(order: object) => void} tell the stage
+ * @property {string} language
+ * @property {(values: Record<string, unknown>) => void} keep
+ * @property {Record<string, unknown> | null} kept
+ */
+
+/** The ways' colours on the stage: of the robot alone, of two robots as their tops are. */
+const ALONE = [[47, 106, 61]];
+const BOTH = [[52, 110, 180], [196, 110, 30]];
+
+/** @extends {StageBar<LiveState>} */
+export class LivePanel extends StageBar {
+  /**
+   * @param {HTMLElement} root the panel
+   * @param {import("./stage-bar.js").StageNeeds & LiveNeeds} needs
+   */
+  constructor(root, needs) {
+    super(root, { phase: "live", playback_id: null }, needs);
+    const { tell, language, keep, kept } = needs;
+    this.tell = tell;
+    this.keep = keep;
+    this.language = language;
+    this.own = speaker(JSON.parse(document.getElementById("live-words")?.textContent ?? "{}"), language);
+    this.place = Number(kept?.place ?? 0);
+    this.places = Number(root.dataset.scenes ?? 1);
+    /** Which place the stage shows, as far as it was told. */
+    this.stagePlace = 0;
+    /** Where the robots are, while they are under way. @type {number[][] | null} */
+    this.poses = null;
+    this.driving = false;
+    this.wanted = false;
+    this.requesting = false;
+    this.orders = 0;
+    this.controls = new Controls(root, JSON.parse(root.dataset.start ?? "{}"), {
+      place: () => this.place,
+      moved: (objective) => this.moved(objective),
+      settled: () => this.note(),
+    });
+    this.controls.restore(kept);
+    root.addEventListener("click", (event) => this.clicked(event));
+    root.addEventListener("focusin", (event) => this.explain(event.target));
+    root.addEventListener("pointerover", (event) => this.explain(event.target));
+    this.begin();
+  }
+
+  /** Nothing of the sliders' places is lost with the page. */
+  note() {
+    this.keep({ weights: this.controls.weights, history: this.controls.history, place: this.place });
+  }
+
+  leave() {
+    this.tell({ type: "steer", do: "stop" });
+    super.leave();
+  }
+
+  /** The weights that are asked for; null: as the step begins. @returns {Weights | null} */
+  get asked() {
+    return this.controls.weights;
+  }
+
+  /** @param {string} _objective was changed */
+  moved(_objective) {
+    this.want();
+  }
+
+  // ---- the way -----------------------------------------------------------------------------------------------------
+
+  /** The newest way is wanted; requests follow one another. */
+  want() {
+    this.wanted = true;
+    if (!this.requesting) void this.askOn();
+  }
+
+  async askOn() {
+    this.requesting = true;
+    try {
+      while (this.wanted && !this.over) {
+        this.wanted = false;
+        await this.askOnce();
+      }
+    } finally {
+      this.requesting = false;
+    }
+  }
+
+  async askOnce() {
+    const { place, driving } = this;
+    const poses = driving ? this.poses : null;
+    /** @type {import("./contract.js").LiveAsked} */
+    const body = { weights: this.asked, place, poses };
+    try {
+      /** @type {LivePaths} */
+      const found = await this.needs.post("paths", body);
+      if (this.over || place !== this.place || driving !== this.driving) return;
+      this.draw(found, Boolean(poses));
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      if (!poses) await this.needs.refresh(); // a robot that has just arrived cannot go on: its old way stays
+    }
+  }
+
+  /** @param {LivePaths} found @param {boolean} onward from where the robots are */
+  draw(found, onward) {
+    const colours = found.paths.length > 1 ? BOTH : ALONE;
+    const paths = found.paths.map((path, i) => ({ ...path, colour: colours[i] }));
+    this.found = paths;
+    this.orders += 1;
+    /** @type {import("./contract.js").PathsMessage} */
+    const order = { do: "paths", id: String(this.orders), onward, paths, legend: this.legend(colours) };
+    this.tell({ type: "steer", ...order });
+    this.tellWay();
+  }
+
+  /** @param {number[][]} _colours @returns {import("./contract.js").LegendEntry[]} */
+  legend(_colours) {
+    return [];
+  }
+
+  /** How the way is, in words. */
+  tellWay() {
+    const path = this.found?.[0];
+    if (!path) return;
+    const seconds = path.track[path.track.length - 1][0];
+    this.text("#live-way", path.arrives ? this.own("arrives", { seconds: Math.round(seconds) }) : this.own("does_not_arrive"));
+    const way = /** @type {HTMLElement} */ (this.root.querySelector("#live-way"));
+    way.toggleAttribute("data-attention", !path.arrives);
+    way.dataset.seconds = String(seconds);
+  }
+
+  // ---- the stage ---------------------------------------------------------------------------------------------------
+
+  /** @param {StageMessage & Record<string, any>} message */
+  hear(message) {
+    if (message.type === "connected") this.stagePlace = 0;
+    super.hear(message);
+    if (message.type === "moved") {
+      this.poses = message.poses;
+      if (message.over) this.stood();
+    }
+  }
+
+  setReady() {
+    super.setReady();
+    this.driving = false;
+    this.poses = null;
+    if (this.place === this.stagePlace) this.want();
+    else void this.goTo(this.place);
+  }
+
+  show() {
+    this.part("live");
+    for (const button of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-drive], [data-place]"))) {
+      button.setAttribute("aria-disabled", String(!this.stageReady));
+    }
+    this.root.querySelector("[data-drive]")?.toggleAttribute("data-driving", this.driving);
+    this.text("[data-drive]", this.own(this.driving ? "stop" : "drive"));
+  }
+
+  /** All robots have arrived, or can go no further. */
+  stood() {
+    this.driving = false;
+    this.show();
+  }
+
+  drive() {
+    if (!this.stageReady || !this.found) return;
+    this.driving = !this.driving;
+    if (this.driving) {
+      this.poses = this.found.map((path) => path.track[0].slice(1));
+      this.tell({ type: "steer", do: "drive" });
+    } else this.want(); // back to the start
+    this.show();
+  }
+
+  /** @param {number} place from 0 */
+  async goTo(place) {
+    this.place = place;
+    this.driving = false;
+    this.text("#live-place", this.own("place", { number: place + 1, of: this.places }));
+    this.note();
+    this.stageReady = false;
+    this.show();
+    await this.needs.post("place", { place });
+    this.stagePlace = place;
+  }
+
+  // ---- the panel ---------------------------------------------------------------------------------------------------
+
+  /** What a weight does, said where the hand or the keyboard is. @param {EventTarget | null} target */
+  explain(target) {
+    const row = target instanceof Element ? target.closest("[data-control]") : null;
+    if (row) this.text("#live-does", row.getAttribute("data-does") ?? "");
+  }
+
+  /** @param {MouseEvent} event */
+  clicked(event) {
+    const button = event.target instanceof Element ? event.target.closest("button") : null;
+    if (!button || this.busy || button.getAttribute("aria-disabled") === "true") return;
+    if ("drive" in button.dataset) this.drive();
+    else if ("place" in button.dataset) void this.goTo((this.place + 1) % this.places);
+    else if ("reset" in button.dataset) {
+      this.controls.put(this.controls.start, "button");
+      this.note();
+    } else if ("done" in button.dataset) void this.done();
+  }
+
+  async done() {
+    await this.decide(this.controls.answer());
+  }
+}

@@ -1,0 +1,130 @@
+"""Weights by hand: the final vector is the answer, every change on the way there is kept, replayed and exported."""
+
+from __future__ import annotations
+
+import csv
+import re
+
+import pytest
+
+from backend.learning.preferences.objectives import NAMES, OPPOSITES
+from backend.store.dataset.writing import export_study
+from backend.study.grammar.source import ProtocolError
+from backend.study.kinds.live import CONTROLS, OBJECTIVES, distance, replayed
+from backend.study.kinds.tuning import STARTED_RANDOMLY
+from backend.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of
+from backend.study.refusals import Refused
+from backend.study.simulated.in_process import walk_in_process
+from backend.study.simulated.participant import Character
+from backend.study.studies import create_study
+from tests.study.small_protocol import BLOCK, small_protocol
+from tests.study.walking import answer
+
+TUNING = {"tuning": {"scenes": 2}}
+COMPARED = [{"train": {"job": "align"}}, {"comparison": {"arms": ["base", "own"]}}]
+
+
+def change(objective, weight, *, seconds=1.0, place=0, by="mouse"):
+    return {"seconds": seconds, "place": place, "by": by, "objective": objective, "weight": weight}
+
+
+def test_seven_sliders_hold_all_nine_weights_with_opposites_on_one_slider():
+    assert sorted(OBJECTIVES) == sorted(NAMES)
+    pairs = {frozenset(control) for control in CONTROLS if len(control) == 2}
+    assert pairs == {frozenset((NAMES[a], NAMES[b])) for a, b in OPPOSITES}
+
+
+@pytest.mark.parametrize("setup", sorted(PLACES))
+def test_weights_move_the_robot_in_every_place_and_it_goes_on_from_where_it_is(setup):
+    for scene in scenes_of(setup):
+        usual, far = (rolled_out(conditioned_on(setup, weights), scene) for weights in ({}, {"farther": 1.0}))
+        assert path_of(usual).arrives
+        assert path_of(far).arrives
+        assert path_of(usual).track != path_of(far).track
+        middle = far.poses[len(far.poses) // 2].tolist()
+        onward = path_of(rolled_out(conditioned_on(setup, {"faster": 1.0}), scene, middle))
+        assert onward.track[0][1:3] == pytest.approx(middle[:2], abs=1e-3)
+
+
+def test_the_answer_is_the_final_vector_with_its_history(walk):
+    walker = walk(TUNING, BLOCK)
+    assert walker.view.payload["start"] == {}
+    history = [change("farther", 0.3), change("farther", 0.8), change("closer", 0.4), change("smoother", 1.0)]
+    with pytest.raises(Refused, match="history lead to 0.4"):
+        walker.submit("tuning", {"weights": {"farther": 0.8, "smoother": 1.0}, "history": history})
+    walker.submit("tuning", {"weights": {"closer": 0.4, "smoother": 1.0}, "history": history})
+    value = answer(walker, "tuning").value
+    assert (value["start"], value["weights"]) == ({}, {"closer": 0.4, "smoother": 1.0})
+    assert replayed(value["start"], value["history"]) == value["weights"]
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ({"weights": {"farther": 1.2}}, "value.weights.farther.*from 0 to 1"),
+        ({"weights": {"kinder": 0.2}}, "no objective; known are"),
+        ({"weights": {"farther": 0.5, "closer": 0.5}}, "its opposite"),
+        ({"weights": {}, "history": [change("kinder", 0.1)]}, "value.history.0.objective"),
+        ({"weights": {}, "history": [change("faster", 2)]}, "value.history.0.weight"),
+        ({}, "value.weights"),
+    ],
+)
+def test_what_no_slider_can_say_is_refused_by_its_field(walk, value, said):
+    walker = walk(TUNING, BLOCK)
+    with pytest.raises(Refused) as refused:
+        walker.submit("tuning", value)
+    assert re.search(said, f"{refused.value.field}: {refused.value}")
+
+
+def test_a_random_start_is_drawn_once_and_kept_with_the_answer(walk):
+    walker = walk({"tuning": {"start": "random"}}, BLOCK)
+    start = walker.view.payload["start"]
+    assert len(start) == STARTED_RANDOMLY
+    assert walker.view.payload["start"] == start
+    walker.submit("tuning", {"weights": start})
+    assert answer(walker, "tuning").value["start"] == start
+
+
+def test_a_learned_start_is_what_the_answers_before_it_taught(walk):
+    walker = walk(BLOCK, {"tuning": {"start": "learned"}})
+    for _ in range(2):
+        key = walker.view.key
+        walker.watch(key)
+        walker.submit(key, {"choice": "a"})
+    start = walker.view.payload["start"]
+    assert start
+    assert max(start.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("stages", "said"),
+    [
+        ([{"tuning": {"start": "learned"}}, BLOCK], "nothing learned yet"),
+        ([BLOCK, {"tuning": {"start": "learned"}}, *COMPARED], "before the blind comparison"),
+        ([BLOCK, {"tuning": {"start": "learned", "setup": "open_field"}}], "must be study_room"),
+        ([BLOCK, {"tuning": {"scenes": 7}}], "6"),
+    ],
+)
+def test_a_protocol_whose_learned_start_cannot_be_is_refused(tmp_path, stages, said):
+    with pytest.raises(ProtocolError, match=said):
+        small_protocol(tmp_path, stages)
+
+
+def test_simulated_people_set_their_own_weights_and_the_export_has_every_change(
+    database, files, tmp_path, twenty_queries
+):
+    frozen = small_protocol(tmp_path, [{"tuning": {"start": "random"}}, BLOCK], query_set=str(twenty_queries))
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name="Tuned", created_by=None)
+    said = walk_in_process(database, files, study, 2, Character(oracle="shortest,min-human-distance"))
+    assert said["completed"] == 2
+    export_study(database, files, study.id, tmp_path / "out")
+    with (tmp_path / "out" / "tuning_changes.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["by"] for row in rows} == {"bot"}
+    assert {("shorter", "1.0"), ("farther", "1.0")} <= {(row["objective"], row["weight"]) for row in rows}
+
+
+def test_distance_is_of_whole_vectors():
+    assert distance({"farther": 1.0}, {"farther": 0.4}) == pytest.approx(0.6)
+    assert distance({}, {}) == 0
