@@ -12,7 +12,8 @@
   const RIBBON_M = 0.13;
   const TELL_EVERY_MS = 60;
   const AHEAD_S = 1.5; // a path that was asked for so long ago still begins behind the robot
-  const CASING = "rgb(255 255 255 / 0.85)";
+  const CASING = "rgb(252 250 244)";
+  const BEHIND = "rgb(226 220 206)"; // opaque, as pieces that shine through would show where they overlap
 
   const canvas = document.createElement("canvas");
   canvas.id = "desire-path-ribbon";
@@ -78,8 +79,7 @@
         const [a, b] = [spots[i - 1], spots[i]];
         if (!a || !b) continue;
         if (!arrives && i % 3 === 0) continue; // broken: it does not arrive
-        pen.globalAlpha = track[i][0] <= from ? 0.3 : 0.9;
-        pen.strokeStyle = ink;
+        pen.strokeStyle = track[i][0] > from ? ink : BEHIND;
         pen.lineWidth = wide[i] + more;
         pen.beginPath();
         pen.moveTo(a[0], a[1]);
@@ -88,7 +88,6 @@
       }
     }
     // A dot for every second: where they are close together the robot is slow.
-    pen.globalAlpha = 1;
     pen.fillStyle = "white";
     for (let second = 1; second < ends(path); second += 1) {
       const [x, y] = at(path, second);

@@ -120,7 +120,7 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         return {"start": payload["start"]}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        wanted = participant.wants(step)
+        wanted = participant.preferred_weights(step)
         return {"weights": wanted, "history": slid(step["start"], wanted)}
 
 

@@ -195,7 +195,7 @@ class SimulatedParticipant:
         before.append(value)
         return (below + 0.5) / len(before)
 
-    def wants(self, step: Mapping[str, Any]) -> dict[str, float]:
+    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """Its preference as weights, the foremost 1; none where it is not made of objectives."""
         condition = str(step.get("block"))
         name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
@@ -256,7 +256,7 @@ class _OnPages:
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
-    def wants(self, step: Mapping[str, Any]) -> dict[str, float]:
+    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
 
