@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: mutation run test setup setup-test lint lock clean
+.PHONY: mutation run test setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -47,6 +47,11 @@ lock:
 	$(BIN)/python -m uv pip compile scripts/tools.in -c requirements.lock --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o scripts/tools.lock \
 	  $$(sed -n 's/^\([A-Za-z0-9._-]*\).*==.*/--no-emit-package \1/p' requirements.lock)
+
+# What docker-compose.yml needs before its first start; what is there stays.
+secrets:
+	mkdir -p -m 700 secrets
+	test -s secrets/database_password || (umask 022 && od -An -N24 -tx1 /dev/urandom | tr -d ' \n' > secrets/database_password)
 
 clean:
 	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache

@@ -40,6 +40,9 @@ class Settings(BaseSettings):
         description="addresses, with commas, of reverse proxies whose word counts for a visitor's address and TLS; "
         "they must replace what a visitor says of it. *: any, where nobody else reaches the server",
     )
+    metrics_token: str = Field(
+        "", description="who sends it as a bearer token may read /metrics from elsewhere; empty: this machine only"
+    )
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
     standing_process: bool = Field(

@@ -10,7 +10,7 @@ from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
-from sqlalchemy.exc import DataError
+from sqlalchemy.exc import DataError, SQLAlchemyError
 from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
@@ -20,6 +20,7 @@ from backend.api.core.contract import Reply, trouble_in
 from backend.api.core.dependencies import Application, Services, route_of
 from backend.api.core.disk import is_full, room_left
 from backend.api.core.figure_process import FigureProcess
+from backend.api.core.monitoring import Monitoring
 from backend.api.core.prose import prose
 from backend.api.core.throttle import TooLarge, memory_limiter
 from backend.api.lab.power_runs import PowerRuns
@@ -31,9 +32,10 @@ from backend.api.stage.listening import Listeners
 from backend.api.stage.presenting import Presenter
 from backend.api.stage.replay_stages import ReplayStages
 from backend.api.stage.stage_proxy import StageDoor
+from backend.jobs.heartbeat import silent_s
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, DatabaseBusy, check_writable
+from backend.store.database import Database, DatabaseBusy, StorageError, check_writable
 from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
@@ -42,10 +44,12 @@ log = structlog.get_logger("desirepath.web")
 
 
 class Health(Reply):
-    """How the server is. `free_mb`: on the fullest disk of those that it writes on."""
+    """How the server is. `status`: the worst of it; `free_mb`: on the fullest disk of those that it writes on;
+    `worker_silent_s`: since a worker of this data folder said that it lives, null where none ever did."""
 
-    status: Literal["ok", "disk_low", "disk_full"]
+    status: Literal["ok", "disk_low", "disk_full", "no_database"]
     free_mb: int
+    worker_silent_s: float | None
 
 
 def build_services(settings: Settings) -> Services:
@@ -69,6 +73,7 @@ def build_services(settings: Settings) -> Services:
         reports=Reports(settings),
         power=PowerRuns(settings),
         doors=Doors(database, files),
+        monitoring=Monitoring(),
         presenter=Presenter(database, files, replays, listeners),
         listeners=listeners,
         admission=Admission(settings, database, replays),
@@ -78,7 +83,7 @@ def build_services(settings: Settings) -> Services:
 def create_application(services: Services) -> Application:
     """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
     from backend.api.analyst import routes
-    from backend.api.core import auth, published
+    from backend.api.core import auth, monitoring, published
     from backend.api.core.guard import Guard, trouble
     from backend.api.lab import learnt_pages, study_pages
     from backend.api.participant import session_pages
@@ -87,7 +92,7 @@ def create_application(services: Services) -> Application:
         services, title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None
     )
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
-    for module in (session_pages, auth, study_pages, learnt_pages, routes, published):
+    for module in (session_pages, auth, study_pages, learnt_pages, routes, published, monitoring):
         application.include_router(module.router)
     for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():
         application.add_exception_handler(exception, handler)
@@ -98,13 +103,18 @@ def create_application(services: Services) -> Application:
 
     @application.get("/health", tags=["server"])
     def health(response: Response) -> Health:
-        """For load balancers and containers. 507: the disk is full, no answer can be stored."""
-        with services.database.session() as s:
-            s.connection().exec_driver_sql("SELECT 1")
-        room = room_left(services.settings)
-        if room.state == "disk_full":
-            response.status_code = 507
-        return Health(status=room.state, free_mb=room.free_mb)
+        """For load balancers and containers. 507: the disk is full, 503: the database does not answer; in both no
+        answer can be stored."""
+        room, silent = room_left(services.settings), silent_s(services.settings.data)
+        status: Literal["ok", "disk_low", "disk_full", "no_database"] = room.state
+        try:
+            with services.database.session() as s:
+                s.connection().exec_driver_sql("SELECT 1")
+        except (SQLAlchemyError, StorageError) as problem:
+            log.error("the database does not answer", problem=str(problem)[:300])
+            status = "disk_full" if room.state == "disk_full" else "no_database"
+        response.status_code = {"disk_full": 507, "no_database": 503}.get(status, 200)
+        return Health(status=status, free_mb=room.free_mb, worker_silent_s=silent)
 
     @application.exception_handler(HTTPException)
     def http(request: Request, problem: HTTPException) -> Response:

@@ -32,6 +32,14 @@ def insists_on_tls(request: HTTPConnection) -> bool:
     return request.url.scheme == "https" and name not in LOOPBACK_NAMES and not name.endswith(".localhost")
 
 
+def is_from_here(request: Request) -> bool:
+    """Whether this machine asks, not somebody for whom a trusted proxy on it does."""
+    try:
+        return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
+    except ValueError:
+        return False
+
+
 def _asked(request: Request) -> str:
     asked = str(request.base_url)
     host, port = request.scope.get("server") or (LOOPBACK_NAMES[1], None)

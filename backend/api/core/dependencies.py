@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from backend.api.core.catalogues import Texts
     from backend.api.core.figure_process import FigureProcess
+    from backend.api.core.monitoring import Monitoring
     from backend.api.lab.power_runs import PowerRuns
     from backend.api.lab.whole_reports import Reports
     from backend.api.participant.joining_together import Doors
@@ -44,6 +45,7 @@ class Services:
     reports: Reports
     power: PowerRuns
     doors: Doors
+    monitoring: Monitoring
     presenter: Presenter
     listeners: Listeners
     admission: Admission

@@ -144,13 +144,9 @@ def _finish(request: Request, start: Message, began: float) -> None:
     if request.url.path.startswith("/static"):
         return
     headers.setdefault("Cache-Control", "no-store")
-    log.info(
-        "request",
-        method=request.method,
-        route=route_of(request),
-        status=start["status"],
-        ms=round((time.perf_counter() - began) * 1000, 1),
-    )
+    seconds, route = time.perf_counter() - began, route_of(request)
+    services_of(request).monitoring.answered(request.method, route, start["status"], seconds)
+    log.info("request", method=request.method, route=route, status=start["status"], ms=round(seconds * 1000, 1))
 
 
 def trouble(

@@ -6,7 +6,6 @@ Nothing is stored before somebody joins.
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 from typing import Annotated
 from urllib.parse import quote
 
@@ -17,6 +16,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
+from backend.api.core.addresses import is_from_here
 from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
@@ -112,7 +112,7 @@ async def join(recruiting_token: str, request: Request) -> Response:
     except ValidationError as wrong:
         raise RequestValidationError([{**one, "loc": ("body", *one["loc"])} for one in wrong.errors()]) from None
     simulated = is_json and asked.simulated
-    if simulated and not _from_here(request):
+    if simulated and not is_from_here(request):  # a bot need not watch
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
@@ -169,11 +169,3 @@ def code_page(request: Request) -> Response:
 def go_back(code: Annotated[str, Form()] = "") -> Response:
     """To the session behind the code; a wrong one is told there as a wrong link is."""
     return RedirectResponse(f"/p/{quote(as_issued(code.strip()), safe='')}", status_code=303)
-
-
-def _from_here(request: Request) -> bool:
-    """Whether this machine asks. A bot need not watch, so nobody who has no more than the link may be one."""
-    try:
-        return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
-    except ValueError:
-        return False
