@@ -10,7 +10,13 @@ import sys
 from pathlib import Path
 
 from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble, ship_sharpened
-from backend.experiments.shipping.query_sets import SHIPPED_QUERIES, ship_queries, ship_varied_queries
+from backend.experiments.shipping.population_priors import ship_population_priors
+from backend.experiments.shipping.query_sets import (
+    SHIPPED_QUERIES,
+    ship_manner_queries,
+    ship_queries,
+    ship_varied_queries,
+)
 from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.learning.shipped_files import DATASETS
 from backend.simulation.setups import SETUPS
@@ -18,8 +24,9 @@ from backend.simulation.setups import SETUPS
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
-    kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "triples", "stand-ins")
-    parser.add_argument("what", choices=kinds)
+    kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "manner-queries")
+    more = ("triples", "stand-ins", "population-priors")
+    parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries, or scenes of triples")
@@ -33,6 +40,10 @@ def main() -> None:
     given = (arguments.setup, arguments.seed, arguments.out, show)
     if arguments.what == "stand-ins":
         ship_stand_ins(*given)
+    elif arguments.what == "population-priors":
+        ship_population_priors(arguments.setup, on_progress=show)
+    elif arguments.what == "manner-queries":
+        ship_manner_queries(*given, count=arguments.count)
     elif arguments.what == "varied-queries":
         ship_varied_queries(*given, count=arguments.count)
     elif arguments.what in ("queries", "triples"):

@@ -17,6 +17,7 @@ import structlog
 from backend.jobs.alignment_algorithms import aligned
 from backend.jobs.answers import (
     described,
+    earlier_people,
     fit_of,
     keep_reward_model,
     posterior_of_person,
@@ -84,7 +85,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     believed = None
     if params.surely_better:  # else nobody asks, and it takes seconds
         independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
-        believed = posterior_of_person(independent, params.symmetry)
+        earlier = earlier_people(context, params.earlier, setup, params.symmetry)
+        believed = posterior_of_person(independent, params.symmetry, earlier)
     verdict = None
     if believed is not None and made.may_be_shown:
         verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
@@ -92,6 +94,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     own = {
         **({"personal": verdict.as_dict()} if verdict is not None else {}),
         **({"check": believed[1].as_dict()} if believed is not None else {}),
+        **({"prior": {"earlier_participants": len(earlier)}} if believed is not None and params.earlier else {}),
     }
     # `passed` here is the gate's; what a search finds must be better, too (`passed` of the result)
     gate = made.gate.as_dict()

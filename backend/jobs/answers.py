@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import structlog
 
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import find_artefact, keep
@@ -16,6 +17,7 @@ from backend.jobs.kinds import Params
 from backend.learning.errors import TooFewAnswers
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from backend.learning.preferences.population_prior import EarlierPerson, prior_of_earlier
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.predictive_check import PredictiveCheck, checked_answers
 from backend.learning.preferences.preferences import Preference, usable
@@ -28,9 +30,11 @@ from backend.learning.rewards.preference_weights import fit_weights
 from backend.learning.rewards.reward_model import Fit, Reduction, RewardModel
 from backend.learning.rewards.storage import reward_model_to_bytes
 from backend.simulation.trajectory import Trajectory
-from backend.store.artefacts import load_trajectory
+from backend.store.artefacts import ArtefactError, load_trajectory
 from backend.store.models import Artefact
 from backend.store.snapshots import Answer, Snapshot, implied_choices, independent_choices, load_snapshot
+
+log = structlog.get_logger("desirepath.jobs")
 
 
 def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot]:
@@ -126,10 +130,11 @@ def prediction_of(
 
 
 def posterior_of_person(
-    of_participant: Mapping[str, Sequence[Preference]], symmetry: str = "none"
+    of_participant: Mapping[str, Sequence[Preference]], symmetry: str = "none", earlier: Sequence[EarlierPerson] = ()
 ) -> tuple[FreePosterior, PredictiveCheck] | None:
-    """What is believed of the one person whose independent answers these are, and whether they look like it; None of
-    several people, and where nothing about two different trajectories was answered."""
+    """What is believed of the one person whose independent answers these are, by the light of earlier participants, and
+    whether they look like it; None of several people, and where nothing about two different trajectories was
+    answered."""
     if len(of_participant) != 1:
         return None
     try:
@@ -142,7 +147,27 @@ def posterior_of_person(
         PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
         np.ones(len(kept), dtype=np.bool_),
         FreeConfig(posterior=PosteriorConfig(left_right_symmetry=mirrored)),
+        prior_of_earlier(setup.name, earlier),
     )
+
+
+def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: str = "none") -> list[EarlierPerson]:
+    """Whoever answered before, of snapshots by id, with commas between. Who was erased since is left out: their
+    snapshot is gone or locked away."""
+    mirrored, found = symmetry == "left_right", []
+    for reference in snapshots.split(",") if snapshots else []:
+        try:
+            _, snapshot = snapshot_of(context, reference.strip())
+        except ArtefactError as gone:
+            log.warning("earlier answers are gone", problem=str(gone))
+            continue
+        if snapshot.setup != setup:
+            continue
+        for preferences in preferences_of(context, snapshot, independent=True).values():
+            pairs = [(one.chosen, one.rejected) for one in preferences]
+            differences = PairDifferences.of(setup, pairs, left_right_symmetry=mirrored)
+            found.append(EarlierPerson(differences, np.ones(len(pairs), dtype=np.bool_)))
+    return found
 
 
 def described(model: RewardModel) -> dict[str, Any]:

@@ -17,6 +17,7 @@ SetupName = Literal["study_room", "open_field"]
 # backend/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
 MOST_SCENES = 10_000
 LARGEST_SEED = 9_999
+MOST_NAMED = 10_000  # characters of a list of snapshots
 
 
 class JobParamsError(ValueError):
@@ -107,6 +108,7 @@ class AlignParams(Params):
     gate_min_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
     gate_max_loss: float = _from("ours_five_points", 0.05, ge=0, le=1, advanced=True)
     surely_better: float = _from("ours_surely_better", 0.0, ge=0, le=1, advanced=True)
+    earlier: str = _from("from_protocol_prior", "", advanced=True, max_length=MOST_NAMED)
     comparisons: int = _from("from_protocol", 3, ge=0, le=10, advanced=True)
     hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
     other: str | None = Field(

@@ -48,6 +48,8 @@ DEPARTURES = {
     "trained.",
     "varied": "Pairs are trajectories of a conditioned policy at drawn preference weights instead of two ensemble "
     "members, chosen so that measures vary and vary independently.",
+    "manners": "Pairs are trajectories of many policies, most of them driven in a drawn manner (slower, swerving, "
+    "hesitating, keeping to free space, ...), chosen so that answers tell different people apart.",
     "fine_tuning": "Instead of the thesis's lambda: half of each batch is new experience, "
     "the preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",

@@ -57,7 +57,10 @@ def asking(
 def people(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
     family: Annotated[
-        str, typer.Option(help="Families of the card, comma-separated; tuning, held_out or all; none with --reward.")
+        str,
+        typer.Option(
+            help="Families of the card, comma-separated, or nine; tuning, held_out or all; none with --reward."
+        ),
     ] = "tuning",
     number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family and seed.")] = 5,
     answers: Annotated[str, typer.Option(help="After how many it is measured, comma-separated.")] = "8,15,50",
@@ -66,6 +69,10 @@ def people(
         str, typer.Option(help="right, lapses, indifference, peak_end or first_seconds.")
     ] = "right",
     choose: Annotated[str, typer.Option(help="random, or information: the pair whose answer tells most.")] = "random",
+    queries: Annotated[
+        str,
+        typer.Option(help="Asked about: policies (as they are), manners (policies in many), both."),
+    ] = "policies",
     reward: Annotated[
         Path | None,
         typer.Option(help="A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."),
@@ -95,6 +102,7 @@ def people(
         seeds=tuple(range(int(first), int(last or first) + 1)),
         response_model=response_model,
         choose=choose,
+        queries=queries,
     )
     result = benchmark_people(setup, config, more, lambda done: typer.echo(f"{done:.0%}", err=True))
     if out is not None:

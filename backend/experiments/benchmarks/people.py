@@ -6,8 +6,10 @@ this person would give, lapses included. What is asked and shown is `people_room
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -17,10 +19,13 @@ from backend.experiments.benchmarks.people_rooms import AskedPairs, Candidates, 
 from backend.learning.errors import LearningError
 from backend.learning.people.card import members, people_card, response_models
 from backend.learning.people.families.base import FamilyMember
+from backend.learning.people.families.mixture import ObjectiveMember, mixed
 from backend.learning.policies.evaluate import wilson
 from backend.learning.policies.shipped import load_conditioned
-from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from backend.learning.preferences.objectives import NAMES, OPPOSITES
 from backend.learning.preferences.oracles import ResponseModel, judged
+from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.scene_sets import Purpose
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
@@ -29,6 +34,8 @@ from backend.simulation.trajectory import Outcome, Trajectory
 Doubles = NDArray[np.float64]
 SURE = 0.9
 BINS = 10
+CHOSEN = 50  # answers; after these questions are drawn
+NINE = "nine"
 RESAMPLES = 2_000
 
 
@@ -36,8 +43,10 @@ RESAMPLES = 2_000
 class PeopleConfig:
     """What is measured. families: of the card; people: of each, from number `first` on, for each seed others. answers:
     after how many it is measured; shown_after: after how many a policy is made. choose: random, or information (the
-    next pair is the one whose answer tells most). test: pairs that are foretold; scenes: in which a policy is chosen,
-    in which it is judged by the posterior, and in which its true gain is measured."""
+    next pair is the one whose answer tells most, for the first CHOSEN answers). queries: what is asked about, pairs of
+    policies as they are, of policies in many manners, or half of each. test: pairs of policies as they are that are
+    foretold; scenes: in which a policy is chosen, in which it is judged by the posterior, and in which its true gain is
+    measured. particles: of the posterior over the nine."""
 
     families: tuple[str, ...]
     people: int = 5
@@ -47,9 +56,11 @@ class PeopleConfig:
     seeds: tuple[int, ...] = (0,)
     response_model: str = "right"
     choose: str = "random"
+    queries: str = "policies"
     pool: int = 400
     test: int = 300
     scenes: tuple[int, int, int] = (150, 200, 300)
+    particles: int = 20_000
 
 
 @dataclass(frozen=True)
@@ -69,7 +80,11 @@ class _Room:
             candidates(setup, count, purpose=purpose, seed=seed)
             for count, purpose in zip(config.scenes, (Purpose.ALIGN_SELECT, Purpose.GATE, Purpose.REPORT), strict=True)
         )
-        return cls(setup, seed, asked_pairs(setup, seed, asked=config.pool, test=config.test), select, judge, report)
+        pairs = asked_pairs(setup, seed, asked=config.pool, test=config.test)
+        if config.queries != "policies":
+            kept = config.pool // 2 if config.queries == "both" else 0
+            pairs = pairs.with_manners(setup, seed, config.pool - kept, kept)
+        return cls(setup, seed, pairs, select, judge, report)
 
 
 def benchmark_people(
@@ -90,6 +105,8 @@ def benchmark_people(
     """
     if config.choose not in ("random", "information"):
         raise LearningError(f"choose = {config.choose!r}: random or information")
+    if config.queries not in ("policies", "manners", "both"):
+        raise LearningError(f"queries = {config.queries!r}: policies, manners or both")
     if max(config.answers) > config.pool:
         raise LearningError(f"answers = {max(config.answers)}: at most the pool of {config.pool} pairs")
     answering = ResponseModel(**response_models([config.response_model])[config.response_model])
@@ -101,7 +118,7 @@ def benchmark_people(
         everybody = {
             name: (family, one)
             for family in config.families
-            for name, one in members(family, config.people, setup, first).items()
+            for name, one in _members(family, config.people, setup, first).items()
         } | {name: ("file", one) for name, one in (more or {}).items()}
         for name, (family, one) in everybody.items():
             found.append({"family": family, "person": name, "seed": seed} | _measured(one, room, answering, config))
@@ -126,6 +143,21 @@ def benchmark_people(
     }
 
 
+def _members(family: str, count: int, setup: str, first: int) -> Mapping[str, FamilyMember]:
+    """Of the card's families, or of `nine`: each objective alone, then two at equal shares, again and again."""
+    if family != NINE:
+        return members(family, count, setup, first)
+    alone = [(name,) for name in NAMES]
+    both = [pair for pair in combinations(NAMES, 2) if tuple(NAMES.index(one) for one in pair) not in OPPOSITES]
+    wanted = [*alone, *both]
+    found: dict[str, FamilyMember] = {}
+    for k in range(first, first + count):
+        names = wanted[k % len(wanted)]
+        parts = [(ObjectiveMember(name), 1 / len(names)) for name in names]
+        found[f"{NINE}:{k}"] = mixed(setup, *parts)
+    return found
+
+
 def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
     """One person: asked, foretold, shown. Keys with an underscore are for pooling only."""
     random = np.random.default_rng([room.seed, 61])
@@ -133,13 +165,15 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     now = person.after(max(config.answers))  # who it is when all is answered
     truth = pairs.better(now.scores(pairs.in_turn))
     answers = {False: _answers(person.after(0), pairs, answering, room), True: _answers(now, pairs, answering, room)}
-    posterior = FreePosterior.prior(room.setup)
+    posterior = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
     left = list(random.permutation(pairs.asked))
     result: dict[str, Any] = {"accuracy": {}, "claimed": {}, "nine_accuracy": {}, "nine_claimed": {}}
-    result |= {"_pairs": {}, "_nine_pairs": {}}
+    result |= {"_pairs": {}, "_nine_pairs": {}, "_seconds": []}
     for n in range(1, max(config.answers) + 1):
-        if config.choose == "information":
+        if config.choose == "information" and n <= CHOSEN:
+            began = time.process_time()
             k = left.pop(int(posterior.information_bits(pairs.differences[left]).argmax()))
+            result["_seconds"].append(time.process_time() - began)
         else:
             k = left.pop()
         changed = person.after(n - 1) is now
@@ -226,6 +260,9 @@ def _row(found: list[dict[str, Any]], config: PeopleConfig) -> dict[str, Any]:
         row[f"{prefix}calibration_error"] = {
             n: round(calibration_error([one[f"_{prefix}pairs"][n] for one in found]), 4) for n in config.answers
         }
+    seconds = [second for one in found for second in one["_seconds"]]
+    if seconds:
+        row["choosing_p95_ms"] = round(1000 * float(np.quantile(seconds, 0.95)), 1)
     if config.shown_after > max(config.answers):
         return row
     shown = [one for one in found if one["shown"]]

@@ -4,7 +4,7 @@ policies in the same scenes. Made once for all people of a seed."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from backend.learning.measures.pairs import PairDifferences
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from backend.learning.preferences.objectives import NAMES, preference_weights
+from backend.learning.queries.manner_queries import MannerConfig, manner_pairs, separating
 from backend.learning.queries.queries import QueryConfig, flaw, look_alike
 from backend.learning.queries.varied_queries import drawn_weights
 from backend.learning.scene_sets import Purpose, scene_set
@@ -24,6 +25,8 @@ from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 
 FIRST_SEED = 900  # of query scenes and reporting scenes: of no shipped set, no card and no other benchmark
+MANNER_SEED = 2_900
+MANNERS_PER_SCENE = 4
 SETTINGS = 14
 PER_SCENE = 2
 
@@ -41,6 +44,20 @@ class AskedPairs:
         """(n,) first minus second of scores of all trajectories in turn."""
         found: NDArray[np.float64] = scores[0::2] - scores[1::2]
         return found
+
+    def with_manners(self, setup: str, seed: int, manners: int, kept: int) -> AskedPairs:
+        """Asked about are `kept` of these pairs and `manners` of policies in many manners, the most telling ones; what
+        is foretold stays."""
+        config = MannerConfig(QueryConfig(seed=FIRST_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup]))
+        scenes = scene_set(setup, manners, purpose=Purpose.QUERIES, seed=MANNER_SEED + seed)
+        found = manner_pairs(setup, scenes, replace(config, pairs_per_scene=MANNERS_PER_SCENE))
+        differences = PairDifferences.of(setup, found)
+        chosen = separating(differences, list(range(len(found))), manners)
+        old = [*self.asked[:kept], *self.test]
+        trajectories = [*(found[k] for k in chosen), *(self.trajectories[k] for k in old)]
+        asked = manners + len(self.asked[:kept])
+        together = differences[chosen].joined(self.differences[old])
+        return AskedPairs(tuple(trajectories), together, np.arange(asked), np.arange(asked, len(trajectories)))
 
     @property
     def in_turn(self) -> list[Trajectory]:

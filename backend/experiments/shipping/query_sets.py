@@ -10,6 +10,7 @@ import numpy as np
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
+from backend.learning.queries.manner_queries import MannerConfig, generate_manner_queries
 from backend.learning.queries.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from backend.learning.queries.varied_queries import VariedConfig, describe_differences, generate_varied_queries
 from backend.learning.scene_sets import Purpose, describe
@@ -72,12 +73,39 @@ def ship_varied_queries(
     )
 
 
+def ship_manner_queries(
+    setup: str,
+    seed: int = 0,
+    folder: Path = DATASETS,
+    on_progress: OnProgress = no_progress,
+    count: int = SHIPPED_QUERIES,
+) -> Card:
+    """Make, describe and store queries of policies in many manners in the same folder."""
+    config = MannerConfig(QueryConfig(count=count, seed=seed, max_duration_s=LONGEST_SHOWN_S[setup]))
+    queries = generate_manner_queries(setup, config, on_progress)
+    files = [*sorted((folder / setup / "ensemble").glob("*.npz")), folder / setup / "base.npz"]
+    named = {f"{setup}/{file.relative_to(folder / setup).with_suffix('')}": file for file in files}
+    return _store_queries(
+        queries,
+        folder / setup / f"queries_manners_{count}.npz",
+        what="manner-queries",
+        config=config,
+        seed=seed,
+        parents={
+            name: file_sha256(file)
+            for name, file in {**named, f"{setup}/conditioned": folder / setup / "conditioned.npz"}.items()
+        },
+        departures=["pair_filters", "manners"],
+        results={"differences": describe_differences(queries)},
+    )
+
+
 def _store_queries(
     queries: QuerySet,
     path: Path,
     *,
     what: str,
-    config: QueryConfig | VariedConfig,
+    config: QueryConfig | VariedConfig | MannerConfig,
     seed: int,
     parents: dict[str, str],
     departures: list[str],
@@ -85,7 +113,7 @@ def _store_queries(
 ) -> Card:
     """Write a query set and its card. what: the subcommand that makes it; results: more than every set's numbers."""
     queries.save(path)
-    count = (config.queries if isinstance(config, VariedConfig) else config).count
+    count = (config if isinstance(config, QueryConfig) else config.queries).count
     card = Card(
         kind="query_set",
         name=f"{queries.setup}/{path.stem}",

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
+from backend.learning.measures.remembered import remembered
 from backend.learning.policies.shipped import load_queries
 from backend.learning.preferences.features import obstacle_clearance_m
 from backend.simulation.setups import PREFERENCE_SETUPS, Setup, get_setup, require_same
@@ -56,6 +57,10 @@ class SeenSteps:
     @classmethod
     def of_trajectories(cls, trajectories: Sequence[Trajectory]) -> SeenSteps:
         """Raises SetupError for several setups, ValueError for none."""
+        return _steps_of(trajectories)
+
+    @classmethod
+    def _of(cls, trajectories: Sequence[Trajectory]) -> SeenSteps:
         names = {f"trajectory {k}": trajectory.scene.setup for k, trajectory in enumerate(trajectories)}
         if not names:
             raise ValueError("trajectories: none given; at least one is needed")
@@ -128,6 +133,9 @@ class SeenSteps:
         return {
             name: np.clip((values - known[name][0]) / known[name][1], -3, 3) for name, values in self.inputs().items()
         }
+
+
+_steps_of = remembered(SeenSteps._of)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,17 @@
-"""What answers say where the nine objectives may not say it: a mixture of three ways to explain them, weighed by how
-well each foretold every answer before it was given.
+"""What answers say where the nine objectives may not say it: a mixture of ways to explain them, weighed by how well
+each foretold every answer before it was given.
 
-The ways: the particle posterior over the nine (`posterior.py`), and two Gaussian processes, over the named measures and
-over the embedding of trajectories (`backend/learning/measures`), each at several strengths of preference. Pure and
-deterministic. All ours; the approximation is Laplace's (Rasmussen and Williams 2006, algorithms 3.1 and 3.2).
+The ways: the particle posterior over the nine (`posterior.py`), and Gaussian processes (`advantage_process.py`), over
+the named measures, over the embedding of trajectories (`backend/learning/measures`), and over both with a prior from
+other people (`population_prior.py`), each at several strengths of preference. Pure and deterministic. All ours.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,60 +20,49 @@ from scipy.special import expit, logsumexp, ndtr
 from backend.learning.errors import LearningError
 from backend.learning.measures.named import NAMES as NAMED
 from backend.learning.measures.pairs import PairDifferences
+from backend.learning.preferences.advantage_process import AdvantageProcess, Seen
 from backend.learning.preferences.measures import typical_differences
 from backend.learning.preferences.objectives import gains
+from backend.learning.preferences.population_prior import WeightPrior, shipped_priors
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig
 
 Doubles = NDArray[np.float64]
-Basis = Literal["nine", "named", "embedding"]
-GAUSSIAN: tuple[Basis, ...] = ("named", "embedding")
-ITERATIONS = 40
+NAMED_WAY, EMBEDDING_WAY = "named", "embedding"
 PREDICTING = 2_000  # of the particles: what predicting needs not have more of
 
 
 @dataclass(frozen=True)
 class FreeConfig:
-    """nine: prior probability that the objectives say it. strengths: variances of a typical pair's advantage in log
-    odds, with their prior probabilities. Chosen on the tuning families of `people/card.yaml`."""
+    """nine: prior probability that the objectives say it; families: that one of the priors of simulated people does,
+    where a setup has them (`population_prior.py`); before: that earlier participants' does, where one is given; the
+    rest is the named measures' and the embedding's. strengths: variances of a typical pair's advantage in log odds,
+    with their prior probabilities. sharper: how many times surer than Laplace's approximation the answers bear out,
+    after 8 answers and per e-fold more. Chosen on the tuning families of `people/card.yaml`, `sharper` on each with
+    the others' priors."""
 
     nine: float = 0.5
-    strengths: tuple[float, ...] = (2.0, 8.0, 32.0, 128.0, 512.0)
-    prior: tuple[float, ...] = (0.05, 0.15, 0.3, 0.3, 0.2)
+    families: float = 0.3
+    before: float = 0.6
+    strengths: tuple[float, ...] = (8.0, 64.0, 512.0)
+    prior: tuple[float, ...] = (0.25, 0.4, 0.35)
+    sharper: tuple[float, float] = (1.9, -0.2)
     posterior: PosteriorConfig = PosteriorConfig()  # noqa: RUF009, frozen
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """One Gaussian process after the answers. gradient (n,): of the log likelihood at the mode; root (n,): of its
-    curvature; triangle (n, n): Cholesky factor of 1 + root K root; log_evidence: log probability of the answers."""
+class _Way:
+    """One way beside the nine, at one strength. prior: log probability before any answer."""
 
-    way: Basis
-    strength: float
-    seen: Doubles
-    gradient: Doubles
-    root: Doubles
-    triangle: Doubles
-    log_evidence: float
-
-    def advantages(self, features: Doubles) -> tuple[Doubles, Doubles]:
-        """Mean and variance (m,) of what pairs (m, columns) differ by, in log odds."""
-        if not len(self.gradient):
-            return np.zeros(len(features)), self.strength * np.square(features).sum(1)
-        across = self.strength * features @ self.seen.T
-        spread = np.linalg.solve(self.triangle, self.root[:, None] * across.T)
-        prior = self.strength * np.square(features).sum(1)
-        return across @ self.gradient, np.maximum(prior - np.square(spread).sum(0), 1e-12)
-
-    def weights(self) -> Doubles:
-        """(columns,) posterior mean of what each column weighs."""
-        found: Doubles = self.strength * self.seen.T @ self.gradient
-        return found
+    name: str
+    process: AdvantageProcess
+    prior: float
 
 
 @dataclass(frozen=True)
 class FreePosterior:
     """What is believed after some answers. objectives: the posterior over the nine. nine_log_evidence: log probability
-    of the answers by it. differences, chosen: what was learned from, whether A was chosen."""
+    of the answers by it. differences, chosen: what was learned from, whether A was chosen. before: what earlier
+    participants weighed, if that may be known."""
 
     setup: str
     config: FreeConfig
@@ -82,22 +70,28 @@ class FreePosterior:
     nine_log_evidence: float
     differences: PairDifferences | None
     chosen: NDArray[np.bool_]
+    before: WeightPrior | None = None
 
     @classmethod
-    def prior(cls, setup: str, config: FreeConfig | None = None) -> FreePosterior:
+    def prior(cls, setup: str, config: FreeConfig | None = None, before: WeightPrior | None = None) -> FreePosterior:
         """What is believed before any answer."""
         config = config or FreeConfig()
-        return cls(setup, config, Posterior.prior(setup, config.posterior), 0.0, None, np.zeros(0, dtype=np.bool_))
+        objectives = Posterior.prior(setup, config.posterior)
+        return cls(setup, config, objectives, 0.0, None, np.zeros(0, dtype=np.bool_), before)
 
     @classmethod
     def from_answers(
-        cls, differences: PairDifferences, chosen: Sequence[bool] | NDArray[np.bool_], config: FreeConfig | None = None
+        cls,
+        differences: PairDifferences,
+        chosen: Sequence[bool] | NDArray[np.bool_],
+        config: FreeConfig | None = None,
+        before: WeightPrior | None = None,
     ) -> FreePosterior:
         """After answers to these pairs; chosen: was the first of the two chosen? Raises LearningError if the numbers of
         both do not agree."""
         if len(differences) != len(chosen):
             raise LearningError(f"choices = {len(chosen)}: {len(differences)} pairs need as many")
-        posterior = cls.prior(differences.setup, config)
+        posterior = cls.prior(differences.setup, config, before)
         for k, choice in enumerate(chosen):
             posterior = posterior.updated(differences[[k]], bool(choice))
         return posterior
@@ -112,14 +106,16 @@ class FreePosterior:
             self.nine_log_evidence + math.log(probability if a_chosen else 1 - probability),
             difference if self.differences is None else self.differences.joined(difference),
             np.append(self.chosen, a_chosen),
+            self.before,
         )
 
     def predict(self, differences: PairDifferences) -> Doubles:
         """(n,) probability that the first of each pair is chosen."""
         masses, predicted = self._masses, [self._few.predict(differences.seen)]
-        for fit in self._fits:
-            mean, variance = fit.advantages(_columns(differences, fit.way))
-            predicted.append(expit(mean / np.sqrt(1 + math.pi * variance / 8)))
+        sharper = self._sharper
+        for way, seen in self._of(differences):
+            mean, variance = way.process.advantages(seen)
+            predicted.append(expit(sharper * mean / np.sqrt(1 + math.pi * variance / 8)))
         found: Doubles = masses @ np.stack(predicted)
         return found
 
@@ -133,10 +129,10 @@ class FreePosterior:
             few.weights @ gains(differences.seen[:, 0] / typical_differences(self.setup)).T.astype(np.float32)
         )
         probable = [float(sure)]
-        for fit in self._fits:
-            features = _columns(differences, fit.way)
-            mean, variance = (float(part[0]) for part in fit.advantages(features.mean(0, keepdims=True)))
-            of_scenes = float((features @ fit.weights()).var()) / len(features) if len(self.chosen) else 0.0
+        for way, seen in self._of(differences):
+            whole = (seen[0].mean(keepdims=True), seen[1].mean(0, keepdims=True))
+            mean, variance = (float(part[0]) for part in way.process.advantages(whole))
+            of_scenes = float(way.process.advantages(seen)[0].var()) / len(differences) if len(self.chosen) else 0.0
             probable.append(float(ndtr(mean / math.sqrt(variance + of_scenes + 1e-12))))
         return float(self._masses @ np.array(probable))
 
@@ -146,8 +142,8 @@ class FreePosterior:
             np.float32
         )
         probable = [(advantages > 0).mean(0) + 0.5 * (advantages == 0).mean(0)]
-        for fit in self._fits:
-            mean, variance = fit.advantages(_columns(differences, fit.way))
+        for way, seen in self._of(differences):
+            mean, variance = way.process.advantages(seen)
             probable.append(ndtr(mean / np.sqrt(variance)))
         found: Doubles = self._masses @ np.stack(probable)
         return found
@@ -157,8 +153,8 @@ class FreePosterior:
         few = self._few
         probabilities = [few.choice_probabilities(differences.seen).astype(np.float64)]
         predicted, certain = [probabilities[0].mean(0)], [_entropy(probabilities[0]).mean(0)]
-        for fit in self._fits:
-            mean, variance = fit.advantages(_columns(differences, fit.way))
+        for way, seen in self._of(differences):
+            mean, variance = way.process.advantages(seen)
             mean, variance = mean / 1.6, variance / 1.6**2  # a logistic curve as a normal one
             predicted.append(ndtr(mean / np.sqrt(1 + variance)))
             flat = math.pi * math.log(2) / 2
@@ -169,8 +165,8 @@ class FreePosterior:
     def ways(self) -> dict[str, float]:
         """Probability of each way to explain the answers; sums to 1."""
         shares = {"nine": float(self._masses[0])}
-        for fit, mass in zip(self._fits, self._masses[1:], strict=True):
-            shares[fit.way] = shares.get(fit.way, 0.0) + float(mass)
+        for way, mass in zip(self._ways, self._masses[1:], strict=True):
+            shares[way.name] = shares.get(way.name, 0.0) + float(mass)
         return shares
 
     def something_else(self) -> float:
@@ -180,10 +176,10 @@ class FreePosterior:
     def named_weights(self) -> dict[str, float]:
         """By named measure, how much more (above 0) or less of it is preferred: the posterior mean in standard
         deviations of a typical pair, the largest 1 or -1; empty before any answer."""
-        fits = [(fit, mass) for fit, mass in zip(self._fits, self._masses[1:], strict=True) if fit.way == "named"]
-        if self.differences is None or not fits:
+        ways = [(way, m) for way, m in zip(self._ways, self._masses[1:], strict=True) if way.name == NAMED_WAY]
+        if self.differences is None or not ways:
             return {}
-        together = np.sum([mass * fit.weights() / math.sqrt(fit.strength) for fit, mass in fits], axis=0)
+        together = np.sum([m * way.process.weights() / math.sqrt(way.process.strength) for way, m in ways], axis=0)
         largest = float(np.abs(together).max()) or 1.0
         return {name: float(weight) / largest for name, weight in zip(NAMED, together, strict=True)}
 
@@ -192,31 +188,59 @@ class FreePosterior:
         return self.objectives.sample(PREDICTING)
 
     @cached_property
-    def _fits(self) -> list[_Fit]:
-        signs = np.where(self.chosen, 1.0, -1.0)
-        return [
-            _fitted(way, strength, self._seen(way), signs) for way in GAUSSIAN for strength in self.config.strengths
-        ]
+    def _sharper(self) -> float:
+        """At least 1: how much surer than the approximation says."""
+        at_eight, per_fold = self.config.sharper
+        return max(1.0, at_eight + per_fold * math.log(max(len(self.chosen), 8) / 8)) if len(self.chosen) else 1.0
 
-    def _seen(self, way: Basis) -> Doubles:
-        if self.differences is None:
-            return np.zeros((0, 1))
-        return _columns(self.differences, way)
+    @cached_property
+    def _priors(self) -> dict[str, WeightPrior]:
+        """By name of the way, those that have one from other people."""
+        before = [self.before] if self.before is not None else []
+        return {prior.name: prior for prior in (*shipped_priors(self.setup), *before)}
+
+    @cached_property
+    def _shares(self) -> dict[str, float]:
+        """Prior probability of each way; sums to 1 - nine."""
+        config, families = self.config, [prior.name for prior in shipped_priors(self.setup)]
+        left = 1 - config.nine
+        shares = {self.before.name: config.before * left} if self.before is not None else {}
+        left -= sum(shares.values())
+        of_families = config.families / (1 - config.nine) * left if families else 0.0
+        shares |= {name: of_families / len(families) for name in families}
+        return shares | dict.fromkeys((NAMED_WAY, EMBEDDING_WAY), (left - of_families) / 2)
+
+    @cached_property
+    def _ways(self) -> list[_Way]:
+        signs = np.where(self.chosen, 1.0, -1.0)
+        ways = []
+        for name, share in self._shares.items():
+            seen = (np.zeros(0), np.zeros((0, 1))) if self.differences is None else self._seen(self.differences, name)
+            for strength, probable in zip(self.config.strengths, self.config.prior, strict=True):
+                process = AdvantageProcess.after(strength, seen, signs)
+                ways.append(_Way(name, process, math.log(max(share * probable, 1e-300))))
+        return ways
+
+    def _of(self, differences: PairDifferences) -> Iterator[tuple[_Way, Seen]]:
+        """Every way with what it sees of these pairs."""
+        seen = {name: self._seen(differences, name) for name in self._shares}
+        for way in self._ways:
+            yield way, seen[way.name]
+
+    def _seen(self, differences: PairDifferences, way: str) -> Seen:
+        if way in self._priors:
+            return self._priors[way].seen(differences)
+        return np.zeros(len(differences)), differences.named if way == NAMED_WAY else differences.embedding
 
     @cached_property
     def _masses(self) -> Doubles:
-        """(1 + fits,) probability of the nine, then of each Gaussian process."""
-        prior = [math.log((1 - self.config.nine) / len(GAUSSIAN) * share) for share in self.config.prior]
+        """(1 + ways,) probability of the nine, then of each Gaussian process."""
         logs = np.array(
             [math.log(self.config.nine) + self.nine_log_evidence]
-            + [fit.log_evidence + prior[k % len(prior)] for k, fit in enumerate(self._fits)]
+            + [way.process.log_evidence + way.prior for way in self._ways]
         )
         masses: Doubles = np.exp(logs - logsumexp(logs))
         return masses
-
-
-def _columns(differences: PairDifferences, way: Basis) -> Doubles:
-    return differences.named if way == "named" else differences.embedding
 
 
 def _entropy(probabilities: Doubles) -> Doubles:
@@ -230,25 +254,3 @@ def _probability_positive(advantages: NDArray[np.float32]) -> float:
     means = advantages.mean(1, dtype=np.float64)
     errors = advantages.std(1, dtype=np.float64) / math.sqrt(advantages.shape[1]) + 1e-9
     return float(ndtr(means / errors).mean())
-
-
-def _fitted(way: Basis, strength: float, seen: Doubles, signs: Doubles) -> _Fit:
-    """Laplace's approximation of a Gaussian process with kernel strength x x', likelihood sigmoid(sign f)."""
-    n = len(signs)
-    if not n:
-        return _Fit(way, strength, np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros((0, 0)), 0.0)
-    kernel = strength * seen @ seen.T
-    f = np.zeros(n)
-    for _ in range(ITERATIONS):
-        likely = expit(signs * f)
-        gradient, curvature = signs * (1 - likely), np.maximum(likely * (1 - likely), 1e-9)
-        root = np.sqrt(curvature)
-        triangle = np.linalg.cholesky(np.eye(n) + root[:, None] * kernel * root)
-        b = curvature * f + gradient
-        a = b - root * np.linalg.solve(triangle.T, np.linalg.solve(triangle, root * (kernel @ b)))
-        before, f = f, kernel @ a
-        if np.abs(f - before).max() < 1e-5:
-            break
-    likely = expit(signs * f)
-    log_evidence = -0.5 * a @ f + np.log(np.maximum(likely, 1e-300)).sum() - np.log(np.diag(triangle)).sum()
-    return _Fit(way, strength, seen, signs * (1 - likely), root, triangle, float(log_evidence))

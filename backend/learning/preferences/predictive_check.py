@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from backend.learning.preferences.population_prior import WeightPrior
 
 Doubles = NDArray[np.float64]
 FEWEST = 5
@@ -46,10 +47,13 @@ class PredictiveCheck:
 
 
 def checked_answers(
-    differences: PairDifferences, chosen: NDArray[np.bool_], config: FreeConfig | None = None
+    differences: PairDifferences,
+    chosen: NDArray[np.bool_],
+    config: FreeConfig | None = None,
+    before: WeightPrior | None = None,
 ) -> tuple[FreePosterior, PredictiveCheck]:
     """The posterior after all answers, and the check of the first MOST_CHECKED of them in their order."""
-    posterior = FreePosterior.prior(differences.setup, config)
+    posterior = FreePosterior.prior(differences.setup, config, before)
     probable = []
     for k, choice in enumerate(chosen):
         if k < MOST_CHECKED:

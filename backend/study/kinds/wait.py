@@ -34,7 +34,9 @@ class TrainStage(Stage):
 
     job: `align` learns from choices between trajectories, `demonstrations` from drawn paths, one controller per
     environment. recipe (of `align`): `instant` is there at once (a conditioning search runs behind it and takes its
-    place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4.
+    place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4. prior (of
+    `align`): by the light of what own answers are read before a policy is called surely better for this person; `none`
+    of others', `earlier_participants` of those of the study, the same version and group who consented to training.
     """
 
     once = True
@@ -44,6 +46,7 @@ class TrainStage(Stage):
     job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
     recipe: Annotated[Literal["instant", "fine_tuning", "thesis"], BeforeValidator(_recipe_in_new_words)] = "instant"
+    prior: Literal["none", "earlier_participants"] = "none"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # ours
 

@@ -18,6 +18,7 @@ from backend.store.events import log_event
 from backend.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
+from backend.study.personalising.earlier import earlier_snapshots
 from backend.study.personalising.lending import Lent, lent_policy, policy_key
 from backend.study.personalising.verdicts import verdict
 
@@ -43,12 +44,14 @@ LARGEST_JOB_SEED = 9_999  # backend/jobs/kinds.py: seeds of a job name scene set
 class Training:
     """What a protocol says about learning from its own answers, gathered from the stages that say it.
 
-    scenes: of the comparison, 0 where there is none; opponents: of the own policy in it; stand_ins: lend while nobody's
-    is ready. rated: rollouts are rated one by one. environments: that paths are drawn in, in the order of the stages.
+    prior: what own answers are read by the light of. scenes: of the comparison, 0 where there is none; opponents: of
+    the own policy in it; stand_ins: lend while nobody's is ready. rated: rollouts are rated one by one. environments:
+    that paths are drawn in, in the order of the stages.
     """
 
     job: Literal["align", "demonstrations"]
     recipe: str
+    prior: Literal["none", "earlier_participants"]
     give_up_after_s: int
     scenes: int
     opponents: tuple[str, ...]
@@ -86,6 +89,7 @@ def start_training(acting: Acting) -> None:
     if "other" in training.opponents:
         lent = lent_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
     neutral = {"neutral": training.scenes} if "neutral" in training.opponents else {}
+    earlier = earlier_snapshots(s, session) if training.prior == "earlier_participants" else []
     recipes: list[dict[str, str]] = [{"recipe": training.recipe}]
     if training.recipe == "instant":
         recipes.append({"recipe": "conditioning_search"})
@@ -100,6 +104,7 @@ def start_training(acting: Acting) -> None:
                 "other": None,
                 **lent,
                 **neutral,
+                **({"earlier": ",".join(earlier)} if earlier else {}),
                 "surely_better": SURELY_BETTER,
                 "symmetry": acting.frozen.protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
@@ -111,7 +116,14 @@ def start_training(acting: Acting) -> None:
             created_by="study",
         )
         log_event(
-            s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id, recipe=recipe["recipe"]
+            s,
+            "training_started",
+            session_id=session.id,
+            job=job.id,
+            snapshot=snapshot.id,
+            recipe=recipe["recipe"],
+            prior=training.prior,
+            earlier=len(earlier),
         )
 
 
@@ -167,7 +179,8 @@ def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
     for job in [*([shown] if shown is not None else []), *reversed(jobs_of(s, session))]:
         result = job.result or {}
         if "check" in result:
-            return {**result["check"], "personal": result.get("personal")}
+            prior = {"prior": result["prior"]} if "prior" in result else {}
+            return {**result["check"], **prior, "personal": result.get("personal")}
     return None
 
 

@@ -11,6 +11,7 @@ from backend.study.grammar.skipping import ItemWhen, When, problems_with
 from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.comprehension import ComprehensionStage
+from backend.study.kinds.consent import ConsentStage
 from backend.study.kinds.live import SETUPS, LiveStage
 from backend.study.kinds.wait import TrainStage
 from backend.study.plan.asked_queries import Needs
@@ -76,6 +77,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
                 f"stands before any {' or '.join(taught_by)}; there is nothing to learn from yet for job {learning.job}"
             )
             yield at(first("train"), message)
+        if learning.prior != "none":
+            yield from _prior(protocol, learning, ("stages", first("train"), "train", "prior"), source)
         own = kinds[: first("train")].count("appointment")
         for index, kind in enumerate(kinds):
             if kind in (*taught_by, "comparison") and kinds[:index].count("appointment") != own:
@@ -95,6 +98,17 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
     for index, entry in enumerate(protocol.stages):
         if entry.when is not None and entry.stage.for_everybody:
             yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")
+
+
+def _prior(protocol: Protocol, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:
+    """Where nobody can be learned from before."""
+    consent = protocol.stage_of(ConsentStage)
+    if learning.job != "align":
+        yield source.problem(here, "needs job align: nothing is learned from others' paths")
+    elif consent is None or "training" not in consent.purposes:
+        yield source.problem(
+            here, "needs the purpose 'training' in the consent stage: only who agrees to it is learned from"
+        )
 
 
 def _arms(compared: ComparisonStage, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:

@@ -94,6 +94,7 @@ class FrozenProtocol:
         return Training(
             job=train.job,
             recipe=train.recipe,
+            prior=train.prior,
             give_up_after_s=train.give_up_after_s,
             scenes=comparison.scenes if comparison else 0,
             opponents=comparison.opponents if comparison else (),

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from backend.learning.measures.remembered import remembered
 from backend.learning.people.families.base import Doubles, Family, FamilyMember, Span
 from backend.learning.people.families.network import NetworkFamily
 from backend.learning.preferences.measures import measures, typical_differences
 from backend.learning.preferences.objectives import NAMES, gains
 from backend.simulation.trajectory import Trajectory
+
+measures_once = remembered(measures)
 
 
 @dataclass(frozen=True)
@@ -21,7 +24,7 @@ class ObjectiveMember(FamilyMember):
     objective: str
 
     def scores(self, trajectories: Sequence[Trajectory]) -> Doubles:
-        scaled = measures(trajectories) / typical_differences(trajectories[0].scene.setup)
+        scaled = measures_once(trajectories) / typical_differences(trajectories[0].scene.setup)
         return gains(scaled)[:, NAMES.index(self.objective)]
 
 

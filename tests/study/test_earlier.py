@@ -1,0 +1,79 @@
+"""A participant's answers are read by the light of earlier ones', where the protocol says so: only of who consented,
+of the same group, and never of who was erased."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import select
+
+from backend.store.erasure import erase_participant
+from backend.store.models import Event, Job, Participant, Session, utc_now
+from backend.study.grammar.source import ProtocolError
+from backend.study.personalising.earlier import earlier_snapshots
+from backend.study.protocol.freezing import freeze_text
+from backend.study.studies import create_study
+from tests.study.walking import QUICK, Walker
+
+PURPOSE = "version: 2026-11, purposes: {training: {en: Models may learn from my answers., de: Modelle dürfen lernen.}}"
+
+
+def text_of(twenty_queries, prior="earlier_participants", consent=PURPOSE):
+    text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries))
+    text = text.replace("choose: information", "choose: random").replace("count: 15", "count: 3")
+    text = text.replace("recipe: instant,", f"recipe: instant, prior: {prior},")
+    return text.replace("version: 2026-11", consent)
+
+
+def answered(database, files, study, *, consents=True, group=None):
+    """Somebody whose alignment has ended."""
+    walker = Walker(database, files, study)
+    with database.transaction() as s:
+        session = s.get_one(Session, walker.session.id)
+        if group is not None:
+            session.assignment = {**(session.assignment or {}), "groups": {"block": group}}
+    walker.walk_to("consent")
+    walker.submit("consent", {"given": True, "version": "2026-11", "purposes": {"training": True}})
+    walker.walk_to("train.wait")
+    with database.transaction() as s:
+        s.get_one(Participant, walker.session.participant_id).consents = {"training": consents}  # or taken back since
+        for job in s.scalars(select(Job).where(Job.session_id == walker.session.id)):
+            job.state, job.progress, job.finished_at = "succeeded", 1.0, utc_now()
+    return walker
+
+
+def taught_by(database, walker):
+    with database.session() as s:
+        return earlier_snapshots(s, s.get_one(Session, walker.session.id))
+
+
+def test_answers_are_read_by_the_light_of_those_who_agreed_and_of_nobody_erased(database, files, twenty_queries):
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text_of(twenty_queries)), name="Earlier", created_by=None)
+    first = answered(database, files, study)
+    refused = answered(database, files, study, consents=False)
+    other_group = answered(database, files, study, group="other")
+    last = answered(database, files, study)
+    with database.session() as s:
+        jobs = {job.session_id: job for job in s.scalars(select(Job).order_by(Job.created_at))}
+        events = s.scalars(select(Event).where(Event.kind == "training_started", Event.session_id == last.session.id))
+        assert {(event.data["prior"], event.data["earlier"]) for event in events} == {("earlier_participants", 1)}
+    assert "earlier" not in jobs[first.session.id].params
+    assert jobs[last.session.id].params["earlier"] == jobs[first.session.id].params["snapshot"]
+    assert taught_by(database, last) == [jobs[first.session.id].params["snapshot"]]
+    own = [jobs[one.session.id].params["snapshot"] for one in (refused, other_group)]
+    assert not set(own) & set(taught_by(database, last))
+    erase_participant(database, files, first.session.participant_id, "tests")
+    assert taught_by(database, last) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"consent": "version: 2026-11"}, "needs the purpose 'training'"),
+        ({"prior": "everybody"}, "none"),
+    ],
+)
+def test_a_prior_that_there_cannot_be_is_refused(twenty_queries, change, told):
+    with pytest.raises(ProtocolError) as refused:
+        freeze_text(text_of(twenty_queries, **change))
+    assert any("prior" in problem.field and told in problem.message for problem in refused.value.problems)
