@@ -114,8 +114,8 @@ def aligned_ranks(design: Factorial, effect: tuple[str, ...], *, about: str, int
 def f_test(design: Factorial, effect: tuple[str, ...]) -> tuple[float, float, float, float]:
     """F, its degrees of freedom and p of one effect: repeated measures with groups, unweighted means (type III), the
     error of the effect's own contrasts; Greenhouse and Geisser's correction where they are several."""
-    inner, outer = [f for f in effect if f in design.within], [f for f in effect if f in design.between]
-    scores = design.values @ _contrast(design.within, inner)
+    outer = [f for f in effect if f in design.between]
+    scores = contrast_scores(design, effect)
     groups, d = _groups(design), scores.shape[1]
     means = np.stack([scores[design.groups == g].mean(axis=0) for g in range(groups)])
     left = scores - means[design.groups]
@@ -131,6 +131,11 @@ def f_test(design: Factorial, effect: tuple[str, ...]) -> tuple[float, float, fl
     covariance = left.T @ left
     epsilon = float(np.trace(covariance) ** 2 / (d * (covariance**2).sum())) if d > 1 else 1.0
     return statistic, df, df_error, float(stats.f.sf(statistic, epsilon * df, epsilon * df_error))
+
+
+def contrast_scores(design: Factorial, effect: Sequence[str]) -> Array:
+    """(people, df) what each person's values say of the effect's factors within: orthonormal contrasts of cells."""
+    return np.asarray(design.values @ _contrast(design.within, [f for f in effect if f in design.within]))
 
 
 def _contrast(factors: Mapping[str, Sequence[str]], effect: Sequence[str]) -> Array:

@@ -24,6 +24,7 @@ from backend.report.choice_findings import (
     of_condition,
     triads_of,
 )
+from backend.report.explanation_findings import Explained, explained
 from backend.report.further_findings import Further, further
 from backend.report.item_tests import ItemResult, item_results
 from backend.report.own_findings import Guessed, Personalised, guessed, personalised
@@ -86,6 +87,7 @@ class Findings:
     own_policies: Mapping[str, int]
     guessed: Guessed | None
     further: Further | None
+    explained: Explained | None
     devices: Mapping[tuple[str, str], int]
 
     @property
@@ -93,7 +95,9 @@ class Findings:
         """Every tested result, in the report's order."""
         families = [[*one.tests, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
         own = [one.test for one in self.personalised] + ([self.guessed.test] if self.guessed else [])
-        return [test for family in families for test in family] + own
+        return [
+            *(test for family in families for test in family), *(self.explained.tests if self.explained else ()), *own
+        ]  # fmt: skip
 
 
 def analyse(
@@ -130,7 +134,10 @@ def analyse(
     regular = [one for one in own.choices if one.role == "regular"]
     queried = conditions if regular else ()  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
-    rated = measures(own, used, scales)
+    every_rated = measures(own, used, scales)
+    ranked = explained(own.importance, every_rated, used, intervals=intervals)
+    of_explanations = set(ranked.items) if ranked else set()
+    rated = [one for one in every_rated if (one.item.questionnaire, one.item.key) not in of_explanations]
     return Findings(
         who=who,
         analysed=tuple(one.code for one in kept),
@@ -157,6 +164,7 @@ def analyse(
         further=further(own, rated, designs, used, list(combinations(queried, 2)))
         if (intervals if beside is None else beside)
         else None,
+        explained=ranked,
         devices=_devices(own.choices, {one.code: one for one in kept}),
     )
 

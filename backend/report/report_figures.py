@@ -18,6 +18,7 @@ from backend.explain.pictures import Picture, Rows, blank, quiet
 from backend.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
 from backend.report.analysis_plan import METRICS
 from backend.report.choice_findings import Pair
+from backend.report.explanation_figures import explanation_pictures
 from backend.report.findings import Findings
 from backend.report.item_tests import ItemResult
 from backend.report.planned_design import Assumed
@@ -28,7 +29,7 @@ PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the da
 
 def pictures(found: Findings) -> list[Picture]:
     """All figures of the report that the data allow, in its order."""
-    drawn = []
+    drawn = explanation_pictures(found.explained) if found.explained else []
     if found.items:
         drawn.append(items_picture(found))
     if found.rankings:

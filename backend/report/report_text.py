@@ -14,6 +14,12 @@ from backend.report.choice_text import (
     personalised_section,
     personalised_sentence,
 )
+from backend.report.explanation_text import (
+    RANKINGS_TITLE,
+    RATED_TITLE,
+    explanation_brief,
+    explanation_sections,
+)
 from backend.report.findings import Findings
 from backend.report.further_text import further_sections
 from backend.report.rating_text import items_section, rankings_section, scales_section
@@ -42,6 +48,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
     """The report's parts in order; a part without data is left out."""
     parts = [
         _people(found),
+        *explanation_sections(found),
         items_section(found),
         rankings_section(found),
         scales_section(found),
@@ -58,6 +65,8 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         "Agreement": "agreement",
         "What changes where choices differ": "disagreement",
         "Does it personalise?": "personalised",
+        RANKINGS_TITLE: "ranking_agreement",
+        RATED_TITLE: "explanation_ratings",
     }
     return [
         replace(part, pictures=[shown[of_part[part.title]]]) if of_part.get(part.title) in shown else part
@@ -68,7 +77,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
 
 def brief(found: Findings) -> list[str]:
     """The result in a few sentences."""
-    sentences = [_who(found)]
+    sentences = [_who(found), *explanation_brief(found)]
     if found.items:
         differ = [named(one.item.key) for one in found.items if one.significant(found.plan.alpha)]
         tests = " and ".join(dict.fromkeys(test.test for one in found.items for test in one.tests))

@@ -95,6 +95,22 @@ class Guess:
 
 
 @dataclass(frozen=True)
+class ImportanceRanking:
+    """One trial of chapter 8. ranking: the scene's objects, the most important first. scores: object -> how much it
+    moved the robot where it stood, 0 to 1. outline, lidar: what of that was shown. role: `regular` counts."""
+
+    person: str
+    condition: str
+    query: str
+    role: str
+    outline: bool
+    lidar: bool
+    ranking: Sequence[str]
+    scores: Mapping[str, float]
+    decision_s: float | None = None
+
+
+@dataclass(frozen=True)
 class ItemText:
     """An item as its questionnaire words it, in the report's language. options: value -> label. lowest, points: the
     ends of its scale; type `score`: of a validated scale of several items.
@@ -131,6 +147,7 @@ class StudyData:
     newest: Mapping[str, Any] | None = None
     scales: Sequence[tuple[str, Scale]] = ()
     guesses: Sequence[Guess] = ()
+    importance: Sequence[ImportanceRanking] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
@@ -140,13 +157,15 @@ class StudyData:
             ratings=[one for one in self.ratings if one.person in codes],
             comparisons=[one for one in self.comparisons if one.person in codes],
             guesses=[one for one in self.guesses if one.person in codes],
+            importance=[one for one in self.importance if one.person in codes],
         )
 
     @property
     def conditions(self) -> tuple[str, ...]:
         """What is compared, by the alphabet, so that no table depends on who came first: the conditions of regular
-        queries; in a study without queries those that were rated, as an evaluation's controllers."""
+        queries, or of importance rankings; without either those that were rated, as an evaluation's controllers."""
         queried = {one.condition for one in self.choices if one.role == "regular"}
+        queried |= {one.condition for one in self.importance if one.role == "regular"}
         return tuple(sorted(queried or {one.condition for one in self.ratings if one.condition is not None}))
 
     def item(self, questionnaire: str, key: str) -> ItemText:

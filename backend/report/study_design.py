@@ -15,7 +15,7 @@ from typing import Any
 from backend.report.study_data import StudyData
 
 Levels = Mapping[str, Sequence[str]]
-CROSSED = ("block", "rating")  # stages whose trials can stand under several conditions
+CROSSED = ("block", "rating", "importance_ranking")  # stages whose trials can stand under several conditions
 CONDITION = "condition"  # the one factor of a study whose protocol does not name one
 
 

@@ -23,6 +23,7 @@ TESTS_FILE = "tests.csv"
 POLICIES_FILE = "policies.csv"
 SCALES_FILE = "scales.csv"
 ANSWERS_FILE = "answers.csv"
+RANKINGS_FILE = "importance_rankings.csv"
 FINDINGS_FILE = "findings.json"
 FIGURES_FOLDER = "figures"
 
@@ -55,6 +56,8 @@ def write_study_report(
         write_csv(out / SCALES_FILE, scores)
     if answers := answer_rows(data, found):
         write_csv(out / ANSWERS_FILE, answers)
+    if found.explained:
+        write_csv(out / RANKINGS_FILE, [one.row() for one in found.explained.trials])
     if policies:
         write_csv(out / POLICIES_FILE, [one.row() for one in policies])
     (out / FINDINGS_FILE).write_text(json.dumps(findings_dict(found), indent=1) + "\n", encoding="utf-8")

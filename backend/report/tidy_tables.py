@@ -15,7 +15,17 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import Scale, frozen_items, frozen_scale
-from backend.report.study_data import Choice, Comparison, Guess, ItemText, Load, ParticipantRow, Rating, StudyData
+from backend.report.study_data import (
+    Choice,
+    Comparison,
+    Guess,
+    ImportanceRanking,
+    ItemText,
+    Load,
+    ParticipantRow,
+    Rating,
+    StudyData,
+)
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.dataset.reading import read_dataset
 from backend.store.dataset.writing import answers_of
@@ -97,6 +107,7 @@ def tidy(
             for row in tables["responses"]
             if row["kind"] == "guess" and "right" in row["value"]
         ],
+        importance=list(_importance(tables)),
     )
 
 
@@ -115,7 +126,7 @@ def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:
         state=last.get("state", "none"),
         order=tuple(order),
         groups=(last.get("assignment") or {}).get("groups", {}),
-        own_policy=next((one["personalisation"] for one in reversed(sessions) if one["personalisation"]), None),
+        own_policy=next((one["personalisation"] for one in reversed(sessions) if one.get("personalisation")), None),
     )
 
 
@@ -149,6 +160,24 @@ def _comparison(trial: Row, answer: Row) -> Comparison | None:
         opponent=arms.get("lent") or opponent,
         stand_in=bool(arms.get("stand_in")),
     )
+
+
+def _importance(tables: Tables) -> Iterator[ImportanceRanking]:
+    trials = {row["trial"]: row for row in tables["trials"]}
+    for row in tables["responses"]:
+        if row["kind"] == "importance_ranking" and row["trial"]:
+            trial, value = trials[row["trial"]], row["value"]
+            yield ImportanceRanking(
+                person=row["participant"],
+                condition=trial["block"] or trial["view"],
+                query=trial["query"],
+                role=trial["role"],
+                outline=bool(value["outline"]),
+                lidar=bool(value["lidar"]),
+                ranking=tuple(value["ranking"]),
+                scores={str(thing): float(score) for thing, score in value["scores"].items()},
+                decision_s=row["decision_s"],
+            )
 
 
 def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[Rating]:
