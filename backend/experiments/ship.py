@@ -18,6 +18,7 @@ from backend.experiments.shipping.query_sets import (
     ship_varied_queries,
 )
 from backend.experiments.shipping.stand_ins import ship_stand_ins
+from backend.experiments.shipping.step_bases import ship_step_basis
 from backend.learning.shipped_files import DATASETS
 from backend.simulation.setups import SETUPS
 
@@ -25,7 +26,7 @@ from backend.simulation.setups import SETUPS
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
     kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "manner-queries")
-    more = ("triples", "stand-ins", "population-priors")
+    more = ("triples", "stand-ins", "population-priors", "step-basis")
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
@@ -44,6 +45,8 @@ def main() -> None:
         ship_population_priors(arguments.setup, on_progress=show)
     elif arguments.what == "manner-queries":
         ship_manner_queries(*given, count=arguments.count)
+    elif arguments.what == "step-basis":
+        ship_step_basis(*given)
     elif arguments.what == "varied-queries":
         ship_varied_queries(*given, count=arguments.count)
     elif arguments.what in ("queries", "triples"):

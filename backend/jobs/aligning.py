@@ -26,6 +26,7 @@ from backend.jobs.answers import (
     snapshot_of,
 )
 from backend.jobs.context import JobContext
+from backend.jobs.free_form import free_form
 from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
 from backend.jobs.kinds import AlignParams, ConditionedAlignParams
 from backend.learning.alignment.never_worse import JUDGING_SEED, SCENES, better_for_person
@@ -82,7 +83,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
     context.progress(0.03)
     made = aligned(context, params, base, model)
-    believed = None
+    believed, independent = None, of_participant
     if params.surely_better:  # else nobody asks, and it takes seconds
         independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
         earlier = earlier_people(context, params.earlier, setup, params.symmetry)
@@ -90,6 +91,10 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     verdict = None
     if believed is not None and made.may_be_shown:
         verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
+    if believed is not None and not (verdict is not None and verdict.passed):
+        otherwise = free_form(context, params, base, believed[0], [one for of in independent.values() for one in of])
+        if otherwise is not None and otherwise[0].may_be_shown and otherwise[1].passed:
+            made, verdict = otherwise
     may_be_shown = made.may_be_shown and (verdict is None or verdict.passed)
     own = {
         **({"personal": verdict.as_dict()} if verdict is not None else {}),

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from backend.jobs import aligning
+from backend.jobs import aligning, free_form
 from backend.jobs.aligning import align
+from backend.jobs.answers import posterior_of_person, preferences_of
+from backend.jobs.answers import snapshot_of as snapshot_artefact_of
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kept_artefacts import ArtefactError
 from backend.jobs.kinds import ConditioningSearchParams, FineTuningParams, InstantParams, RewardModelParams
@@ -118,6 +120,29 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     expected = load_conditioned("study_room/conditioned").at(weights)
     assert np.allclose(made.actor[1], expected.actor[1], atol=1e-3)  # the card rounds the weights
     assert not made.critic
+
+
+def test_who_wants_what_no_objective_names_gets_a_policy_trained_on_their_own_reward(services, monkeypatch):
+    monkeypatch.setitem(free_form.UPDATES, "instant", 30)
+    found = {}
+    for oracle in ("min-human-distance", "network:31"):
+        params = InstantParams(
+            snapshot=snapshot_of(services, answers=15, oracle=oracle), gate_scenes=50, comparisons=2, surely_better=0.9
+        )
+        context = begin(services, "align", params.model_dump())
+        of_participant = preferences_of(context, snapshot_artefact_of(context, params.snapshot)[1])
+        believed = posterior_of_person(of_participant)
+        answers = [one for of_one in of_participant.values() for one in of_one]
+        base = load_policy("study_room/base")
+        found[oracle] = believed[0], free_form.free_form(context, params, base, believed[0], answers)
+    assert found["min-human-distance"][0].something_else() < 0.5
+    assert found["min-human-distance"][1] is None, "the nine objectives say it"
+    assert found["network:31"][0].something_else() >= 0.5
+    made, verdict = found["network:31"][1]
+    assert len(made.results["step_weights"]) == 24
+    assert 0 <= verdict.probability_better <= 1
+    assert made.gate.success_rate > 0.9
+    assert made.policy.recovery_policies
 
 
 def test_the_own_policy_is_compared_although_the_lender_was_erased_meanwhile(services):

@@ -11,6 +11,7 @@ import pytest
 
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.errors import LearningError
+from backend.learning.measures.step_basis import StepBasis
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
 from backend.learning.policies.policy import Policy
@@ -31,8 +32,9 @@ EXPECTED = {
     "study_room/queries_500",
     "study_room/queries_triples_50",
     *(f"{setup}/queries_varied_200" for setup in ("open_field", "study_room")),
+    "study_room/step_basis",
 }
-KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet}
+KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet, "step_basis": StepBasis}
 
 
 def test_everything_promised_is_shipped() -> None:

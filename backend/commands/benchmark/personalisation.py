@@ -110,6 +110,34 @@ def people(
     say(result, as_json)
 
 
+@commands.command()
+@plain_errors
+def people_policies(
+    setup: Annotated[str, typer.Option(help="study_room: a setup with a step basis.")] = "study_room",
+    family: Annotated[str, typer.Option(help="Families of the card, comma-separated; tuning or held_out.")] = "tuning",
+    number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family.")] = 4,
+    first: Annotated[int, typer.Option(min=0, help="Number of the first person of each family.")] = 0,
+    answers: Annotated[int, typer.Option(min=2, help="Right ones, each to the pair that tells most.")] = 15,
+    seed: Annotated[int, typer.Option(min=0, help="Of pairs, scenes and trainings.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """What the robot of simulated people outside the nine objectives gains, at once and after fine-tuning, against
+    training on their true reward."""
+    from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, benchmark_people_policies
+    from backend.learning.people.card import people_card
+
+    card = people_card()
+    families = {"tuning": card.tuning, "held_out": card.held_out}.get(family) or tuple(family.split(","))
+    config = PeoplePoliciesConfig(families=families, people=number, first=first, answers=answers, seed=seed)
+    result = benchmark_people_policies(
+        setup, config, lambda one: typer.echo(f"{one['person']}: {one['gain_refined']:.2f}", err=True)
+    )
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
 @commands.command("wants", hidden=True, deprecated=True)
 @commands.command("preferences")
 @plain_errors

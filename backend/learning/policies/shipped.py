@@ -6,6 +6,7 @@ Where their files lie is `shipped_files.py`'s, making them `experiments/ship.py`
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from backend.learning.cards import file_sha256
 from backend.learning.errors import LearningError
@@ -15,6 +16,9 @@ from backend.learning.policies.policy import Policy, stored_format
 from backend.learning.preferences.objectives import parsed_weights
 from backend.learning.queries.queries import QuerySet
 from backend.learning.shipped_files import load_card, resolve, shipped_names
+
+if TYPE_CHECKING:
+    from backend.learning.measures.step_basis import StepBasis
 
 
 def names_policy(reference: str) -> bool:
@@ -64,17 +68,28 @@ def load_queries(name_or_path: str) -> QuerySet:
     return QuerySet.load(resolve(name_or_path))
 
 
-def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet:
+def load_step_basis(setup: str) -> StepBasis | None:
+    """The shipped step basis of a setup, None where there is none. Raises LearningError for a damaged file."""
+    from backend.learning.measures.step_basis import StepBasis  # which reads shipped queries, by this file
+
+    name = f"{setup}/step_basis"
+    return StepBasis.load(resolve(name)) if name in shipped_names() else None
+
+
+def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet | StepBasis:
     """The shipped artefact of that name, its bytes checked against its card.
 
     Raises LearningError if the name is unknown or file and card disagree.
     """
+    from backend.learning.measures.step_basis import StepBasis
+
     path, card = resolve(name), load_card(name)
     if file_sha256(path) != card.sha256:
         raise LearningError(f"{name}: file and card disagree (sha256); restore both from the repository")
-    kinds: dict[str, type[Policy] | type[ConditionedPolicy] | type[QuerySet]] = {
+    kinds: dict[str, type[Policy] | type[ConditionedPolicy] | type[QuerySet] | type[StepBasis]] = {
         "policy": Policy,
         "conditioned_policy": ConditionedPolicy,
         "query_set": QuerySet,
+        "step_basis": StepBasis,
     }
     return kinds[card.kind].load(path)

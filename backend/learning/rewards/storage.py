@@ -11,12 +11,20 @@ from backend.learning.rewards.mlp import MlpRewardModel
 from backend.learning.rewards.mlp_ensemble import MlpEnsembleRewardModel
 from backend.learning.rewards.preference_weights import WeightsRewardModel
 from backend.learning.rewards.reward_model import RewardModel
+from backend.learning.rewards.step_weights import StepWeightsRewardModel
 from backend.simulation.npz import NpzError, from_npz, to_npz
 
 FORMAT = "desirepath-reward-model-1"
 KINDS: dict[str, type[RewardModel]] = {
     model.kind: model
-    for model in (InterfaceRewardModel, LinearRewardModel, MlpRewardModel, MlpEnsembleRewardModel, WeightsRewardModel)
+    for model in (
+        InterfaceRewardModel,
+        LinearRewardModel,
+        MlpRewardModel,
+        MlpEnsembleRewardModel,
+        StepWeightsRewardModel,
+        WeightsRewardModel,
+    )
 }
 
 
