@@ -57,6 +57,9 @@ def test_people_not_answers_are_counted() -> None:
     assert test.direction == "own is mostly chosen over base"
     share = share_over_people(wins, losses)
     assert (share.n, share.mean) == (10, pytest.approx(0.85))
+    assert share_over_people([*wins, 0], [*losses, 0]) == share, "who was asked nothing has no share"
+    with pytest.raises(ValueError, match="shorter"):
+        share_over_people([1, 2], [1])
 
 
 @pytest.mark.parametrize("bad", [[5], [0, 0], [3, -1]])

@@ -121,6 +121,19 @@ def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:
     assert math.isnan(jackknife_se([1.0]))
 
 
+def test_shifts_of_many_people_have_the_ends_of_the_published_tables() -> None:
+    """Critical values at 5 %, two-sided: W = 648 for 60 pairs, U = 317 for 30 and 30."""
+    random = np.random.default_rng(8)
+    values = random.normal(0.2, 1, 60)
+    i, j = np.triu_indices(60)
+    walsh = np.sort((values[i] + values[j]) / 2)
+    assert signed_rank_shift(values)[1] == pytest.approx((walsh[647], walsh[-648]))
+    differences = np.sort(np.subtract.outer(values[:30], values[30:]).ravel())
+    assert rank_sum_shift(values[:30], values[30:])[1] == pytest.approx((differences[316], differences[-317]))
+    assert jackknife_se([1.0, 3.0]) == pytest.approx(1.0)
+    assert math.isnan(jackknife_se([1.0]))
+
+
 def test_shifts_of_many_people_leave_out_0_where_the_approximate_test_says_so() -> None:
     random = np.random.default_rng(5)
     decided = 0

@@ -70,6 +70,7 @@ def test_choices_of_two_are_a_logistic_model() -> None:
     at, low, high = chance_of_the_higher(alone)
     assert low < at < high
     assert at == pytest.approx(special.expit(0.85), abs=0.1)
+    assert special.logit(high) - special.logit(low) == pytest.approx(2 * 1.959964 * alone.first_error, rel=1e-5)
 
 
 def test_what_has_no_fit_says_why() -> None:

@@ -134,6 +134,9 @@ def test_reliability_of_a_scale_counts_turned_items() -> None:
     ]
     assert all(one.of.alpha > 0.85 for one in beside.reliabilities)
     assert "SUS" in said(of, "Reliability of scales")
+    for people, counted in ((3, ["SUS"]), (2, [])):
+        few = made_up_study(Cohort(), people, items=(), rankings=(), scales=[sus], conditions=("x",), queries=0)
+        assert [one.scale for one in found(few)[1].reliabilities] == counted
 
 
 def test_three_policies_have_worths() -> None:

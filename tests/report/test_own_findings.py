@@ -95,6 +95,12 @@ def test_who_was_not_shown_a_policy_as_theirs_is_counted_and_said() -> None:
     assert not any(part.title == "Does it personalise?" for part in sections(nothing_made, [], Path()))
 
 
+def test_two_people_have_both_tests_and_one_has_the_sign_test_only() -> None:
+    both = [one for k in range(2) for one in compared(f"P-{k}", "base", 3, k)]
+    assert found(both).personalised[0].beside.test == "Wilcoxon signed-rank"
+    assert found(both[:3]).personalised[0].beside.test == "Sign test"
+
+
 def test_people_who_were_lent_the_same_policy_are_one() -> None:
     """Ten people, two lent policies: one is bad, one is good. By people 8 of 10 prefer their own; by policies
     nothing is known."""
