@@ -40,14 +40,18 @@ from backend.learning.through_simulation.experts import (
     best_of,
     converged,
     failed_rounds,
+    prefers_slowness,
+    slowed,
     trained_round,
     untrained,
 )
+from backend.learning.through_simulation.slowed import SlowedPolicy
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
 
 Doubles = NDArray[np.float64]
 Tell = Callable[[str], None]
+SLOWED = "slowed"  # the candidate made by a rule
 
 
 def silent(words: str) -> None:
@@ -86,7 +90,7 @@ def train_experts(
     unknown = [name for name in config.preferences if name not in MADE_OF_OBJECTIVES]
     if unknown or not config.preferences:
         raise LearningError(f"preferences = {list(config.preferences)}: known are {', '.join(MADE_OF_OBJECTIVES)}")
-    began, done = time.monotonic(), True
+    began = time.monotonic()
     base = load_policy(f"{setup}/base")
     conditioned = {"conditioned": load_conditioned(f"{setup}/conditioned"), **others}
     for name in config.preferences:
@@ -95,11 +99,11 @@ def train_experts(
         starts = {one: policy.at(told) for one, policy in conditioned.items()}
         recovery = starts["conditioned"].recovery_policies
         starts["base"] = replace(base, recovery_policies=recovery)
-        training = _Expert(folder / setup / name, setup)
+        training = ExpertState(folder / setup / name, setup)
         selection = Selection(weights, base, expert)
         if not training.state["starts"]:
             training.begin(untrained(starts, selection), expert)
-        for start in training.roots()[: config.trained_from]:
+        for start in [source for source in training.roots() if source != SLOWED][: config.trained_from]:
             while not converged(training.gained(start), expert):
                 if time.monotonic() - began > 60 * minutes:
                     return False
@@ -107,11 +111,14 @@ def train_experts(
                 made = trained_round(training.candidate(start), weights, selection, expert, number, recovery, failed)
                 training.add(start, made)
                 tell(f"{name}, from {start}, round {number}: gained {made.gained:.3f}, success {made.success:.3f}")
-        done = done and training.chosen() is not None
-    return done
+        if prefers_slowness(weights) and SLOWED not in training.state["starts"]:
+            kept = slowed([training.candidate(source) for source in training.roots()], selection)
+            training.begin_from(SLOWED, kept)
+            tell(f"{name}: {kept.name}: gained {kept.gained:.3f}, success {kept.success:.3f}")
+    return True
 
 
-class _Expert:
+class ExpertState:
     """What is known of one preference's training, in a folder: `state.json` and the policies of its starts."""
 
     def __init__(self, folder: Path, setup: str) -> None:
@@ -129,8 +136,12 @@ class _Expert:
             of_source.setdefault(one.name.partition(",")[0], one)
         self.state["config"] = config.as_dict()
         for source, one in of_source.items():
-            self.state["starts"][source] = {"rounds": [one.as_dict()]}
-            self._save(source, one)
+            self.begin_from(source, one)
+
+    def begin_from(self, source: str, one: Candidate) -> None:
+        """What training from that source begins with, or all that there is of it."""
+        self.state["starts"][source] = {"rounds": [one.as_dict()]}
+        self._save(source, one)
 
     def roots(self) -> list[str]:
         """Sources, the one that got most untrained first."""
@@ -142,7 +153,10 @@ class _Expert:
     def candidate(self, source: str) -> Candidate:
         """Where training from that source stands."""
         last = self.state["starts"][source]["rounds"][-1]
-        return Candidate(policy=Policy.load(self._folder / f"{source}.npz"), **last)
+        policy = Policy.load(self._folder / f"{source}.npz")
+        if "limit" in last:
+            policy = SlowedPolicy.of(policy, **last["limit"])
+        return Candidate(policy=policy, **{key: value for key, value in last.items() if key != "limit"})
 
     def add(self, source: str, made: Candidate) -> None:
         self.state["starts"][source]["rounds"].append(made.as_dict())
@@ -174,7 +188,7 @@ def benchmark_ceiling(
     expert, in all scenes where these three arrive, told what 15 answers say (`share_true`: told the true weights).
     """
     base = load_policy(f"{setup}/base")
-    experts = {name: _Expert(folder / setup / name, setup) for name in config.preferences}
+    experts = {name: ExpertState(folder / setup / name, setup) for name in config.preferences}
     rows = []
     for seed in config.seeds:
         scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_REPORT_SEED + seed)

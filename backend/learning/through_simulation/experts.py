@@ -21,6 +21,7 @@ from backend.learning.preferences.measures import typical_differences
 from backend.learning.preferences.objectives import NAMES, gains
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
+from backend.learning.through_simulation.slowed import SlowedPolicy
 from backend.learning.through_simulation.uphill import SHARPENING, SharpeningConfig, Uphill
 from backend.simulation.setups import require_same
 
@@ -29,6 +30,8 @@ Floats = NDArray[np.float32]
 FIRST_EXPERT_SEED = 600  # selection scenes that no other training chose on
 SLOW_STEPS = {"study_room": 300, "open_field": 400}
 """By setup, so long an episode may last where a slow robot is preferred: it arrives late."""
+SLOWED_WITHIN_M = (2.2, 2.8)
+SLOWED_TO = (0.3, 0.2, 0.15, 0.1)  # of full speed
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class ExpertConfig:
     def training(self, weights: Doubles, number: int, failed: int = 0) -> SharpeningConfig:
         """Of one round: what all of `aim` is gained for is this preference alone. failed: rounds just before that added
         nothing; each halves the learning rate."""
-        slow = weights[NAMES.index("slower_near_person")] > 0
+        slow = prefers_slowness(weights)
         usual = SHARPENING[self.setup]
         return replace(
             usual,
@@ -89,7 +92,10 @@ class Candidate:
     may: bool
 
     def as_dict(self) -> dict[str, Any]:
-        return {"name": self.name, "gained": self.gained, "success": self.success, "may": self.may}
+        said = {"name": self.name, "gained": self.gained, "success": self.success, "may": self.may}
+        if isinstance(self.policy, SlowedPolicy):
+            return said | {"limit": {"near_m": self.policy.near_m, "most": self.policy.most}}
+        return said
 
 
 class Selection:
@@ -168,6 +174,25 @@ def converged(gained: Sequence[float], config: ExpertConfig) -> bool:
     if len(gained) <= config.patience:
         return False
     return gained[-1] - gained[-1 - config.patience] <= config.enough * max(abs(gained[-1]), 1e-6)
+
+
+def slowed(found: Sequence[Candidate], selection: Selection) -> Candidate:
+    """The best of these candidates driven slowly beside the person, by a rule."""
+    return best_of(
+        [
+            selection.judged(
+                f"{one.name}, slowed to {most:g} within {near:g} m", SlowedPolicy.of(one.policy, near, most)
+            )
+            for one in found
+            for near in SLOWED_WITHIN_M
+            for most in SLOWED_TO
+        ]
+    )
+
+
+def prefers_slowness(weights: Doubles) -> bool:
+    """Whether slow driving beside the person is part of the preference."""
+    return bool(weights[NAMES.index("slower_near_person")] > 0)
 
 
 def failed_rounds(gained: Sequence[float]) -> int:

@@ -11,14 +11,17 @@ import pytest
 from backend.experiments.benchmarks.headline import FIRST_REPORT_SEED, true_weights
 from backend.experiments.benchmarks.policy_ceiling import (
     CeilingConfig,
+    ExpertState,
     benchmark_ceiling,
     summarise,
     train_experts,
     way_to,
 )
 from backend.learning.errors import LearningError
+from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.steerability import Course
+from backend.learning.preferences.measures import MEASURES
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.through_simulation.experts import (
     Candidate,
@@ -30,6 +33,7 @@ from backend.learning.through_simulation.experts import (
     trained_round,
     untrained,
 )
+from backend.learning.through_simulation.slowed import SlowedPolicy
 
 TINY = ExpertConfig("study_room", round_steps=2, batch=6, selection_scenes=30, most_rounds=1)
 FAR = "min-human-distance"
@@ -97,6 +101,28 @@ def test_a_stopped_run_goes_on_and_nothing_of_ours_beats_its_expert(tmp_path: Pa
     assert chosen >= max(one["rounds"][0]["gained"] for one in of_starts.values())
     with pytest.raises(LearningError, match="faces-person"):
         train_experts("study_room", tmp_path, {}, replace(config, preferences=("faces-person",)), TINY)
+
+
+def test_a_rule_that_slows_down_beside_the_person_is_a_candidate_and_kept(tmp_path: Path) -> None:
+    slow = "slow-near-person"
+    config = CeilingConfig(preferences=(slow,))
+    quick = replace(TINY, slow_batch=2, round_steps=1, selection_scenes=12)
+    assert train_experts("study_room", tmp_path, {}, config, quick)
+    kept = ExpertState(tmp_path / "study_room" / slow, "study_room")
+    limit = kept.state["starts"]["slowed"]["rounds"][0]["limit"]
+    chosen = kept.chosen()
+    assert isinstance(chosen.policy, SlowedPolicy)
+    assert (chosen.policy.near_m, chosen.policy.most) == (limit["near_m"], limit["most"])
+    course = Course(scene_set("study_room", 12, purpose=Purpose.ALIGN_SELECT, seed=45))
+    usual, limited = course.rollout(load_policy("study_room/base")), course.rollout(chosen.policy)
+    k = MEASURES.index("speed_near_person_m_s")
+    both = usual.success & limited.success
+    assert limited.measured[both, k].mean() < 0.6 * usual.measured[both, k].mean()
+    seen = np.zeros((2, 66), dtype=np.float32)
+    seen[1, 2] = 1.0
+    near, far = chosen.policy.rollout_policy.act(seen)[:, 0]
+    assert near <= 2 * limit["most"] - 1 + 1e-6
+    assert far == pytest.approx(Policy.act(chosen.policy, seen)[1, 0])
 
 
 def test_the_way_to_the_expert_is_of_where_all_three_arrive() -> None:
