@@ -55,9 +55,12 @@ def query_sets() -> dict[str, str]:
 def create(
     file: Path,
     name: Annotated[str | None, typer.Option(help="Name of the study; default the protocol's title.")] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Without a pilot: whoever joins counts. Default: pilots, until `study live`.")
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Open a study from a protocol; prints its id and recruiting link."""
+    """Open a study from a protocol, as a pilot first; prints its id and recruiting link."""
     from backend.store.shipped_policies import register_shipped
     from backend.study.protocol.freezing import freeze
     from backend.study.studies import create_study
@@ -67,9 +70,32 @@ def create(
     with database.transaction() as s:
         register_shipped(s, files)
         study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)
+        study.pilot = not live
         base = (get_settings().public_url or f"http://127.0.0.1:{get_settings().port}").rstrip("/")
-        result = {"study": study.id, "link": f"{base}/join/{study.recruiting_token}"}
+        result = {"study": study.id, "link": f"{base}/join/{study.recruiting_token}", "pilot": study.pilot}
     say(result, as_json)
+    if not live:
+        typer.echo(f"Who joins now is a pilot and counts in no number; `desirepath study live {study.id}`", err=True)
+
+
+@commands.command("live")
+@plain_errors
+def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_json: JsonFlag = False) -> None:
+    """End a study's pilot: whoever joins from now on counts. Pilot participants stay pilots."""
+    from backend.store.audit import record
+    from backend.store.events import log_event
+    from backend.store.models import Study
+
+    database, _ = open_store()
+    with database.transaction() as s:
+        found = s.get(Study, study, with_for_update=True)
+        if found is None:
+            raise ValueError(f"no study with id {study!r}; `desirepath study list` names them")
+        if found.pilot:
+            found.pilot = False
+            log_event(s, "pilot_ended", study_id=found.id, by=COMMAND_LINE)
+            record(s, "study_pilot_changed", by=COMMAND_LINE, study_id=found.id, pilot=False)
+    say({"study": study, "pilot": False}, as_json)
 
 
 @commands.command("list")
@@ -90,6 +116,7 @@ def list_studies(as_json: JsonFlag = False) -> None:
                 "name": study.name,
                 "protocol": f"{study.protocol_name} v{study.protocol_version}",
                 "state": study.state,
+                "pilot": study.pilot,
                 "participants": counts.get(study.id, 0),
             }
             for study in s.scalars(select(Study).order_by(Study.created_at))

@@ -52,7 +52,7 @@ def loopback_server(
     log = log or settings.data / "loopback-server.log"
     with log.open("wb") as out:
         process = subprocess.Popen(
-            [sys.executable, "-m", "backend.experiments.ends_with_parent", "serve", *arguments],
+            [sys.executable, "-m", "backend.commands.ends_with_parent", "serve", *arguments],
             env=environment,
             stdin=subprocess.PIPE,
             stdout=out,

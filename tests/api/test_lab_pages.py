@@ -27,6 +27,7 @@ from backend.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.api.lab_services import NAME, QUICK, Walked, csrf, sign_in
+from tests.study.small_protocol import small_protocol
 
 STAGE_SHOWN = 'id="stage-cover" hidden'
 LINKED_NUMBER = re.compile(r'<a class="number" href="([^"]+)">(\d+)</a>')
@@ -506,3 +507,21 @@ def test_an_answer_is_replayed_as_its_participant_saw_it(lab, lab_services, walk
 
 def _sides(trial: Trial) -> tuple[str, str]:
     return trial.trajectory_a, trial.trajectory_b
+
+
+def test_what_was_rated_after_watching_stands_in_the_report_and_leads_to_its_rows(lab, lab_services, tmp_path):
+    scale = {"question": {"en": "How did you like it?"}, "points": 5, "low": {"en": "no"}, "high": {"en": "yes"}}
+    asked = {"rating": {"each": ["top_down", "first_person"], "count": 3, "scale": scale}}
+    with lab_services.database.transaction() as s:
+        study = create_study(s, lab_services.files, small_protocol(tmp_path, [asked]), name="Rated", created_by=None)
+    walk_in_process(lab_services.database, lab_services.files, study, 2)
+    here = f"/lab/studies/{study.id}"
+    report = lab.get(f"/api/lab/studies/{study.id}/report?who=simulated").json()
+    found = {one["under"].rpartition(".")[2]: (one["n"], one["people"], one["points"]) for one in report["ratings"]}
+    assert found == {"top_down": (6, 2, 5), "first_person": (6, 2, 5)}
+    page = lab.get(f"{here}/report?who=simulated").text
+    assert "How did you like it?" in page
+    links = [one for one in LINKED_NUMBER.findall(page) if "kind=rating" in one[0]]
+    assert [number for _, number in links] == ["6", "6"]
+    for href, number in links:
+        assert rows_shown(lab.get(urljoin(f"{here}/report", html.unescape(href))).text) == int(number), href

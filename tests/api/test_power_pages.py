@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import html
+import os
 import re
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 from fastapi.testclient import TestClient
 
 from backend.api.core.dependencies import Services
+from backend.api.lab.power_runs import PowerAsked
+from backend.jobs.process import ONE_THREAD
 from backend.study.planned_power import plan_power
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from tests.api.lab_services import Walked, csrf
@@ -28,6 +33,22 @@ stages:
       trials: [{queries: {count: 2}}]
       after: [{questionnaire: {use: interface_items}}]
   - debriefing: {text: texts/debriefing.md, completion_code: random}
+"""
+SELECT = re.compile(r'<select id="([a-z]+)"[^>]*>(.*?)</select>', re.DOTALL)
+BEGINS = f"""
+import time
+from pathlib import Path
+from backend.api.lab.power_runs import PowerAsked, PowerRuns
+from backend.settings import Settings
+
+def children():
+    return [one for task in Path("/proc/self/task").iterdir() for one in (task / "children").read_text().split()]
+
+PowerRuns(Settings(_env_file=None)).begin("hash", PowerAsked(), {str(PROTOCOLS / "interface_study.yaml")!r})
+while not children():
+    time.sleep(0.05)
+print(*children(), flush=True)
+time.sleep(600)
 """
 ASKED = {"participants": "5, 8", "effect": "1", "cohorts": "20"}
 LONGEST_S = 240
@@ -82,6 +103,45 @@ def test_what_cannot_be_asked_is_said_beside_the_field(lab: TestClient):
         assert told in html.unescape(refused.text)
         assert 'aria-invalid="true"' in refused.text
     assert lab.get(f"{draft}/power/power.csv").status_code == 404
+
+
+def test_the_condition_and_the_item_of_the_effect_are_chosen_on_the_page(lab: TestClient):
+    draft = drafted(lab)
+    page = lab.get(f"{draft}/power").text
+    choices = {name: re.findall(r"<option[^>]*>([a-z_]+)<", of) for name, of in SELECT.findall(page)}
+    assert choices["condition"] == ["top_down", "first_person"]
+    assert choices["item"][:2] == ["ease", "confidence"]
+    assert "ranking" not in choices, "nothing is ranked in this protocol"
+    chosen = {"participants": "5", "cohorts": "20", "condition": "top_down", "item": "fun"}
+    shown = html.unescape(lab.get(f"{draft}/power", params=chosen).text)
+    assert "<option selected>fun</option>" in shown
+    refused = lab.post(f"{draft}/power", data={"csrf": csrf(lab, f"{draft}/power"), **chosen, "item": "nonsense"})
+    assert refused.status_code == 422
+    assert "Item: this protocol has no such one." in html.unescape(refused.text)
+    asked = PowerAsked.of(chosen, choices)
+    assert asked.command("FILE").endswith("--participants 5 --cohorts 20 --condition top_down --item fun")
+    assert PowerAsked.of(asked.query, choices) == asked
+
+
+def test_an_analysis_ends_with_the_server_that_began_it(tmp_path: Path):
+    """Killed with no time for anything, it leaves no process that computes on for minutes."""
+    own = {**os.environ, **ONE_THREAD, "DESIREPATH_DATA": str(tmp_path)}
+    server = subprocess.Popen([sys.executable, "-c", BEGINS], stdout=subprocess.PIPE, text=True, env=own)
+    assert server.stdout is not None
+    child = int(server.stdout.readline())
+    server.kill()
+    server.wait()
+    until = time.monotonic() + 60
+    while runs(child):
+        assert time.monotonic() < until, "it computes on"
+        time.sleep(0.1)
+
+
+def runs(process: int) -> bool:
+    try:
+        return bool(Path(f"/proc/{process}/cmdline").read_bytes())  # empty for one that ended and nobody asked after
+    except FileNotFoundError:
+        return False
 
 
 def test_a_study_that_is_there_has_the_same_page_and_is_named_by_its_id(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from backend.cli import app
 from backend.commands.jobs import JOB_KINDS
 from backend.jobs.kinds import ALIGNMENTS, KINDS
 from backend.settings import get_settings
+from backend.study.protocol.freezing import PROTOCOLS
 
 RUN = CliRunner()
 
@@ -42,6 +44,19 @@ def test_an_unknown_policy_is_refused_before_a_job_is_made():
     assert told.exit_code == 1
     assert "nonsense" in told.stderr
     assert RUN.invoke(app, ["jobs", "list", "--json"]).stdout == '{"jobs": []}\n'
+
+
+def test_a_study_begins_as_a_pilot_until_it_is_said_to_be_live():
+    protocol = str(PROTOCOLS / "quick_demonstration_study.yaml")
+    piloted = RUN.invoke(app, ["study", "create", protocol, "--json"])
+    study = json.loads(piloted.stdout)
+    assert study["pilot"] is True
+    assert f"desirepath study live {study['study']}" in piloted.stderr
+    assert json.loads(RUN.invoke(app, ["study", "create", protocol, "--live", "--json"]).stdout)["pilot"] is False
+    assert RUN.invoke(app, ["study", "live", study["study"]]).exit_code == 0
+    listed = json.loads(RUN.invoke(app, ["study", "list", "--json"]).stdout)["studies"]
+    assert {one["pilot"] for one in listed} == {False}
+    assert "no study with id 'nope'" in RUN.invoke(app, ["study", "live", "nope"]).stderr
 
 
 def test_an_export_is_told_in_a_few_lines(tmp_path: Path):

@@ -84,8 +84,9 @@ class AnswerFilter:
 
     who: people (of the live study), pilot or simulated. usable: what analyses use. sign: those behind a flag of
     `monitoring.py`. own: of comparisons with the base policy and guesses `asked` all, `chosen` or `not_chosen`. item:
-    questionnaires in which this item was answered. again: of repeated queries `asked` all whose first answer is there,
-    `same` or `other`. given: without pages that were only read.
+    questionnaires in which this item was answered. under: steps whose key begins so, as those of one condition. again:
+    of repeated queries `asked` all whose first answer is there, `same` or `other`. given: without pages that were only
+    read.
     """
 
     kind: str | None = None
@@ -94,6 +95,7 @@ class AnswerFilter:
     own: str | None = None
     participant: str | None = None
     step: str | None = None
+    under: str | None = None
     item: str | None = None
     again: str | None = None
     who: str | None = None
@@ -157,6 +159,8 @@ def _query(s: DatabaseSession, study_id: str, where: AnswerFilter) -> Select[*tu
         query = query.where(not_left_out())
     if where.given:
         query = query.where(Response.kind.not_in(PAGES_READ))
+    if where.under:
+        query = query.where(Response.step_key.startswith(f"{where.under}.", autoescape=True))
     if where.choice:
         query = query.where(Response.value["choice"].as_string() == where.choice)
     if where.item:

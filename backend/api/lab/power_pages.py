@@ -23,7 +23,9 @@ from backend.api.lab.new_study import TheDraft
 from backend.api.lab.power_runs import NUMBERS, PowerAsked, PowerAskedError, TooManyError
 from backend.api.lab.study_tabs import the_study
 from backend.store.query_sets import query_sets_here
+from backend.study.grammar.conditions import Ordered
 from backend.study.kinds.comparison import ComparisonStage
+from backend.study.kinds.rating import RATING, RatingStage
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.session.versions import newest_protocol
 
@@ -32,6 +34,7 @@ MORE = ("items_alike", "drop_out", "shown", "cohorts")  # fields that few will c
 
 
 Written = Annotated[str, Field("", max_length=60)]
+Named = Annotated[str, Field("", max_length=200)]
 
 
 class PowerForm(BaseModel):
@@ -47,6 +50,9 @@ class PowerForm(BaseModel):
     drop_out: Written
     shown: Written
     cohorts: Written
+    condition: Named
+    item: Named
+    ranking: Named
 
 
 @dataclass(frozen=True)
@@ -129,7 +135,7 @@ def _power_page(
     if given is None:
         given = dict(request.query_params)
         try:
-            asked = PowerAsked.of(given)
+            asked = PowerAsked.of(given, _places(subject.frozen))
         except PowerAskedError as wrong:
             problem = wrong
         run = _runs(request).find(subject.frozen.hash, asked) if given and problem is None else None
@@ -147,6 +153,7 @@ def _power_page(
         status=422 if problem else 503 if busy else 200,
         given=asked.query | given,
         fields={name: NUMBERS[name] for name in _fields(subject.frozen)},
+        places={name: there for name, there in _places(subject.frozen).items() if len(there) > 1},
         more=MORE,
         problem=problem,
         busy=busy,
@@ -166,10 +173,26 @@ def _fields(frozen: FrozenProtocol) -> list[str]:
     return [name for name in NUMBERS if name not in left_out]
 
 
+def _places(frozen: FrozenProtocol) -> dict[str, list[str]]:
+    """Where an effect can be assumed, by keys: conditions and levels of factors, what is rated, what is ranked."""
+    stages = [one for one in frozen.protocol.all_stages if isinstance(one, Ordered)]
+    factors = [of for one in stages for of in (one.each, one.one_of) if of]
+    levels = [level for of in factors for there in of.values() for level in there]
+    named = [cell.name for one in stages for group in range(len(one.groups)) for cell in one.conditions(group)]
+    blocks = [block for of in frozen.questionnaires.values() for block in of.blocks]
+    items = [item for block in blocks for item in block.items]
+    rated = [item.key for item in items if item.type == "scale" and item.instructed is None]
+    scales = [block.scale for block in blocks if block.scale]
+    shown = [RATING] if any(isinstance(one, RatingStage) for one in stages) else []
+    ranked = [item.key for item in items if item.type == "ranking"]
+    found = {"condition": [*named, *levels], "item": [*rated, *scales, *shown], "ranking": ranked}
+    return {name: [one for one in dict.fromkeys(there) if one] for name, there in found.items()}
+
+
 def _begin(request: Request, subject: _Subject, form: PowerForm) -> Response:
     given = form.model_dump()
     try:
-        asked = PowerAsked.of(given)
+        asked = PowerAsked.of(given, _places(subject.frozen))
         _runs(request).begin(subject.frozen.hash, asked, subject.source)
     except PowerAskedError as wrong:
         return _power_page(request, subject, given=given, problem=wrong)
@@ -180,7 +203,7 @@ def _begin(request: Request, subject: _Subject, form: PowerForm) -> Response:
 
 def _file(request: Request, subject: _Subject, name: str) -> Response:
     try:
-        run = _runs(request).find(subject.frozen.hash, PowerAsked.of(request.query_params))
+        run = _runs(request).find(subject.frozen.hash, PowerAsked.of(request.query_params, _places(subject.frozen)))
     except PowerAskedError:
         run = None
     if run is None or name not in run.files:

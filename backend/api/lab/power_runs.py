@@ -14,7 +14,7 @@ import sys
 import tempfile
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -63,32 +63,41 @@ COHORTS = (
 )
 
 
-class PowerAskedError(ValueError):
-    """A field that cannot be. name: of the field; low, high: what it can be between."""
+PLACES = ("condition", "item", "ranking")
+"""Where the effect is, as the command's options name it; left out, the command takes the last, the first, the first."""
 
-    def __init__(self, name: str, low: float, high: float) -> None:
+
+class PowerAskedError(ValueError):
+    """A field that cannot be. name: of the field; low, high: what it can be between, None where it is one of a list."""
+
+    def __init__(self, name: str, low: float | None = None, high: float | None = None) -> None:
         self.name, self.low, self.high = name, low, high
-        super().__init__(f"{name} must lie between {low:g} and {high:g}")
+        super().__init__(f"{name} is none of the protocol's" if low is None else f"{name} lies outside {low} to {high}")
 
 
 @dataclass(frozen=True)
 class PowerAsked:
     """What is asked of one protocol. numbers: in the order of NUMBERS, those that are not the usual
-    ones."""
+    ones. places: where the effect is, in the order of PLACES, those that were chosen."""
 
     participants: tuple[int, ...] = (10, 20, 30, 40)
     numbers: tuple[tuple[str, float], ...] = (("cohorts", COHORTS),)
+    places: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, given: Mapping[str, str]) -> PowerAsked:
-        """As a form or an address gives it. Raises PowerAskedError."""
-        return cls(_sizes(given.get("participants", "")), tuple(_numbers(given)))
+    def of(cls, given: Mapping[str, str], there: Mapping[str, Collection[str]]) -> PowerAsked:
+        """As a form or an address gives it. there: what each of PLACES can be. Raises PowerAskedError."""
+        places = [(name, chosen) for name in PLACES if (chosen := given.get(name, "").strip())]
+        for name, chosen in places:
+            if chosen not in there.get(name, ()):
+                raise PowerAskedError(name)
+        return cls(_sizes(given.get("participants", "")), tuple(_numbers(given)), tuple(places))
 
     @property
     def query(self) -> dict[str, str]:
         """The same as `of` reads it."""
         numbers = {name: f"{value:g}" for name, value in self.numbers}
-        return {"participants": ",".join(map(str, self.participants)), **numbers}
+        return {"participants": ",".join(map(str, self.participants)), **numbers, **dict(self.places)}
 
     @property
     def options(self) -> list[str]:
@@ -97,6 +106,8 @@ class PowerAsked:
         for name, value in self.numbers:
             if value != NUMBERS[name].usual:
                 found += [f"--{name.replace('_', '-')}", f"{value:g}"]
+        for name, chosen in self.places:
+            found += [f"--{name}", chosen]
         return found
 
     def command(self, study: str) -> str:
@@ -219,11 +230,13 @@ class PowerRuns:
         run.state = "walking"
         with answer_file.open("wb") as answer:
             child = subprocess.Popen(
-                [sys.executable, "-m", "backend.cli", *asked],
+                [sys.executable, "-m", "backend.commands.ends_with_parent", *asked],
+                stdin=subprocess.PIPE,  # nothing is ever written: it closes with this process
                 stdout=answer,
                 stderr=subprocess.PIPE,
                 text=True,
                 env=environment_of(self._settings) | ONE_THREAD,
+                start_new_session=True,
             )
         os.setpriority(os.PRIO_PROCESS, child.pid, NICENESS)
         watchdog = threading.Timer(LONGEST_S, child.kill)

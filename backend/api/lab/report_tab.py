@@ -19,6 +19,7 @@ from backend.api.lab import people_rows
 from backend.api.lab.answer_rows import Answer, AnswerFilter, agreement, answers
 from backend.api.lab.people_rows import PersonRow
 from backend.store.models import MARKS, Study
+from backend.study.kinds.rating import RATING, RatingStage
 from backend.study.protocol.freezing import thaw
 
 
@@ -62,6 +63,19 @@ class Item:
 
 
 @dataclass(frozen=True)
+class Rated:
+    """What was rated after watching, under one condition. under: how the keys of its steps begin; question by language;
+    n: ratings; people; points: of the scale; spread over people, of the mean of what each of them rated."""
+
+    under: str
+    question: dict[str, str]
+    points: int
+    n: int
+    people: int
+    spread: Spread
+
+
+@dataclass(frozen=True)
 class Report:
     """All numbers of one kind of participant."""
 
@@ -80,6 +94,7 @@ class Report:
     guesses_right: Share
     personalisation: dict[str, int]
     items: list[Item]
+    ratings: list[Rated]
 
 
 def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> Report:
@@ -110,6 +125,7 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
         guesses_right=_share_of_people(sum(bool(a.own_chosen) for a in guesses), len(guesses)),
         personalisation=dict(Counter(p.personalisation for p in kept if p.personalisation)),
         items=_items(study, given(kind="questionnaire")),
+        ratings=_ratings(study, given(kind=RATING)),
     )
 
 
@@ -189,3 +205,19 @@ def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
                 )
             )
     return items
+
+
+def _ratings(study: Study, given: Sequence[Answer]) -> list[Rated]:
+    """Every condition in which trajectories were rated one by one, as asked first to last."""
+    rated: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for answer in sorted(given, key=lambda a: a.response.created_at):
+        under = answer.response.step_key.rpartition(".")[0]
+        rated[under][answer.code].append(float(answer.response.value[RATING]))
+    scales = {key: one.scale for key, one in thaw(study).protocol.keyed_stages if isinstance(one, RatingStage)}
+    found = []
+    for under, people in rated.items():
+        scale = scales.get(under) or scales.get(under.rpartition(".")[0])
+        spread = _spread([mean(values) for values in people.values()])
+        question, points = (scale.question, scale.points) if scale else ({}, 0)
+        found.append(Rated(under, question, points, sum(map(len, people.values())), len(people), spread))
+    return found

@@ -1,4 +1,4 @@
-"""`python -m backend.experiments.ends_with_parent serve ...`: a `desirepath` command that ends with who started it.
+"""`python -m backend.commands.ends_with_parent serve ...`: a `desirepath` command that ends with who started it.
 
 Also where that one is killed with no time for anything: the pipe that it holds to this process's standard input closes.
 """
@@ -24,4 +24,4 @@ def _watch() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=_watch, daemon=True).start()
-    runpy.run_module("backend.cli", run_name="__main__", alter_sys=True)  # as a process: experiments import no commands
+    runpy.run_module("backend.cli", run_name="__main__", alter_sys=True)
