@@ -91,14 +91,14 @@ def revise(
     from backend.store.audit import record
     from backend.store.models import Study
     from backend.study.protocol.freezing import freeze
-    from backend.study.revising import revise_study, versions_of
+    from backend.study.revising import query_sets_for, revise_study, versions_of
 
     database, files = open_store()
-    frozen = freeze(file, query_sets())
     with database.transaction() as s:
         row = s.get(Study, study)
         if row is None:
             raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
+        frozen = freeze(file, query_sets_for(s, row))
         version = revise_study(s, files, row, frozen, by=COMMAND_LINE)
         record(s, "study_revised", by=COMMAND_LINE, study_id=study, number=version.number)
         on = {line.number: line.people + line.simulated for line in versions_of(s, row)}

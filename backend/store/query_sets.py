@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import select
+from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session, defer
 
 from backend.store.artefact_upkeep import offered
@@ -44,9 +44,13 @@ class StoredQuery:
     duration_b_s: float
 
 
-def query_sets_here(s: Session) -> dict[str, str]:
-    """id -> "name (setup, how many queries)" of every query set of the store that may be used, newest first."""
-    rows = select(Artefact).where(Artefact.kind == "query_set", offered())
+def query_sets_here(s: Session, *, also: str | None = None) -> dict[str, str]:
+    """id -> "name (setup, how many queries)" of every query set of the store that may be used, newest first.
+
+    also: the one that a study shows already, which goes on with it though it was archived meanwhile.
+    """
+    usable = or_(offered(), and_(Artefact.id == also, Artefact.quarantined_at.is_(None))) if also else offered()
+    rows = select(Artefact).where(Artefact.kind == "query_set", usable)
     return {
         found.id: f"{found.name} ({found.setup}, {len(found.card['stored_queries'])} queries)"
         for found in s.scalars(rows.order_by(Artefact.created_at.desc(), Artefact.id))

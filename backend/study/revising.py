@@ -15,10 +15,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import ProtocolVersion, Session, Study
+from backend.store.query_sets import query_sets_here
 from backend.study.plan.counterbalancing import design_of
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.protocol.stages import stage_keys
-from backend.study.protocol_rows import FIRST
+from backend.study.protocol_rows import FIRST, newest_number, protocol_row
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError, materials_of
 
@@ -135,6 +136,12 @@ def _lines(before: FrozenProtocol, after: FrozenProtocol, name: str) -> tuple[st
     gone = len(set(old.splitlines()) - set(new.splitlines()))
     come = len(set(new.splitlines()) - set(old.splitlines()))
     return f"{gone} lines", f"{come} other lines"
+
+
+def query_sets_for(s: DatabaseSession, study: Study) -> dict[str, str]:
+    """Those that the study's next protocol may name: what it shows now, too, where that was archived meanwhile."""
+    now = protocol_row(s, study, newest_number(s, study))
+    return query_sets_here(s, also=now.protocol["materials"]["query_set"])
 
 
 def revise_study(

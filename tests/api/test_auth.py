@@ -13,11 +13,20 @@ from types import SimpleNamespace
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select
+from sqlalchemy import select, update
 
 from backend.api.application import build_services, create_application
 from backend.api.core import auth
-from backend.api.core.auth import COOKIE, DEVICE_COOKIE, ensure_first_user, safe_next
+from backend.api.core.auth import (
+    COOKIE,
+    DEVICE_COOKIE,
+    AccountError,
+    add_user,
+    check_owner_left,
+    ensure_first_user,
+    safe_next,
+    set_role,
+)
 from backend.api.core.throttle import memory_limiter
 from backend.settings import Settings
 from backend.store.models import Event, Setting, SignIn, User, utc_now
@@ -280,3 +289,31 @@ def test_forgotten_password_is_replaced_where_the_server_runs(visitor, lab_servi
     assert visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD}).status_code == 401
     sign_in(visitor, password=told["password"])
     assert visitor.get("/lab/studies").headers["location"] == "/lab/password"
+
+
+def test_two_owners_who_take_the_role_from_each_other_at_once_leave_one(lab_services):
+    """What each of them clicked was allowed; whoever comes second finds nobody else who owns the installation."""
+    add_user(lab_services.database, "ada", "owner")
+    clicks = [("ada", "viewer"), ("experimenter", "viewer")]
+
+    def click(one):
+        try:
+            set_role(lab_services.database, *one)
+        except AccountError as refused:
+            return refused.code
+        return "done"
+
+    with ThreadPoolExecutor(2) as both:
+        assert sorted(both.map(click, clicks)) == ["done", "last_owner"]
+    with lab_services.database.session() as s:
+        assert sorted(s.scalars(select(User.role))) == ["owner", "viewer"]
+
+
+def test_the_last_owner_is_not_removed_by_who_was_one_a_moment_ago(lab, lab_services):
+    token, own = csrf(lab), lab_services.database
+    add_user(own, "ada", "owner")
+    with own.transaction() as s:  # ada took it away between the experimenter's look at the page and their click
+        s.execute(update(User).where(User.name == "experimenter").values(role="viewer"))
+    with own.transaction() as s, pytest.raises(AccountError):
+        check_owner_left(s, "ada")
+    assert lab.post("/lab/settings/accounts/ada/remove", data={"csrf": token}).status_code == 403

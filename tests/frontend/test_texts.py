@@ -36,6 +36,13 @@ def test_every_language_has_the_same_keys_and_placeholders(texts: Texts, name: s
     assert not different
 
 
+def test_numbers_keep_the_decimals_that_they_have(texts: Texts) -> None:
+    shown = {
+        language: [texts.get(language).exact(one) for one in (0.0005, 0.95, 40_000, 2.0)] for language in ("de", "en")
+    }
+    assert shown == {"de": ["0,0005", "0,95", "40.000", "2"], "en": ["0.0005", "0.95", "40,000", "2"]}
+
+
 def test_templates_only_use_texts_that_exist(texts: Texts) -> None:
     missing = [
         f"{file.relative_to(FRONTEND)}: {key}"

@@ -11,9 +11,10 @@ from backend.cli import app
 from backend.store.database import Database
 from backend.store.dataset.importing import import_dataset
 from backend.store.dataset.writing import export_study
-from backend.store.models import Session, Study
+from backend.store.models import Artefact, Session, Study, utc_now
+from backend.store.query_sets import query_sets_here
 from backend.study.protocol.freezing import freeze_text
-from backend.study.revising import differences, revise_study, versions_of
+from backend.study.revising import differences, query_sets_for, revise_study, versions_of
 from backend.study.session.versions import newest_protocol, protocol_of
 from backend.study.studies import StudyError, create_study
 from tests.study.small_protocol import BLOCK, CROSSED, protocol_text, small_protocol
@@ -64,6 +65,19 @@ def test_who_is_under_way_keeps_the_protocol_they_began_with(database, files, st
     assert [(line.number, line.people, line.simulated) for line in lines] == [(1, 1, 0), (2, 1, 0)]
     assert lines[1].changes[0]["field"] == "stages.block.trials[0].queries.count"
     assert lines[1].created_by == "ada"
+
+
+def test_a_query_set_that_was_archived_meanwhile_goes_on_in_its_own_study(database, files, study, tmp_path):
+    used = study.protocol["materials"]["query_set"]
+    with database.transaction() as s:
+        s.get_one(Artefact, used).archived_at = utc_now()
+        assert used not in query_sets_here(s), "no new study is offered it"
+        there = query_sets_for(s, s.get_one(Study, study.id))
+    frozen = freeze_text(protocol_text([BLOCK], version=2, query_set=used), folder=tmp_path, query_sets=there)
+    assert revised(database, files, study, frozen).protocol["materials"]["query_set"] == used
+    with database.transaction() as s:
+        s.get_one(Artefact, used).quarantined_at = utc_now()
+        assert used not in query_sets_for(s, s.get_one(Study, study.id)), "answers behind it were erased"
 
 
 def test_versions_travel_with_the_data(database, files, study, protocol, tmp_path):

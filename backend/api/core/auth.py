@@ -21,6 +21,7 @@ from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import APIRouter, Depends, Form, Request
 from limits import RateLimitItem, parse
 from sqlalchemy import delete, select
+from sqlalchemy.orm import Session as DatabaseSession
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, RedirectResponse, Response
 
@@ -106,14 +107,26 @@ def add_user(database: Database, name: str, role: str) -> str:
 
 
 def set_role(database: Database, name: str, role: str) -> None:
-    """Give an account another role, from the next request on. Raises AccountError for an unknown name or role."""
+    """Give an account another role, from the next request on. Raises AccountError for an unknown name or role, or if no
+    owner would be left."""
     if role not in ROLES:
         raise AccountError("role_unknown", role=role, roles=", ".join(ROLES))
     with database.transaction() as s:
+        if role != "owner":
+            check_owner_left(s, name)
         user = s.scalar(select(User).where(User.name == name))
         if user is None:
             raise AccountError("name_unknown", name=name)
         user.role = role
+
+
+def check_owner_left(s: DatabaseSession, without: str) -> None:
+    """Raises AccountError where nobody but `without` is an owner: two who take the role from each other at once would
+    leave none. Whoever comes second waits here for the first, and then counts as they are by then."""
+    owners = select(User).where(User.role == "owner").order_by(User.id)
+    names = {one.name for one in s.scalars(owners.with_for_update().execution_options(populate_existing=True))}
+    if names == {without}:
+        raise AccountError("last_owner")
 
 
 def reset_password(database: Database, name: str) -> str:

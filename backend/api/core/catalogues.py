@@ -84,6 +84,11 @@ class Catalogue:
         pattern = None if digits is None else "#,##0" + ("." + "0" * digits if digits else "")
         return format_decimal(value, format=pattern, locale=self._locale)
 
+    def exact(self, value: float) -> str:
+        """`value` with as many decimals as it has, up to ten digits: nothing small becomes 0."""
+        digits = f"{value:.10g}"
+        return digits if "e" in digits else self.number(value, len(digits.partition(".")[2]))
+
     def percent(self, value: float, digits: int = 0) -> str:
         """A share from 0 to 1 as a percentage."""
         unit = "\N{NO-BREAK SPACE}%" if self._locale.language == "de" else "%"

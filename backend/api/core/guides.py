@@ -51,6 +51,7 @@ FITTING = {
     "/lab/artefacts": "analysts-guide#what-the-numbers-mean",
     "/lab/compare": "analysts-guide#what-the-numbers-mean",
     "/lab/flow-field": "analysts-guide#flow-fields",
+    "/lab/explain": "analysts-guide#what-moved-the-robot",
 }
 """Route, and all that begin with it -> the part of a guide that says most about it; the longest one counts."""
 _MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")

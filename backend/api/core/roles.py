@@ -21,6 +21,7 @@ class Right(StrEnum):
     TAKE = "take"  # take data sets and learned things away as files
     PAY = "pay"  # see the platform's ids of recruited people beside their codes
     ANALYSE = "analyse"  # take snapshots, start jobs
+    PLAN = "plan"  # have the power of a study computed, which takes minutes of processor
     TIDY = "tidy"  # cancel and retry jobs; rename, archive and delete what they made
     MANAGE = "manage"  # roles, how long data are kept; of the installation: accounts, settings, the audit log
 
@@ -28,8 +29,8 @@ class Right(StrEnum):
 SHARED = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE})
 """Of what belongs to no study (shipped policies, lists, launch forms) these are enough in any one study."""
 
-EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY})
-ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY})
+EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY, Right.PLAN})
+ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY, Right.PLAN})
 ROLES: dict[str, frozenset[Right]] = {
     "owner": frozenset(Right),
     "researcher": EXPERIMENTER | ANALYST,  # one person who does both, as in small labs
@@ -89,7 +90,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/new": Rule(Right.RUN),
     "/lab/new/{draft_id}": Rule(Right.RUN),
     "/lab/new/{draft_id}/power": Rule(Right.RUN),
-    "/lab/studies/{study_id}/power": LOOKING,
+    "/lab/studies/{study_id}/power": Rule(Right.PLAN),
     "/lab/new/{draft_id}/open": Rule(Right.RUN, "study_created"),
     "/lab/preview-stage/{token}/{side}": LOOKING,
     "/lab/studies/{study_id}/state": Rule(Right.RUN, "study_state_changed"),

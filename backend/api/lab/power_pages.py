@@ -65,6 +65,7 @@ class _Subject:
     back: str
     source: str | Path
     named: str
+    study: str | None = None
 
 
 def _of_draft(services: TheServices, draft: TheDraft) -> _Subject:
@@ -82,7 +83,7 @@ def _of_study(services: TheServices, study_id: str) -> _Subject:
         study = the_study(s, study_id)
         frozen = newest_protocol(s, study)[1]
     here = f"/lab/studies/{study.id}"
-    return _Subject(frozen, f"{here}/power", f"{here}/protocol", study.id, study.id)
+    return _Subject(frozen, f"{here}/power", f"{here}/protocol", study.id, study.id, study.id)
 
 
 @router.get("/lab/new/{draft_id}/power")

@@ -28,6 +28,7 @@ from backend.study.kinds import kind_of
 from backend.study.kinds.base import Page
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.protocol.planning import Step, example_queries, make_plan
+from backend.study.revising import query_sets_for
 from backend.study.session.machine import StepView
 from backend.study.session.versions import newest_protocol
 
@@ -114,16 +115,19 @@ def preview_change(
     request: Request, services: TheServices, study_id: str, draft_id: str, number: int, language: str = ""
 ) -> Response:
     back = f"/lab/studies/{study_id}/revise/{draft_id}"
-    return _preview_page(request, _drafted(services, draft_id), number, language, back=back, study_id=study_id)
+    drafted = _drafted(services, draft_id, study_id)
+    return _preview_page(request, drafted, number, language, back=back, study_id=study_id)
 
 
-def _drafted(services: Services, draft_id: str) -> FrozenProtocol:
+def _drafted(services: Services, draft_id: str, study_id: str | None = None) -> FrozenProtocol:
+    """study_id: of which it is to be the next protocol."""
     draft = find_draft(services.settings.data, draft_id)
     if draft is None:
         raise LabRefusal(404, "no_draft")
     try:
         with services.database.session() as s:
-            return draft.freeze(query_sets_here(s))
+            study = s.get(Study, study_id) if study_id is not None else None
+            return draft.freeze(query_sets_here(s) if study is None else query_sets_for(s, study))
     except ProtocolError:
         raise LabRefusal(422, "not_valid") from None
 

@@ -21,11 +21,10 @@ from backend.api.lab.new_study import TheDraft, keep_edits, read_upload, uploade
 from backend.api.lab.preview import first_steps
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.payment_codes import REMOVED, is_payment_code, yaml_without
-from backend.store.query_sets import query_sets_here
 from backend.study.protocol.freezing import ProtocolError, thaw
 from backend.study.protocol.outline import describe_stages, expected_minutes
 from backend.study.protocol_rows import protocol_row
-from backend.study.revising import revise_study, revision_of, versions_of
+from backend.study.revising import query_sets_for, revise_study, revision_of, versions_of
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError
 
@@ -158,7 +157,7 @@ def _check_page(
     with database.session() as s:
         study = the_study(s, study_id)
         try:
-            frozen = shown["frozen"] = draft.freeze(query_sets_here(s))
+            frozen = shown["frozen"] = draft.freeze(query_sets_for(s, study))
             shown |= {
                 "minutes": expected_minutes(frozen.protocol),
                 "stages": describe_stages(frozen.data, frozen.files),
@@ -193,7 +192,7 @@ def make_version(
     """Give whoever joins from now on the new version."""
     try:
         with database.session() as s:
-            frozen = draft.freeze(query_sets_here(s))
+            frozen = draft.freeze(query_sets_for(s, the_study(s, study_id)))
         with database.transaction() as s:
             version = revise_study(s, files, the_study(s, study_id), frozen, by=user.name)
             audit_details(request, version=version.protocol_version, number=version.number)

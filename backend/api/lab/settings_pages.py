@@ -13,7 +13,15 @@ from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.addresses import public_url
 from backend.api.core.auditing import audit_details
-from backend.api.core.auth import AccountError, CheckedCsrf, add_user, checked_csrf, reset_password, set_role
+from backend.api.core.auth import (
+    AccountError,
+    CheckedCsrf,
+    add_user,
+    check_owner_left,
+    checked_csrf,
+    reset_password,
+    set_role,
+)
 from backend.api.core.dependencies import Db, contact
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.roles import ROLES
@@ -125,6 +133,10 @@ def remove_account(name: str, database: Db, user: CheckedCsrf) -> Response:
     if name == user.name:
         raise LabRefusal(422, "own_account")
     with database.transaction() as s:
+        try:
+            check_owner_left(s, name)
+        except AccountError:
+            raise LabRefusal(422, "last_owner") from None
         found = s.scalar(select(User).where(User.name == name))
         if found is None:
             raise LabRefusal(404, "no_account", name=name)
