@@ -1,0 +1,17 @@
+"""The engine under Gymnasium's names, for other libraries: importing this registers them; nothing else is loaded.
+
+import gymnasium, backend.gymnasium_envs
+env = gymnasium.make("desirepath/study_room-v0")        # one reward
+env = mo_gymnasium.make("desirepath/mo-study_room-v0")  # a vector of them
+"""
+
+from __future__ import annotations
+
+from gymnasium.envs.registration import register
+
+SINGLE = "backend.simulation.environments:NavigationEnv"
+MULTIPLE = "backend.learning.preferences.multi_objective_env:MultiObjectiveNavigationEnv"
+
+for _setup in ("open_field", "study_room"):
+    register(f"desirepath/{_setup}-v0", entry_point=SINGLE, kwargs={"setup": _setup})
+    register(f"desirepath/mo-{_setup}-v0", entry_point=MULTIPLE, kwargs={"setup": _setup})

@@ -1,0 +1,55 @@
+"""The engine as a multi-objective environment, opened and wrapped by `mo-gymnasium`."""
+
+from __future__ import annotations
+
+import warnings
+
+import gymnasium
+import mo_gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import backend.gymnasium_envs
+from backend.learning.preferences.multi_objective_env import REWARDS
+from backend.learning.preferences.objectives import NAMES
+from backend.simulation.scenes import draw_scene
+
+IDS = [id for id in gymnasium.registry if id.startswith("desirepath/")]
+
+
+def test_gymnasium_knows_every_setup_with_one_reward_and_with_many() -> None:
+    assert backend.gymnasium_envs
+    assert len(IDS) == 4
+    for name in IDS:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)
+            warnings.filterwarnings("ignore", message=".*(render|spec|reward).*")
+            env = gymnasium.make(name).unwrapped
+            if "mo-" not in name:
+                check_env(env, skip_render_check=True)
+
+
+@pytest.mark.parametrize("setup", ["open_field", "study_room"])
+def test_the_task_stands_first_and_every_objective_is_priced(setup: str) -> None:
+    single = gymnasium.make(f"desirepath/{setup}-v0")
+    many = mo_gymnasium.make(f"desirepath/mo-{setup}-v0")
+    scene, action, terminated = draw_scene(setup, 3), np.array([1.0, 0.4], np.float32), False
+    assert np.array_equal(single.reset(options={"scene": scene})[0], many.reset(options={"scene": scene})[0])
+    while not terminated:
+        observation, reward, terminated, _, _ = many.step(action)
+        assert reward.shape == (1 + len(NAMES),)
+        assert many.unwrapped.reward_space.contains(reward)
+        again, task, *_ = single.step(action)
+        assert np.array_equal(observation, again)
+        assert reward[0] == pytest.approx(task)
+        assert reward[REWARDS.index("smoother")] == pytest.approx(-0.4)
+
+
+def test_a_wrapper_of_the_library_weighs_the_rewards() -> None:
+    weights = np.eye(len(REWARDS), dtype=np.float32)[REWARDS.index("faster")]
+    env = mo_gymnasium.wrappers.LinearReward(mo_gymnasium.make("desirepath/mo-study_room-v0"), weight=weights)
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.array([0.0, 0.0], np.float32))
+    assert reward == pytest.approx(float(info["vector_reward"][REWARDS.index("faster")]))
+    assert reward <= 0
