@@ -50,7 +50,7 @@ def test_the_answer_is_the_final_vector_with_its_history(walk):
     walker = walk(TUNING, BLOCK)
     assert walker.view.payload["start"] == {}
     history = [change("farther", 0.3), change("farther", 0.8), change("closer", 0.4), change("smoother", 1.0)]
-    with pytest.raises(Refused, match="history lead to 0.4"):
+    with pytest.raises(Refused, match=r"history lead to 0\.4"):
         walker.submit("tuning", {"weights": {"farther": 0.8, "smoother": 1.0}, "history": history})
     walker.submit("tuning", {"weights": {"closer": 0.4, "smoother": 1.0}, "history": history})
     value = answer(walker, "tuning").value
