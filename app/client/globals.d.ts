@@ -70,7 +70,7 @@ interface DesirePath {
     along(track: Track, t: number): number[];
     use(names: string[], who?: string, where?: number[]): void;
     walkTo(walked: Track, t: number): void;
-    place(i: number, where: number[]): void;
+    place(i: number, where: number[], watched: boolean): void;
     play(order: Orders["play"]): void;
     rest(start: number[]): void;
     replay(order: Orders["replay"]): void;

@@ -72,10 +72,10 @@
       window.desirePath.viser.pose(person, x, y, yaw);
     },
 
-    /** A robot stands there, the camera with it where it follows. @param {number} i which one @param {number[]} where x, y, yaw */
-    place(i, [x, y, yaw]) {
+    /** A robot stands there. @param {number} i which one @param {number[]} where x, y, yaw @param {boolean} watched the camera follows it where it follows any */
+    place(i, [x, y, yaw], watched) {
       window.desirePath.viser.pose(robots[i], x, y, yaw);
-      if (i === 0) window.desirePath.camera.watch(x, y);
+      if (watched) window.desirePath.camera.watch(x, y);
     },
 
     /** @param {Orders["play"]} order */

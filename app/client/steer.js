@@ -26,6 +26,7 @@
   /** Where each robot is along its path, s. @type {number[]} */
   let along = [];
   let driving = false;
+  let inTurn = false;
   let lastFrame = 0;
   let toldAt = 0;
   let running = false;
@@ -46,7 +47,9 @@
   }
 
   function place() {
-    paths.forEach((path, i) => window.desirePath.player.place(i, at(path, along[i])));
+    const first = along.findIndex((t, i) => t < ends(paths[i]));
+    const watched = inTurn ? first : 0;
+    paths.forEach((path, i) => window.desirePath.player.place(i, at(path, along[i]), i === watched));
   }
 
   /** @param {boolean} over whether all robots have come to their ends */
@@ -120,7 +123,8 @@
     const now = performance.now();
     if (driving) {
       const passed = (now - lastFrame) / 1000;
-      along = along.map((t, i) => Math.min(ends(paths[i]), t + passed));
+      const first = along.findIndex((t, i) => t < ends(paths[i]));
+      along = along.map((t, i) => (inTurn && i !== first ? t : Math.min(ends(paths[i]), t + passed)));
       place();
       const over = along.every((t, i) => t >= ends(paths[i]));
       if (over) driving = false;
@@ -154,6 +158,7 @@
       } else if (message.do === "drive" && paths.length) {
         if (along.every((t, i) => t >= ends(paths[i]))) along = paths.map(() => 0);
         lastFrame = performance.now();
+        inTurn = Boolean(message.in_turn);
         driving = true;
       } else if (message.do === "stop") {
         driving = false;

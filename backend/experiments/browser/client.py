@@ -176,6 +176,9 @@ class BrowserSessionClient:
             self._page.locator("[data-skip]" if value.get("skipped") else "[data-keep]").click()
         elif kind == "evaluation":
             self._page.locator("[data-go-on]").click()
+        elif kind == "meet_your_robot":
+            self._meet(value)
+            self._page.locator("[data-done][aria-disabled=false]").click()
         elif kind == "tuning":
             self._tune(value["weights"])
             self._picture(f"{kind}_{self._view()}")
@@ -185,6 +188,18 @@ class BrowserSessionClient:
             self._press_on(key, value)
         self._page.locator(f".step-body[data-key='{key}']").wait_for(state="detached")
         return {"duplicate": False, **self.state()}
+
+    def _meet(self, value: Mapping[str, Any]) -> None:
+        """Let both robots drive to their ends, say whether that is them, and correct it where the bot does."""
+        page = self._page
+        page.locator("[data-drive][aria-disabled=false]").click()
+        self._picture("meet_driving")
+        page.locator("[data-drive]:not([data-driving])").wait_for()
+        page.locator(f"label:has([data-agreement][value='{value['agreement']}'])").click()
+        if value["history"]:
+            page.locator("[data-correct]").click()
+            self._tune(value["weights"])
+        self._picture("meet_corrected" if value["history"] else "meet_kept")
 
     def _tune(self, weights: Mapping[str, float]) -> None:
         """Put every slider where these weights have it, with the keys, and see the robot's way drawn."""

@@ -180,12 +180,17 @@ export class LivePanel extends StageBar {
     this.show();
   }
 
+  /** How the robots drive. @returns {object} */
+  get driveOrder() {
+    return { do: "drive" };
+  }
+
   drive() {
     if (!this.stageReady || !this.found) return;
     this.driving = !this.driving;
     if (this.driving) {
       this.poses = this.found.map((path) => path.track[0].slice(1));
-      this.tell({ type: "steer", do: "drive" });
+      this.tell({ type: "steer", ...this.driveOrder });
     } else this.want(); // back to the start
     this.show();
   }

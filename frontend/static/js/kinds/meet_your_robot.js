@@ -1,0 +1,99 @@
+// @ts-check
+/** Own and usual robot in the same scenes, whether that is them, and the sliders to correct it. */
+
+import { stageNeeds } from "../kind.js";
+import { LivePanel } from "../live.js";
+
+class Meeting extends LivePanel {
+  /** @param {HTMLElement} root @param {ConstructorParameters<typeof LivePanel>[1]} needs */
+  constructor(root, needs) {
+    super(root, needs);
+    this.correcting = Boolean(needs.kept?.correcting);
+    this.watched = Boolean(needs.kept?.watched);
+    /** @type {number | null} */
+    this.agreement = typeof needs.kept?.agreement === "number" ? needs.kept.agreement : null;
+    this.inTurn = root.dataset.view !== "top_down"; // side by side is seen from above alone
+    root.querySelectorAll("[data-agreement]").forEach((given) => {
+      const point = /** @type {HTMLInputElement} */ (given);
+      point.checked = Number(point.value) === this.agreement;
+      point.addEventListener("change", () => {
+        this.agreement = Number(point.value);
+        this.note();
+        this.show();
+      });
+    });
+    this.show();
+  }
+
+  note() {
+    const { weights, history } = this.controls;
+    this.keep({ weights, history, place: this.place, agreement: this.agreement, watched: this.watched, correcting: this.correcting });
+  }
+
+  get asked() {
+    return this.correcting ? this.controls.weights : null;
+  }
+
+  get driveOrder() {
+    return { do: "drive", in_turn: this.inTurn };
+  }
+
+  /** @param {number[][]} colours */
+  legend(colours) {
+    const own = this.root.dataset.verdict === "shown" && !this.correcting ? "own" : "settings";
+    return [own, "usual"].map((name, i) => ({ name: this.own(name), colour: colours[i] }));
+  }
+
+  tellWay() {
+    const [own, usual] = (this.found ?? []).map((path) => Math.round(path.track[path.track.length - 1][0]));
+    const arrives = this.found?.every((path) => path.arrives);
+    this.text("#live-way", arrives ? this.own("both_arrive", { own, usual }) : this.own("does_not_arrive"));
+    /** @type {HTMLElement} */ (this.root.querySelector("#live-way")).dataset.seconds = String(own);
+  }
+
+  stood() {
+    this.watched = true;
+    this.note();
+    super.stood();
+  }
+
+  show() {
+    super.show();
+    this.text("[data-drive]", this.own(this.driving ? "stop" : "drive_both"));
+    const sliders = /** @type {HTMLElement} */ (this.root.querySelector("#meet-sliders"));
+    sliders.hidden = !this.correcting;
+    const opens = /** @type {HTMLElement} */ (this.root.querySelector("[data-correct]"));
+    opens.hidden = Boolean(this.correcting);
+    opens.setAttribute("aria-expanded", String(Boolean(this.correcting)));
+    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!(this.watched && this.agreement)));
+  }
+
+  /** @param {MouseEvent} event */
+  clicked(event) {
+    const button = event.target instanceof Element ? event.target.closest("button") : null;
+    if (button && "correct" in button.dataset) {
+      this.correcting = true;
+      this.note();
+      this.show();
+      this.want();
+      /** @type {HTMLElement | null} */ (this.root.querySelector("[data-ends]"))?.focus();
+    } else if (button && "done" in button.dataset && button.getAttribute("aria-disabled") === "true") {
+      this.needs.announce(this.own(this.watched ? "say_first" : "watch_first"));
+      this.text("#live-way", this.own(this.watched ? "say_first" : "watch_first"));
+    } else super.clicked(event);
+  }
+
+  async done() {
+    if (this.agreement === null) return;
+    /** @type {import("../types.js").AnswerTo<"meet_your_robot">} */
+    const value = { ...this.controls.answer(), agreement: this.agreement };
+    await this.decide(value);
+  }
+}
+
+/** @param {import("../kind.js").KindPage<"meet_your_robot">} page @returns {import("../kind.js").Mounted} */
+export function mount(page) {
+  const panel = /** @type {HTMLElement} */ (page.step.querySelector("#live-panel"));
+  const { tell, language, keep, kept } = page;
+  return { bar: new Meeting(panel, { ...stageNeeds(page, "live"), tell, language, keep, kept }) };
+}

@@ -1,0 +1,144 @@
+"""After everything blind people are told what was learned, meet their robot, correct it; nothing blind hears of it."""
+
+from __future__ import annotations
+
+import pytest
+from sqlalchemy import select
+
+from backend.report.tidy_tables import read_study
+from backend.store.models import Job, Study
+from backend.store.snapshots import take_snapshot
+from backend.study.grammar.source import ProtocolError
+from backend.study.kinds.live import distance
+from backend.study.refusals import Refused
+from backend.study.session import machine
+from backend.study.studies import queries_of_study
+from tests.study.small_protocol import BLOCK, COME_BACK, small_protocol
+from tests.study.walking import answer
+
+TRAIN = {"train": {"job": "align", "recipe": "instant"}}
+COMPARISON = {"comparison": {"arms": ["base", "own"], "scenes": 1, "guess": False}}
+MEET = {"meet_your_robot": {"scenes": 2}}
+LEARN = {"block": {"view": "top_down", "trials": [{"queries": {"count": 3}}]}}
+UNSURE = {"passed": False, "gate": {"passed": True}, "personal": {"passed": False, "probability_better": 0.6}}
+
+
+@pytest.fixture
+def taught(walk):
+    """A session whose three answers are given, which waits for its two alignments."""
+    walker = walk(LEARN, TRAIN, COMPARISON, MEET)
+    for _ in range(3):
+        key = walker.view.key
+        walker.watch(key)
+        walker.submit(key, {"choice": "a"})
+    return walker
+
+
+def learned(walker, **result) -> None:
+    """What the worker writes when the alignments have ended, and the session goes on."""
+    with walker.database.transaction() as s:
+        study = s.get_one(Study, walker.session.study_id)
+        query = queries_of_study(s, walker.files, study)[0]
+        pair = {"base": query.trajectory_a, "own": query.trajectory_b, "look_alike": False}
+        for job in s.scalars(select(Job)):
+            job.state, job.progress = "succeeded", 1.0
+            job.result = {"policy": "none such", "passed": True, "comparisons": [pair], **result}
+
+    def settle(s, session) -> object:
+        return machine.settle(s, walker.files, session, now=walker.now)
+
+    assert walker.do(settle)
+
+
+def met(walker) -> None:
+    """Past the blind comparison, to the robot."""
+    key = walker.view.key
+    walker.watch(key)
+    walker.submit(key, {"choice": "b"})
+    assert walker.view.kind == "meet_your_robot"
+
+
+def test_people_are_told_what_was_learned_and_how_sure_it_is(taught):
+    learned(taught)
+    met(taught)
+    payload = taught.view.payload
+    assert payload["verdict"] == "shown"
+    assert payload["start"] == payload["believed"]["weights"]
+    assert payload["believed"]["answers"] == 3
+    assert 0 < payload["believed"]["rather_sure"] <= 1
+    assert payload["believed"]["foremost"] != payload["believed"]["rather_than"]
+
+
+def test_agreement_correction_and_the_distance_between_are_the_answer(taught):
+    learned(taught)
+    met(taught)
+    start = taught.view.payload["start"]
+    one = next(iter(start))
+    history = [{"seconds": 2.5, "place": 1, "by": "keys", "objective": one, "weight": 0.1}]
+    taught.submit("meet_your_robot", {"agreement": 2, "weights": {**start, one: 0.1}, "history": history})
+    value = answer(taught, "meet_your_robot").value
+    assert (value["agreement"], value["corrected"], value["verdict"]) == (2, True, "shown")
+    assert value["learned"] == start
+    assert value["distance"] == pytest.approx(distance(start, {**start, one: 0.1}))
+    assert taught.view.kind == "debriefing"
+
+
+def test_who_keeps_their_robot_corrected_nothing(taught):
+    learned(taught)
+    met(taught)
+    with pytest.raises(Refused, match="from 1 to 5"):
+        taught.submit("meet_your_robot", {"agreement": 6, "weights": {}})
+    taught.submit("meet_your_robot", {"agreement": 5, "weights": taught.view.payload["start"]})
+    value = answer(taught, "meet_your_robot").value
+    assert (value["corrected"], value["distance"]) == (False, 0.0)
+
+
+def test_nobody_is_shown_a_robot_as_theirs_that_is_not_surely_better(taught):
+    learned(taught, **UNSURE)
+    view = taught.view
+    assert (view.kind, view.payload["verdict"]) == ("meet_your_robot", "not_surely_better")
+    assert view.payload["start"] == {}
+    assert view.payload["believed"]["weights"]
+    taught.submit("meet_your_robot", {"agreement": 3, "weights": {}})
+    assert answer(taught, "meet_your_robot").value["distance"] is None
+
+
+def test_nothing_of_it_reaches_the_blind_data(taught, files):
+    learned(taught)
+    met(taught)
+    database = taught.database
+
+    def blind() -> tuple:
+        with database.transaction() as s:
+            study = s.get_one(Study, taught.session.study_id)
+            snapshot = take_snapshot(s, files, session_id=taught.session.id).id
+            data, _ = read_study(s, files, study)
+            return snapshot, data.choices, data.ratings, data.comparisons, data.guesses
+
+    before = blind()
+    start = taught.view.payload["start"]
+    history = [{"seconds": 1, "place": 0, "by": "mouse", "objective": "faster", "weight": 0.7}]
+    taught.submit("meet_your_robot", {"agreement": 1, "weights": {**start, "faster": 0.7}, "history": history})
+    assert blind() == before
+
+
+@pytest.mark.parametrize(
+    ("stages", "said"),
+    [
+        ([LEARN, MEET], "needs the comparison before it"),
+        ([LEARN, TRAIN, COMPARISON, MEET, BLOCK], "stands before something blind"),
+        ([LEARN, TRAIN, COMPARISON, COME_BACK, MEET], "comparison's appointment"),
+        ([LEARN, TRAIN, COMPARISON, {"meet_your_robot": {"setup": "open_field"}}], "must be study_room"),
+    ],
+)
+def test_a_protocol_that_shows_it_before_all_is_blindly_measured_is_refused(tmp_path, stages, said):
+    with pytest.raises(ProtocolError, match=said):
+        small_protocol(tmp_path, stages)
+
+
+def test_who_taught_nothing_is_passed_over(walk):
+    walker = walk({"block": {"view": "top_down", "trials": [{"queries": {"count": 1}}]}}, TRAIN, COMPARISON, MEET)
+    key = walker.view.key
+    walker.watch(key)
+    walker.submit(key, {"choice": "a"})
+    assert walker.view.kind == "debriefing"
