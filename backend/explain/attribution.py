@@ -35,7 +35,7 @@ class Explanation:
 
     things: the sight's and the goal. scores: (T, things) in [0, 1], the greatest attribution of what tells of the
     thing, absolute and scaled to 0-1 at each moment over all rays and positions: the pooled rays that end at it; for
-    person and goal also what the robot is told of their position. 0: nothing told of it.
+    person and goal also what the robot sees of their position. 0: nothing seen of it.
     """
 
     method: Method
@@ -91,8 +91,8 @@ def explain(
     """Score what was seen at each moment by how much it moved the command. Raises AttributionError."""
     inputs = attribute(actor, sight.observations, setup=sight.setup, method=method, command=command, seed=seed)
     rays = np.abs(inputs[:, sight.first_ray :])
-    told = [np.abs(inputs[:, list(pair)]).max(axis=1) for pair in (GOAL_INPUTS, sight.setup.person_inputs) if pair]
-    every = np.column_stack([rays, *told])
+    seen = [np.abs(inputs[:, list(pair)]).max(axis=1) for pair in (GOAL_INPUTS, sight.setup.person_inputs) if pair]
+    every = np.column_stack([rays, *seen])
     low, high = every.min(axis=1, keepdims=True), every.max(axis=1, keepdims=True)
     scaled = (every - low) / np.where(high > low, high - low, 1.0)
     sectors = rays.shape[1]

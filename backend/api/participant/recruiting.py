@@ -141,8 +141,8 @@ def _let_in(request: Request, joined: TakenIn, *, is_json: bool) -> Response:
     session, token = joined.session, joined.token
     response: Response = RedirectResponse(f"/p/{token}", status_code=303)
     if is_json:
-        told = {"token": token, "participant": joined.participant.code, "simulated": session.simulated}
-        response = reply_of(Joined, told, 201)
+        body = {"token": token, "participant": joined.participant.code, "simulated": session.simulated}
+        response = reply_of(Joined, body, 201)
     remember(request, response, session)
     if not session.simulated:
         response.set_cookie(

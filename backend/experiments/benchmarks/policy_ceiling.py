@@ -95,8 +95,8 @@ def train_experts(
     conditioned = {"conditioned": load_conditioned(f"{setup}/conditioned"), **others}
     for name in config.preferences:
         weights = true_weights(name)
-        told = (weights / weights.max()).astype(np.float32)
-        starts = {one: policy.at(told) for one, policy in conditioned.items()}
+        conditions = (weights / weights.max()).astype(np.float32)
+        starts = {one: policy.at(conditions) for one, policy in conditioned.items()}
         recovery = starts["conditioned"].recovery_policies
         starts["base"] = replace(base, recovery_policies=recovery)
         training = ExpertState(folder / setup / name, setup)
@@ -185,7 +185,7 @@ def benchmark_ceiling(
     Result: {"simulated": True, "setup", "config", "scenes", "summary", "preferences", "rows", "experts"}. A row holds
     of one preference and seed `expert_share`: of the way from the base policy to the planner's rollouts, in the planned
     scenes where all three arrive; and for each compared policy its `share`: of the way from the base policy to the
-    expert, in all scenes where these three arrive, told what 15 answers say (`share_true`: told the true weights).
+    expert, in all scenes where these three arrive, under the weights of 15 answers (`share_true`: the true ones).
     """
     base = load_policy(f"{setup}/base")
     experts = {name: ExpertState(folder / setup / name, setup) for name in config.preferences}

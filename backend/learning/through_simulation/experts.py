@@ -147,9 +147,9 @@ def trained_round(
     """The best of what stood before the round and what one round of training made of it, with this recovery and
     without."""
     use_one_thread()
-    told = (weights / weights.max()).astype(np.float32)
+    conditions = (weights / weights.max()).astype(np.float32)
     training = config.training(weights, number, failed)
-    uphill = Uphill(start.policy, training, lambda of, random: np.repeat(told[None], of.batch, axis=0))
+    uphill = Uphill(start.policy, training, lambda of, random: np.repeat(conditions[None], of.batch, axis=0))
     for step in range(1, training.steps + 1):
         numbers = uphill.step(step)
         if step % 10 == 0:
