@@ -53,6 +53,23 @@ def demonstrations(out: Out, budget: BudgetName = "small", processes: Processes 
     say(reproduce_demonstrations(out, chosen, **_run("demonstrations", budget, processes)), as_json)
 
 
+@commands.command()
+@plain_errors
+def interface(
+    out: Out,
+    budget: BudgetName = "small",
+    seed: Annotated[int, typer.Option(min=0, max=9)] = 0,
+    processes: Processes = 2,
+    as_json: JsonFlag = False,
+) -> None:
+    """Chapter 7: simulated people in three views, a reward model and a policy per view; tables 7.1 to 7.3."""
+    from backend.experiments.reproduction.interface.run import BUDGETS, reproduce_interface
+
+    chosen = _chosen(BUDGETS, budget)
+    run = _run("interface", budget, processes, f"--seed {seed} ")
+    say(reproduce_interface(out, chosen, seed=seed, **run), as_json)
+
+
 def _chosen(budgets: Mapping[str, Budget], name: str) -> Budget:
     if name not in budgets:
         raise LookupError(f"--budget {name!r}: known are {', '.join(budgets)}")

@@ -277,6 +277,7 @@ def test_who_is_not_surely_served_better_waits_no_longer(database, instant):
         assert progress_of(s, session) == 0
     assert settle(instant)
     assert state(database, instant).personalisation == "not_surely_better"
+    assert (instant.view.key, instant.view.payload["unsure"]) == ("debriefing", True)  # and they are told so
 
 
 def test_the_verdict_that_is_kept_is_of_the_policy_that_is_shown(database, instant):

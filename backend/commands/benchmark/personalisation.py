@@ -77,6 +77,10 @@ def people(
         Path | None,
         typer.Option(help="A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."),
     ] = None,
+    before: Annotated[
+        str | None,
+        typer.Option(help="Instead: accuracy with so many earlier participants, comma-separated, such as 0,10,30,100."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -94,6 +98,17 @@ def people(
     families = groups.get(family) or tuple(name for name in family.split(",") if name not in groups)
     more = {reward.stem: read_reward(reward, setup)} if reward is not None else {}
     after = tuple(sorted(int(n) for n in answers.split(",") if n))
+    if before is not None:
+        from backend.experiments.benchmarks.people_before import BeforeConfig, benchmark_before
+
+        counts = tuple(sorted(int(n) for n in before.split(",") if n.isdigit()))
+        asked = BeforeConfig(
+            before=counts, answers=after, people=number, seeds=tuple(range(int(first), int(last or first) + 1))
+        )
+        result = benchmark_before(setup, asked, lambda done: typer.echo(f"{done:.0%}", err=True))
+        if out is not None:
+            write_result(out, result)
+        return say(result, as_json)
     config = PeopleConfig(
         families=() if more else families,
         people=number,

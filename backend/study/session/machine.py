@@ -160,7 +160,7 @@ def submit(
 def _checked(acting: Acting, step: Step, value: Any, named: str | None) -> dict[str, Any]:
     """The answer as it is stored. Raises BadValue, which names the session."""
     session = acting.session
-    page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to)
+    page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to, session.personalisation)
     try:
         kind = kind_of(step)
         if named not in (None, kind.name):
