@@ -185,7 +185,7 @@ def _sections(found: dict[str, Any], budget: InterfaceBudget) -> list[Section]:
             [Table(f"{budget.scenes:,} fresh scenes, the same for all", ["measure", *heads], rolled_out)],
             [
                 "Trained on from the shipped base policy for "
-                f"{budget.updates:,} updates, half of each batch new experience; there 500,000 steps from nothing.",
+                f"{budget.updates:,} updates, half of each batch new experience; there 500,000 steps from scratch.",
                 "The learned reward is normalised over the buffer; there it lies between -1 and 1.",
                 "Scenes, robot and base policy are ours; so numbers are compared across a row, not down a column.",
             ],
