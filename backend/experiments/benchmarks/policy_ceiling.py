@@ -7,6 +7,7 @@ answers gets (`headline.py`). How experts are trained is `through_simulation/exp
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -259,11 +260,13 @@ def against_planned(
 
 
 def way_to(own: MeasuredRollouts, expert: MeasuredRollouts, base: MeasuredRollouts, true: Doubles, setup: str) -> float:
-    """The share of the way from the base policy to the expert, where all three arrive; above 1: farther than it."""
+    """The share of the way from the base policy to the expert, where all three arrive; above 1: farther than it. Nan
+    where the expert gains nothing: then the base policy is the best there is."""
     typical = typical_differences(setup)
     at_base, at_expert, at_own = (gains(one.measured / typical) @ true for one in (base, expert, own))
     all_arrive = own.success & expert.success & base.success
-    return float((at_own - at_base)[all_arrive].mean() / (at_expert - at_base)[all_arrive].mean())
+    possible = float((at_expert - at_base)[all_arrive].mean())
+    return float((at_own - at_base)[all_arrive].mean()) / possible if possible > 0 else math.nan
 
 
 def summarise(rows: Sequence[Mapping[str, Any]], compared: Sequence[str]) -> dict[str, Any]:
@@ -280,16 +283,20 @@ def summarise(rows: Sequence[Mapping[str, Any]], compared: Sequence[str]) -> dic
         line: dict[str, Any] = {"preference": name, "success_expert": float(np.mean([r["success_expert"] for r in of]))}
         for which in ("expert", *compared):
             found = shares(of, which)
-            line[which] = {"share": float(np.median(found)), "lowest": min(found), "highest": max(found)}
+            line[which] = {
+                "share": float(np.median(found)),
+                "lowest": float(np.min(found)),
+                "highest": float(np.max(found)),
+            }
         lines.append(line)
     summary = {}
     for which in ("expert", *compared):
         every = shares(rows, which)
-        worst = min(lines, key=lambda line: float(line[which]["share"]))
+        worst = min(lines, key=lambda line: float(np.nan_to_num(line[which]["share"], nan=math.inf)))
         summary[which] = {
-            "runs": len(every),
-            "median_share": float(np.median(every)),
-            "quartiles": [float(q) for q in np.quantile(every, (0.25, 0.75))],
+            "runs": int(np.isfinite(every).sum()),
+            "median_share": float(np.nanmedian(every)),
+            "quartiles": [float(q) for q in np.nanquantile(every, (0.25, 0.75))],
             "worst_preference": worst["preference"],
             "worst_share": worst[which]["share"],
         }

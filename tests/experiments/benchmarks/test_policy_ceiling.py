@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -134,6 +135,7 @@ def test_the_way_to_the_expert_is_of_where_all_three_arrive() -> None:
     true = true_weights(FAR)
     assert way_to(far, far, base, true, "study_room") == pytest.approx(1.0)
     assert way_to(base, far, base, true, "study_room") == 0.0
+    assert math.isnan(way_to(far, base, base, true, "study_room")), "nothing is better than the base policy"
     none_else = replace(far, outcome=np.where(np.arange(12) < 2, far.outcome, 0).astype(np.int8))
     both = far.success & base.success & none_else.success
     assert both.sum() <= 2
