@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -18,12 +19,14 @@ from backend.experiments.benchmarks.policy_ceiling import (
     train_experts,
     way_to,
 )
+from backend.learning.cards import ROOT
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.steerability import Course
 from backend.learning.preferences.measures import MEASURES
 from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.shipped_files import DATASETS
 from backend.learning.through_simulation.experts import (
     Candidate,
     ExpertConfig,
@@ -35,6 +38,7 @@ from backend.learning.through_simulation.experts import (
     untrained,
 )
 from backend.learning.through_simulation.slowed import SlowedPolicy
+from backend.simulation.setups import PREFERENCE_SETUPS
 
 TINY = ExpertConfig("study_room", round_steps=2, batch=6, selection_scenes=30, most_rounds=1)
 FAR = "min-human-distance"
@@ -153,3 +157,21 @@ def test_the_worst_preference_is_by_its_median() -> None:
     assert found["summary"]["expert"]["worst_share"] == pytest.approx(0.2)
     assert found["summary"]["own"]["median_share"] == pytest.approx(1.0)
     assert found["preferences"][1]["own"] == {"share": 0.4, "lowest": 0.2, "highest": 0.6}
+
+
+def test_numbers_say_what_the_stored_runs_say_and_no_expert_is_called_better_than_it_arrives() -> None:
+    numbers = (ROOT / "docs/numbers.md").read_text(encoding="utf-8")
+    for setup in PREFERENCE_SETUPS:
+        stored = json.loads((DATASETS / setup / "results" / "policy_ceiling.json").read_text(encoding="utf-8"))
+        assert stored["command"].startswith(f"desirepath benchmark ceiling --setup {setup} --seeds 0-2")
+        assert len(stored["rows"]) == 3 * 13
+        for which in ("expert", "conditioned", "sharpened"):
+            one = stored["summary"][which]
+            assert f"{100 * one['median_share']:.0f} %; " in numbers
+            assert f"{100 * one['worst_share']:.0f} % ({one['worst_preference']})" in numbers
+        lowest = min(stored["preferences"], key=lambda line: float(line["success_expert"]))
+        assert f"{100 * lowest['success_expert']:.1f} % ({lowest['preference']})" in numbers
+        for starts in stored["experts"].values():
+            first = [one["rounds"][0]["gained"] for one in starts.values() if one["rounds"][0]["may"]]
+            last = [one["rounds"][-1]["gained"] for one in starts.values() if one["rounds"][-1]["may"]]
+            assert max(last) >= max(first), "the ceiling is at least what we own"
