@@ -9,6 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from backend.experiments.shipping.explained_room import ship_explained, ship_ranking_set
 from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble, ship_sharpened
 from backend.experiments.shipping.population_priors import ship_population_priors
 from backend.experiments.shipping.query_sets import (
@@ -20,13 +21,13 @@ from backend.experiments.shipping.query_sets import (
 from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.experiments.shipping.step_bases import ship_step_basis
 from backend.learning.shipped_files import DATASETS
-from backend.simulation.setups import SETUPS
+from backend.simulation.setups import EXPLAINED_ROOM, SETUPS
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
     kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "manner-queries")
-    more = ("triples", "stand-ins", "population-priors", "step-basis")
+    more = ("triples", "stand-ins", "population-priors", "step-basis", "ranking-set")
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
@@ -39,7 +40,11 @@ def main() -> None:
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
     given = (arguments.setup, arguments.seed, arguments.out, show)
-    if arguments.what == "stand-ins":
+    if arguments.what == "ranking-set":
+        ship_ranking_set(arguments.out)
+    elif arguments.what == "base" and arguments.setup == EXPLAINED_ROOM.name:
+        ship_explained(*given[1:])
+    elif arguments.what == "stand-ins":
         ship_stand_ins(*given)
     elif arguments.what == "population-priors":
         ship_population_priors(arguments.setup, on_progress=show)

@@ -90,6 +90,41 @@ def further_cohorts_command(
     say(result, as_json)
 
 
+@commands.command("ranking-cohorts")
+@plain_errors
+def ranking_cohorts_command(
+    cohorts: Annotated[int, typer.Option(min=1, help="Studies of 24 people, 12 rankings in each of 2 x 2.")] = 1_000,
+    participants: Annotated[int, typer.Option(min=3)] = 24,
+    null: Annotated[
+        bool, typer.Option("--null/--published", help="Nothing differs, or what chapter 8 found is put in.")
+    ] = True,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated: how often the analysis of importance rankings finds an effect of outlines and lidar."""
+    from dataclasses import asdict, replace
+
+    from backend.experiments.cohorts.ranking_cohorts import ranking_cohorts
+    from backend.report.made_up_rankers import PUBLISHED, RankerCohort
+
+    cohort = replace(RankerCohort() if null else PUBLISHED, seed=seed)
+    rates, taus = ranking_cohorts(cohort, cohorts, participants)
+    result = {
+        "simulated": True,
+        "cohorts": cohorts,
+        "participants": participants,
+        "alpha": 0.05,
+        "correction": "holm",
+        "cohort": asdict(cohort),
+        "mean_tau": taus,
+        "rates": [asdict(rate) for rate in rates],
+    }
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
 @commands.command("known-cohorts")
 @plain_errors
 def known_cohorts_command(

@@ -246,10 +246,14 @@ def explanations(
     ] = "study_room/base",
     scenes: Annotated[int, typer.Option(min=2)] = 40,
     seed: Annotated[int, typer.Option()] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the table to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Are explanations true? Deletion and insertion against random orders, per method; milliseconds."""
     from backend.commands.science import find_policy
     from backend.experiments.benchmarks.explanations import benchmark_explanations
 
-    say(benchmark_explanations(find_policy(policy), policy, scenes=scenes, seed=seed), as_json)
+    result = benchmark_explanations(find_policy(policy), policy, scenes=scenes, seed=seed)
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)

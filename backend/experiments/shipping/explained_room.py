@@ -1,0 +1,94 @@
+"""The shipped policy of chapter 8 and the ranking set of its 48 scenarios, each with its card.
+
+Training is `learning/td3/base.py`'s, explaining `backend.explain`'s.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from backend.experiments.shipping.policies import store_policy
+from backend.explain.methods import Command, Method
+from backend.explain.ranking_sets import ranking_set
+from backend.explain.scenarios import SCENARIOS, object_names, practice_scenarios, scenarios
+from backend.explain.slowing import slowing
+from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.torch_actor import actor_of
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.shipped_files import DATASETS
+from backend.learning.td3.base import OnProgress, base_config, no_progress, train_base
+from backend.simulation.fast import rollout
+from backend.simulation.setups import EXPLAINED_ROOM
+
+SLOWING_SCENES = 500
+SET_NAME = f"{EXPLAINED_ROOM.name}/scenarios_{SCENARIOS}"
+
+
+def ship_explained(seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Train, measure and store the policy of chapter 8, without its critic: nothing goes on from it."""
+    config = base_config(EXPLAINED_ROOM.name, seed)
+    result = train_base(config, on_progress)
+    policy = result.policy.without_critic()
+    return store_explained(policy, seed, result.selection_success, folder)
+
+
+def store_explained(policy: Policy, seed: int, selection_success: float, folder: Path) -> Card:
+    """Write the trained policy with its card: how surely it arrives, how often it slows down, and for what."""
+    drawn = scene_set(EXPLAINED_ROOM.name, SLOWING_SCENES, purpose=Purpose.REPORT, seed=0)
+    slowed = slowing(actor_of(policy), rollout(EXPLAINED_ROOM, policy.rollout_policy, drawn))
+    return store_policy(
+        policy,
+        f"{EXPLAINED_ROOM.name}/base",
+        base_config(EXPLAINED_ROOM.name, seed),
+        folder,
+        results={"selection_success_rate": selection_success, "slowing": slowed},
+        departures=[DEPARTURES[key] for key in ("progress", "smoothness", "environments", "average")],
+        notes=[
+            "Chapter 8: 15 pooled rays, goal, one network of 256, 128 and 64 units. Room, limits and goal radius are "
+            "ours; with more than 0.6 rad/s no policy slowed down.",
+            "slowing: of the first report scenes; for what is the thing without which the policy would drive fastest "
+            "where it drives slowest.",
+        ],
+    )
+
+
+def ship_ranking_set(folder: Path = DATASETS, method: Method = "saliency", command: Command = "speed") -> Card:
+    """Roll the shipped policy out in the scenarios, explain what it did until it halts, store it as a ranking set."""
+    parent = f"{EXPLAINED_ROOM.name}/base"
+    path = folder / f"{parent}.npz"
+    policy = Policy.load(path)
+    made = ranking_set(
+        actor_of(policy), policy.rollout_policy, scenarios(), practice_scenarios(), policy=parent, method=method,
+        command=command,
+    )  # fmt: skip
+    out = folder / f"{SET_NAME}.npz"
+    made.save(out)
+    regular = [one for one in made.rollouts if not one.practice]
+    card = Card(
+        kind="ranking_set",
+        name=SET_NAME,
+        setup=EXPLAINED_ROOM.name,
+        file=out.name,
+        sha256=file_sha256(out),
+        command=f"python -m backend.experiments.ship ranking-set {EXPLAINED_ROOM.name}",
+        seed=0,
+        commit=source_commit(),
+        config={"method": method, "command": command, "objects": list(object_names(scenarios()[0]))},
+        scenes={
+            "regular": [one.trajectory.scene.seed for one in regular],
+            "practice": [one.trajectory.scene.seed for one in made.rollouts if one.practice],
+        },
+        results={
+            "scenarios": len(regular),
+            "with_tied_scores": sum(len(set(one.at_halt.values())) < len(one.things) for one in regular),
+            "objects_without_score": sum(score == 0 for one in regular for score in one.at_halt.values()),
+            "most_important": {
+                thing: sum(max(one.at_halt, key=lambda name: one.at_halt[name]) == thing for one in regular)
+                for thing in regular[0].things
+            },
+        },
+        parents={parent: file_sha256(path)},
+    )
+    card.save(card_path(out))
+    return card
