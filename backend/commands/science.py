@@ -224,7 +224,7 @@ def find_policy(reference: str) -> Policy:
     database, files = open_store()
     with database.session() as s:
         if s.get(Artefact, artefact_id) is None:
-            shipped = ", ".join(name for name in shipped_names() if "/queries" not in name)
+            shipped = ", ".join(name for name in shipped_names() if "/queries" not in name and "/scenarios" not in name)
             raise LookupError(f"no policy {reference!r}: neither an id, a file nor shipped ({shipped})")
         artefact, content = load_artefact(s, files, artefact_id)
     if artefact.kind not in REGISTERED:

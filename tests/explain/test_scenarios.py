@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
+from backend.explain.attribution import attribute, baseline, explain
+from backend.explain.methods import METHODS
+from backend.explain.ranking_sets import RankingSet, explained_rollout
 from backend.explain.scenarios import OBJECTS, PRACTICE, SCENARIOS, object_names, practice_scenarios, scenarios
 from backend.explain.sight import sight_of
+from backend.explain.slowing import slowing
+from backend.learning.cards import file_sha256
 from backend.learning.policies.mirroring import mirror_of
+from backend.learning.policies.policy import Policy
+from backend.learning.policies.shipped import load_policy
+from backend.learning.policies.torch_actor import actor_of
 from backend.learning.preferences.features import obstacle_clearance_m
-from backend.learning.scene_sets import Purpose, first_seed
+from backend.learning.scene_sets import Purpose, first_seed, scene_set
+from backend.learning.shipped_files import load_card, resolve
 from backend.simulation.fast import rollout
 from backend.simulation.scenes import check_scene
 from backend.simulation.setups import EXPLAINED_ROOM, SetupError
+from backend.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
 
@@ -47,3 +58,43 @@ def test_the_robot_is_told_of_its_goal_and_15_rays_and_of_the_person_by_these_al
     assert mirror.signs.tolist() == [1, -1, *[1] * 15]
     with pytest.raises(SetupError, match="does not observe where the person is"):
         obstacle_clearance_m(trajectory.observations, EXPLAINED_ROOM)
+
+
+@pytest.fixture(scope="module")
+def policy() -> Policy:
+    return load_policy("explained_room/base")
+
+
+def test_the_shipped_policy_is_that_of_chapter_8_arrives_and_slows_down(policy: Policy) -> None:
+    assert [array.shape for array in policy.actor[::2]] == [(17, 256), (256, 128), (128, 64), (64, 2)]
+    results = load_card("explained_room/base").results
+    assert min(results["success_rate_per_seed"]) > 0.97
+    assert results["slowing"]["share_of_trajectories_that_slow_down"] > 0.5
+    drawn = scene_set("explained_room", 60, purpose=Purpose.REPORT, seed=0)
+    trajectories = rollout(EXPLAINED_ROOM, policy.act, drawn)
+    assert np.mean([one.outcome == Outcome.SUCCESS for one in trajectories]) > 0.9
+    told = slowing(actor_of(policy), trajectories)
+    assert told["share_of_trajectories_that_slow_down"] == pytest.approx(
+        results["slowing"]["share_of_trajectories_that_slow_down"], abs=0.2
+    )
+
+
+def test_the_shipped_ranking_set_is_the_shipped_policy_in_the_scenarios(policy: Policy) -> None:
+    stored = RankingSet.load(resolve("explained_room/scenarios_48"))
+    assert [one.trajectory.scene for one in stored.rollouts] == [*scenarios(), *practice_scenarios()]
+    assert (stored.policy, stored.method, stored.command) == ("explained_room/base", "saliency", "speed")
+    assert load_card("explained_room/scenarios_48").sha256 == file_sha256(resolve("explained_room/scenarios_48"))
+    first = explained_rollout(actor_of(policy), policy.act, scenarios()[0])
+    np.testing.assert_allclose(first.scores, stored.rollouts[0].scores, atol=1e-4)
+
+
+def test_the_new_policy_is_explained_by_gradients_that_add_up(policy: Policy) -> None:
+    sight = sight_of(rollout(EXPLAINED_ROOM, policy.act, scenarios()[:1])[0])
+    actor, seen = actor_of(policy), sight.observations
+    found = attribute(actor, seen, setup=EXPLAINED_ROOM, method="integrated_gradients", command="speed")
+    with torch.no_grad():
+        apart = (actor(torch.from_numpy(seen)) - actor(torch.from_numpy(baseline(seen, EXPLAINED_ROOM))))[:, 0].numpy()
+    np.testing.assert_allclose(found.sum(axis=1), apart, atol=0.05)
+    hidden = ~sight.seen[:, :OBJECTS]
+    for method in METHODS:
+        assert not explain(actor, sight, method=method).scores[:, :OBJECTS][hidden].any()

@@ -28,6 +28,7 @@ EXPECTED = {
     *(f"{setup}/base" for setup in ("open_field", "study_room")),
     *(f"{setup}/ensemble/{k}" for setup in ("open_field", "study_room") for k in range(4)),
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
+    "explained_room/base",
     "study_room/queries_200",
     "study_room/queries_500",
     "study_room/queries_triples_50",
