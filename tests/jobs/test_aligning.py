@@ -146,12 +146,19 @@ def test_who_wants_what_no_objective_names_gets_a_policy_trained_on_their_own_re
 
 
 def test_the_own_policy_is_compared_although_the_lender_was_erased_meanwhile(services):
+    earlier = f"{snapshot_of(services, answers=8, name='Before')},{'0' * 64}"
     params = InstantParams(
-        snapshot=snapshot_of(services, answers=15), gate_scenes=50, comparisons=2, other="0" * 64, surely_better=0.9
+        snapshot=snapshot_of(services, answers=15),
+        gate_scenes=50,
+        comparisons=2,
+        other="0" * 64,
+        surely_better=0.9,
+        earlier=earlier,
     )
     result = align(begin(services, "align", params.model_dump()), params)
     assert result["personal"]["probability_better"] >= 0.9, "fifteen answers for more room"
     assert result["check"]["answers"] == 15
+    assert result["prior"] == {"earlier_participants": 1}, "the other one was erased"
     assert len(result["comparisons"]) == 2
     assert result["yoked"] == []
 

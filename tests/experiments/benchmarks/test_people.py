@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.experiments.benchmarks.people import PeopleConfig, benchmark_people, calibration_error
+from backend.experiments.benchmarks.people_before import BeforeConfig, benchmark_before
 from backend.learning.errors import LearningError
 from backend.simulation.setups import STUDY_ROOM
 
@@ -32,6 +34,26 @@ def test_people_are_measured_and_marked_as_simulated() -> None:
     assert [row["held_out"] for row in result["rows"]] == [False]
     assert {one["person"] for one in result["persons"]} == {"thresholds:0", "thresholds:1"}
     json.dumps(result)
+
+
+def test_questions_may_be_of_many_manners_and_chosen_and_people_within_the_list() -> None:
+    config = replace(
+        SMALL, families=("nine",), people=2, answers=(6,), choose="information", queries="manners", pool=12
+    )
+    with pytest.raises(LearningError, match="policies, manners or both"):
+        benchmark_people("study_room", replace(config, queries="others"))
+    result = benchmark_people("study_room", config)
+    assert {one["person"] for one in result["persons"]} == {"nine:0", "nine:1"}
+    assert result["choosing_p95_ms"] > 0
+    assert "shown_rate" not in result, "six answers are fewer than the eight after which a policy is made"
+
+
+def test_earlier_participants_are_of_the_same_population_or_of_another() -> None:
+    config = BeforeConfig(before=(0, 3), answers=(2, 4), people=2, pool=40, test=20, particles=500)
+    result = benchmark_before("study_room", config)
+    rows = [(row["population"], row["people_before"], row["people"]) for row in result["before"]]
+    assert rows == [("same", 0, 2), ("same", 3, 2), ("shifted", 3, 2)]
+    assert all(0 <= share <= 1 for row in result["before"] for share in row["accuracy"].values())
 
 
 def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
