@@ -70,6 +70,22 @@ def test_chosen_queries_are_all_different_and_the_log_says_why(make_walker):
     assert {event.trial_id for event in chosen} == {trial.id for trial in trials[1:]}
 
 
+def test_queries_may_be_chosen_for_what_the_nine_objectives_do_not_say(database, files, make_walker):
+    walker = make_walker("queries: {count: 4, choose: information_beyond, stop: {below_bits: 0.000001, at_least: 3}}")
+    answer_all(walker, shortest_time)
+    chosen = events_of(walker, "query_chosen")
+    assert [(event.data["by"], event.data["answers"]) for event in chosen] == [
+        ("information_beyond", n) for n in range(4)
+    ]
+    assert all(0 < event.data["bits"] <= 1 for event in chosen)
+    with database.session() as s:
+        session = s.get_one(Session, walker.session.id)
+        study = s.get_one(Study, session.study_id)
+        posterior = next_query.beyond_after(s, files, study, next_query.answers_of(s, session))
+    assert len(posterior.chosen) == 4
+    assert posterior.something_else() > 0
+
+
 def test_what_is_asked_follows_the_answers(make_walker):
     walkers = [make_walker("queries: {count: 6, choose: information}") for _ in range(2)]
     tastes = (shortest_time, lambda row: row.duration_s)

@@ -58,6 +58,9 @@ class Probes(Part):
         return self.repeat + self.swap + 3 * self.transitivity
 
 
+ChooseBy = Literal["random", "disagreement", "information", "information_beyond"]
+
+
 def _practice(given: object) -> object:
     return FORMER_ROLES.get(given, given) if isinstance(given, str) else given
 
@@ -67,12 +70,13 @@ class Queries(Part):
     of before).
 
     choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
-    participant's own answers so far (ours).
+    participant's own answers so far, as weights of the nine objectives explain them; `information_beyond` the one that
+    tells most of whatever else they may be about, too (ours).
     """
 
     count: int = Field(ge=1, le=200)
     role: Annotated[Literal["practice", "regular"], BeforeValidator(_practice)] = "regular"
-    choose: Literal["random", "disagreement", "information"] = "random"
+    choose: ChooseBy = "random"
     stop: Stopping | None = Field(None, description="default: all queries are asked")
     probes: Probes = Probes()
 
@@ -117,7 +121,7 @@ class TrialStep(Step):
     trajectory_b: str | None = None
     duration_a_s: float | None = None
     duration_b_s: float | None = None
-    choose: Literal["random", "disagreement", "information"] | None = None
+    choose: ChooseBy | None = None
     stop: Stopping | None = None
     again: str | None = None
 

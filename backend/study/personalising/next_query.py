@@ -27,10 +27,13 @@ if TYPE_CHECKING:
     from backend.study.kinds.trial import TrialStep
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
+    from backend.learning.measures.pairs import PairDifferences
+    from backend.learning.preferences.free_posterior import FreePosterior
     from backend.learning.preferences.posterior import Posterior
 
 Doubles = NDArray[np.float64]
 Answers = tuple[tuple[str, str], ...]
+BEYOND = "information_beyond"
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
@@ -72,20 +75,26 @@ def asked_in(acting: Acting, step: TrialStep) -> Asked:
         return _asked_again(s, session, step)
     if step.query is not None:
         return Asked(step.query, str(step.trajectory_a), str(step.trajectory_b), step.sides_swapped)
-    from backend.learning.queries.choosing import next_query
+    from backend.learning.queries.choosing import NextQuery, next_query
 
     measured = measured_queries(s, acting.files, row_of(s, session))
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
     used |= {query for one in acting.plan if (query := getattr(one, "query", None)) is not None}
     left = [i for i, query in enumerate(measured.queries) if query.id not in used]
-    posterior = posterior_after(measured, answers_of(s, session))
+    answers = answers_of(s, session)
     random = np.random.default_rng([session.seed, 31, session.position])
     how = step.choose or "random"
-    chosen = next_query(posterior, measured.differences[left], how, random)
+    if how == BEYOND:
+        bits = beyond_after(s, acting.files, row_of(s, session), answers).information_bits(
+            pair_differences(s, acting.files, row_of(s, session))[left]
+        )
+        chosen = NextQuery(int(bits.argmax()), float(bits.max()))
+    else:
+        chosen = next_query(posterior_after(measured, answers), measured.differences[left], how, random)
     query = measured.queries[left[chosen.index]]
     sides = (query.trajectory_a, query.trajectory_b)
     a, b = sides[::-1] if step.sides_swapped else sides
-    why = {"by": how, "bits": round(chosen.bits, 4), "answers": len(posterior.chosen), "of": len(left)}
+    why = {"by": how, "bits": round(chosen.bits, 4), "answers": len(answers), "of": len(left)}
     return Asked(query.id, a, b, step.sides_swapped, why=why)
 
 
@@ -106,10 +115,17 @@ def little_left(acting: Acting, step: TrialStep) -> bool:
     answers = answers_of(acting.s, acting.session)
     measured = measured_queries(acting.s, acting.files, row_of(acting.s, acting.session))
     promised = [np.inf] * len(answers)  # only the last ones count
+    row = row_of(acting.s, acting.session)
     for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
         used = {query for query, _ in answers[:after]}
         left = [i for i, query in enumerate(measured.queries) if query.id not in used]
-        promised[after - 1] = best_information(posterior_after(measured, answers[:after]), measured.differences[left])
+        if step.choose == BEYOND:
+            differences = pair_differences(acting.s, acting.files, row)[left]
+            beyond = beyond_after(acting.s, acting.files, row, answers[:after])
+            promised[after - 1] = float(beyond.information_bits(differences).max())
+        else:
+            posterior = posterior_after(measured, answers[:after])
+            promised[after - 1] = best_information(posterior, measured.differences[left])
         if promised[after - 1] >= rule.below_bits:
             return False
     return rule.met(promised)
@@ -162,6 +178,56 @@ def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
 _posteriors: dict[tuple[str, str, Answers], Posterior] = {}
 
 
+def beyond_after(
+    s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion, answers: Answers
+) -> FreePosterior:
+    """The posterior beyond the nine objectives after those answers; goes on from what is remembered, as above."""
+    from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
+    from backend.learning.preferences.posterior import PosteriorConfig
+
+    measured, differences = measured_queries(s, files, study), pair_differences(s, files, study)
+
+    def key(n: int) -> tuple[str, str, Answers]:
+        return measured.setup, measured.symmetry, answers[:n]
+
+    known = next((n for n in range(len(answers), 0, -1) if key(n) in _beyond), 0)
+    if known:
+        posterior = _beyond[key(known)]
+    else:
+        config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
+        posterior = FreePosterior.prior(measured.setup, FreeConfig(posterior=config))
+    places = measured.index()
+    for n in range(known, len(answers)):
+        query, chosen = answers[n]
+        row = places[query]
+        posterior = posterior.updated(differences[[row]], chosen == measured.queries[row].trajectory_a)
+    _beyond[key(len(answers))] = posterior
+    while len(_beyond) > KEPT_POSTERIORS:
+        _beyond.pop(next(iter(_beyond)), None)
+    return posterior
+
+
+_beyond: dict[tuple[str, str, Answers], FreePosterior] = {}
+
+
+def pair_differences(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> PairDifferences:
+    """How the pairs of a study's query set differ by everything that may be preferred, once per process."""
+    set_id, symmetry = study.protocol["materials"]["query_set"], study.protocol.get("symmetry", "none")
+    known = _pairs.get((set_id, symmetry))
+    if known is None:
+        from backend.learning.measures.pairs import PairDifferences
+        from backend.learning.queries.queries import QuerySet
+
+        artefact, content = load_artefact(s, files, set_id, kind="query_set")
+        pairs = [(query.trajectory_a, query.trajectory_b) for query in QuerySet.from_bytes(content).queries]
+        known = PairDifferences.of(artefact.setup, pairs, left_right_symmetry=symmetry == "left_right")
+        _pairs[set_id, symmetry] = known
+    return known
+
+
+_pairs: dict[tuple[str, str], PairDifferences] = {}  # by content hash; 1 MB for 200 queries
+
+
 def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
     """The query set of a study's protocol, measured once per process."""
     set_id, symmetry = study.protocol["materials"]["query_set"], study.protocol.get("symmetry", "none")
@@ -183,8 +249,11 @@ def prepare(database: Database, files: ArtefactStore) -> None:
     with database.session() as s:
         for study in s.scalars(select(Study).where(Study.state == "open")):
             row = protocol_row(s, study, newest_number(s, study))
-            if any(one["queries"].get("choose", "random") != "random" for one in _trials(row)):
+            how = {one["queries"].get("choose", "random") for one in _trials(row)}
+            if how - {"random"}:
                 measured_queries(s, files, row)
+            if BEYOND in how:
+                pair_differences(s, files, row)
 
 
 def _trials(row: Study | ProtocolVersion) -> Iterator[dict[str, Any]]:
