@@ -160,7 +160,7 @@ def test_the_worst_preference_is_by_its_median() -> None:
 
 
 def test_numbers_say_what_the_stored_runs_say_and_no_expert_is_called_better_than_it_arrives() -> None:
-    numbers = (ROOT / "docs/numbers.md").read_text(encoding="utf-8")
+    readme, numbers = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/numbers.md"))
     for setup in PREFERENCE_SETUPS:
         stored = json.loads((DATASETS / setup / "results" / "policy_ceiling.json").read_text(encoding="utf-8"))
         assert stored["command"].startswith(f"desirepath benchmark ceiling --setup {setup} --seeds 0-2")
@@ -169,6 +169,8 @@ def test_numbers_say_what_the_stored_runs_say_and_no_expert_is_called_better_tha
             one = stored["summary"][which]
             assert f"{100 * one['median_share']:.0f} %; " in numbers
             assert f"{100 * one['worst_share']:.0f} % ({one['worst_preference']})" in numbers
+        shipped = stored["summary"]["conditioned"]
+        assert f"{100 * shipped['worst_share']:.0f} % ({shipped['worst_preference']})" in readme
         lowest = min(stored["preferences"], key=lambda line: float(line["success_expert"]))
         assert f"{100 * lowest['success_expert']:.1f} % ({lowest['preference']})" in numbers
         for starts in stored["experts"].values():
