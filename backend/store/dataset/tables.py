@@ -88,7 +88,8 @@ SESSIONS = Table(
             TEXT,
             "whether the answers look like what is believed of them: answers foretold one by one, how many came true "
             "and should have, p; something_else: probability that they are about more than the nine objectives; "
-            "personal: probability that the own policy is better for this person",
+            "personal: probability that the own policy is better for this person; prior: how many earlier "
+            "participants' answers these were read by the light of, where the protocol says so",
             json=True,
             newer=True,
         ),
