@@ -6,6 +6,7 @@ Finding the shipped files lives in `learning/shipped_files.py`, checking them in
 from __future__ import annotations
 
 from dataclasses import asdict
+from functools import cache
 from typing import TYPE_CHECKING
 
 from sqlalchemy import select
@@ -38,6 +39,14 @@ def policy_artefact(s: Session, name: str) -> Artefact:
         known = s.scalars(select(Artefact.name).where(Artefact.kind.in_(REGISTERED)).order_by(Artefact.name)).all()
         raise ArtefactError(f"policy {name!r} is not registered; registered are: {', '.join(known) or 'none'}")
     return artefact
+
+
+@cache
+def shipped_as(artefact_id: str) -> str | None:
+    """The name under which it was shipped, by which commands know it however it is called here; None: it was not."""
+    from backend.learning.shipped_files import load_card, shipped_names
+
+    return next((name for name in shipped_names() if load_card(name).sha256 == artefact_id), None)
 
 
 def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple[str, str]]:

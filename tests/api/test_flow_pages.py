@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from fastapi.testclient import TestClient
 
+from backend.api.analyst.chosen_policies import Side
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
 from backend.api.core.figure_process import FigureError, FigureProcess, FlowOrder
@@ -97,6 +98,13 @@ def test_one_policy_is_drawn_with_files_command_and_lineage(analyst, known, lang
     assert unchanged.status_code == 304
     assert analyst.get(files["flow_field.csv"]).text.startswith("row,column,x_m,y_m,free,heading_rad,")
     assert "attachment" in analyst.get(files["flow_field.svg"]).headers["Content-Disposition"]
+
+
+def test_the_command_names_a_shipped_policy_as_commands_know_it_however_it_is_called_here(analyst, services, known):
+    with services.database.transaction() as s:
+        s.get_one(Artefact, known.base).name = "our usual robot"
+        side = Side(s.get_one(Artefact, known.base), {"farther": 1.0})
+    assert (side.name, side.reference) == ("our usual robot@farther=1", "study_room/base@farther=1")
 
 
 def test_two_policies_are_drawn_with_their_difference_and_shown_in_3d(analyst, services, known):

@@ -27,6 +27,7 @@ from backend.store.artefact_upkeep import offered
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact
+from backend.store.shipped_policies import shipped_as
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from backend.learning.policies.policy import Policy
@@ -55,7 +56,7 @@ class Side:
     @property
     def reference(self) -> str:
         """How the command line names it."""
-        named = self.artefact.name if self.artefact.job_id is None else self.artefact.id
+        named = shipped_as(self.artefact.id) or self.artefact.id
         return f"{named}@{self.weights_in_words}" if self.weights_in_words else named
 
     def policy(self, files: ArtefactStore) -> Policy:
