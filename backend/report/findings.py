@@ -27,6 +27,7 @@ from backend.report.choice_findings import (
 from backend.report.explanation_findings import Explained, explained
 from backend.report.further_findings import Further, further
 from backend.report.item_tests import ItemResult, item_results
+from backend.report.meeting_findings import Met, met
 from backend.report.own_findings import Guessed, Personalised, guessed, personalised
 from backend.report.rating_findings import (
     Described,
@@ -86,6 +87,7 @@ class Findings:
     personalised: Sequence[Personalised]
     own_policies: Mapping[str, int]
     guessed: Guessed | None
+    met: Met | None
     further: Further | None
     explained: Explained | None
     devices: Mapping[tuple[str, str], int]
@@ -161,6 +163,7 @@ def analyse(
         personalised=personalised(own.comparisons, used),
         own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
         guessed=guessed(own.guesses),
+        met=met(own.meetings),
         further=further(own, rated, designs, used, list(combinations(queried, 2)))
         if (intervals if beside is None else beside)
         else None,

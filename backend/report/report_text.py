@@ -22,6 +22,7 @@ from backend.report.explanation_text import (
 )
 from backend.report.findings import Findings
 from backend.report.further_text import further_sections
+from backend.report.meeting_text import meeting_section
 from backend.report.rating_text import items_section, rankings_section, scales_section
 from backend.report.report_cells import (
     NONE,
@@ -55,6 +56,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         agreement_section(found),
         disagreement_section(found),
         personalised_section(found),
+        meeting_section(found),
         *further_sections(found),
         _devices(found),
     ]

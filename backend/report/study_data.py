@@ -95,6 +95,18 @@ class Guess:
 
 
 @dataclass(frozen=True)
+class Meeting:
+    """A person met their robot, after everything blind. verdict: `shown`, or why there was none; agreement: 1 to 5;
+    distance: from learned to corrected weights, None where there was no own robot and nothing was set."""
+
+    person: str
+    verdict: str
+    agreement: int
+    corrected: bool
+    distance: float | None
+
+
+@dataclass(frozen=True)
 class ImportanceRanking:
     """One trial of chapter 8. ranking: the scene's objects, the most important first. scores: object -> how much it
     moved the robot where it stood, 0 to 1. outline, lidar: what of that was shown. role: `regular` counts."""
@@ -147,6 +159,7 @@ class StudyData:
     newest: Mapping[str, Any] | None = None
     scales: Sequence[tuple[str, Scale]] = ()
     guesses: Sequence[Guess] = ()
+    meetings: Sequence[Meeting] = ()
     importance: Sequence[ImportanceRanking] = ()
 
     def of(self, codes: set[str]) -> StudyData:
@@ -157,6 +170,7 @@ class StudyData:
             ratings=[one for one in self.ratings if one.person in codes],
             comparisons=[one for one in self.comparisons if one.person in codes],
             guesses=[one for one in self.guesses if one.person in codes],
+            meetings=[one for one in self.meetings if one.person in codes],
             importance=[one for one in self.importance if one.person in codes],
         )
 

@@ -22,6 +22,7 @@ from backend.report.study_data import (
     ImportanceRanking,
     ItemText,
     Load,
+    Meeting,
     ParticipantRow,
     Rating,
     StudyData,
@@ -106,6 +107,17 @@ def tidy(
             Guess(row["participant"], bool(row["value"]["right"]))
             for row in tables["responses"]
             if row["kind"] == "guess" and "right" in row["value"]
+        ],
+        meetings=[
+            Meeting(
+                row["participant"],
+                str(row["value"]["verdict"]),
+                int(row["value"]["agreement"]),
+                bool(row["value"]["corrected"]),
+                row["value"]["distance"],
+            )
+            for row in tables["responses"]
+            if row["kind"] == "meet_your_robot" and "verdict" in row["value"]
         ],
         importance=list(_importance(tables)),
     )

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from sqlalchemy import select
 
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.findings import analyse
+from backend.report.meeting_findings import met as met_of
+from backend.report.meeting_text import meeting_section
+from backend.report.study_data import Meeting
 from backend.report.tidy_tables import read_study
 from backend.store.models import Job, Study
 from backend.store.snapshots import take_snapshot
@@ -120,6 +127,33 @@ def test_nothing_of_it_reaches_the_blind_data(taught, files):
     history = [{"seconds": 1, "place": 0, "by": "mouse", "objective": "faster", "weight": 0.7}]
     taught.submit("meet_your_robot", {"agreement": 1, "weights": {**start, "faster": 0.7}, "history": history})
     assert blind() == before
+
+
+def test_the_report_shows_agreement_and_correction_beside_everything_tested(taught, files):
+    learned(taught)
+    met(taught)
+    start = taught.view.payload["start"]
+    history = [{"seconds": 1, "place": 0, "by": "mouse", "objective": "faster", "weight": 0.7}]
+    taught.submit("meet_your_robot", {"agreement": 4, "weights": {**start, "faster": 0.7}, "history": history})
+    with taught.database.session() as s:
+        data, load = read_study(s, files, s.get_one(Study, taught.session.study_id))
+    found = analyse(data, load, "people", AnalysisPlan(sessions="all"), intervals=False)
+    assert (found.met.shown, found.met.agreement.mean, found.met.corrected.mean) == (1, 4, 1)
+    section = meeting_section(found)
+    assert section.sentences[0].startswith("After everything blind, 1 people met")
+    assert [row[1] for row in section.tables[0].rows][:2] == ["4.00", "1.00"]
+    others = replace(found, met=met_of([Meeting("S1", "late", 2, False, None)]))
+    assert "1 late" in meeting_section(others).sentences[0]
+
+
+def test_intervals_stand_beside_what_people_said():
+    people = [Meeting(f"S{k}", "shown", 3 + k % 3, k % 2 == 0, 0.4 * (k % 2 == 0)) for k in range(12)]
+    found = met_of(people)
+    assert found.agreement.low < 4 < found.agreement.high
+    assert 0 <= found.corrected.low < 0.5 < found.corrected.high <= 1
+    assert found.distance.mean == pytest.approx(0.2)
+    assert (found.moved.n, found.moved.mean) == (6, pytest.approx(0.4))
+    assert met_of([]) is None
 
 
 @pytest.mark.parametrize(
