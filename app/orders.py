@@ -6,7 +6,7 @@ are checked against one contract. The events that it posts to the window that ho
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NotRequired
 
 from typing_extensions import TypedDict  # Pydantic wants this one before Python 3.12
 
@@ -121,10 +121,11 @@ class PlayOrder(TypedDict):
 
 
 class LegendEntry(TypedDict):
-    """A name beside its colour, red, green and blue up to 255."""
+    """A name beside its colour, red, green and blue up to 255; hollow: drawn as a ring, as its way is as two lines."""
 
     name: str
     colour: list[int]
+    hollow: NotRequired[bool]
 
 
 class ReplayOrder(TypedDict):
@@ -145,10 +146,12 @@ class PlainOrder(TypedDict):
 
 
 class LivePath(TypedDict):
-    """What a robot would drive: `arrives`: whether it comes to the goal; colour up to 255 each."""
+    """What a robot would drive: `arrives`: whether it comes to the goal; colour up to 255 each; hollow: two lines, so
+    that ways are told apart not by colour alone."""
 
     track: Track
     colour: list[int]
+    hollow: bool
     arrives: bool
 
 

@@ -64,7 +64,7 @@ interface DesirePath {
   sheet: {
     element: HTMLElement;
     label(text: string): void;
-    legend(entries: { name: string; colour: number[] }[]): void;
+    legend(entries: { name: string; colour: number[]; hollow?: boolean }[]): void;
   };
   player: {
     along(track: Track, t: number): number[];

@@ -109,13 +109,14 @@
       label.hidden = text === "";
       if (letter.textContent !== text) letter.textContent = text;
     },
-    /** @param {{name: string, colour: number[]}[]} entries */
+    /** @param {{name: string, colour: number[], hollow?: boolean}[]} entries */
     legend(entries) {
       legend.hidden = entries.length === 0;
-      legend.replaceChildren(...entries.map(({ name, colour }) => {
+      legend.replaceChildren(...entries.map(({ name, colour, hollow }) => {
         const item = document.createElement("li");
         const dot = document.createElement("i");
-        dot.style.background = `rgb(${colour.join(",")})`;
+        if (hollow) dot.style.boxShadow = `inset 0 0 0 3px rgb(${colour.join(",")})`;
+        else dot.style.background = `rgb(${colour.join(",")})`;
         item.append(dot, name);
         return item;
       }));

@@ -70,20 +70,22 @@
 
   /** @param {Projector} project @param {LivePath} path @param {number} from s: what lies behind the robot is faint */
   function ribbon(project, path, from) {
-    const { track, colour, arrives } = path;
+    const { track, colour, arrives, hollow } = path;
     const spots = track.map(([, x, y]) => project(x, y));
     const beside = track.map(([, x, y]) => project(x, y + RIBBON_M) ?? project(x + RIBBON_M, y));
     const wide = spots.map((spot, i) => {
       const other = beside[i];
       return spot && other ? Math.max(4, Math.min(40, Math.hypot(spot[0] - other[0], spot[1] - other[1]))) : 6;
     });
-    for (const [more, ink] of /** @type {[number, string][]} */ ([[4, CASING], [0, `rgb(${colour.join(" ")})`]])) {
+    const own = `rgb(${colour.join(" ")})`;
+    const layers = /** @type {[number, string][]} */ ([[4, CASING], [0, own], ...(hollow ? [[-0.5, CASING]] : [])]);
+    for (const [more, ink] of layers) {
       for (let i = 1; i < track.length; i += 1) {
         const [a, b] = [spots[i - 1], spots[i]];
         if (!a || !b) continue;
         if (!arrives && i % 3 === 0) continue; // broken: it does not arrive
         pen.strokeStyle = track[i][0] > from ? ink : BEHIND;
-        pen.lineWidth = wide[i] + more;
+        pen.lineWidth = more < 0 ? wide[i] * -more : wide[i] + more;
         pen.beginPath();
         pen.moveTo(a[0], a[1]);
         pen.lineTo(b[0], b[1]);
@@ -91,7 +93,7 @@
       }
     }
     // A dot for every second: where they are close together the robot is slow.
-    pen.fillStyle = "white";
+    pen.fillStyle = hollow ? own : "white";
     for (let second = 1; second < ends(path); second += 1) {
       const [x, y] = at(path, second);
       const spot = project(x, y);

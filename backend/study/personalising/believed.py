@@ -50,7 +50,7 @@ def believed_of(
     importance = posterior.shares()
     others = [k for k in range(len(NAMES)) if k != foremost and NAMES[k] != OBJECTIVES[foremost].opposite]
     least = min(others, key=lambda k: float(importance[k]))
-    rather = posterior.weights[:, foremost] > posterior.weights[:, least]
+    apart = np.sign(posterior.weights[:, foremost] - posterior.weights[:, least])  # where neither counts: even chances
     weights = _weights_of(s, shown)
     if weights is None:
         weights = {name: float(w) for name, w in zip(NAMES, posterior.mean_weights(), strict=True)}
@@ -59,7 +59,7 @@ def believed_of(
         foremost=NAMES[foremost],
         sure=round(float(posterior.foremost()[foremost]), 3),
         rather_than=NAMES[least],
-        rather_sure=round(float(np.sum(posterior.masses() * rather)), 3),
+        rather_sure=round(float(np.sum(posterior.masses() * (1 + apart) / 2)), 3),
         answers=len(answers),
     )
 

@@ -120,7 +120,7 @@ export class LivePanel extends StageBar {
   /** @param {LivePaths} found @param {boolean} onward from where the robots are */
   draw(found, onward) {
     const colours = found.paths.length > 1 ? BOTH : ALONE;
-    const paths = found.paths.map((path, i) => ({ ...path, colour: colours[i] }));
+    const paths = found.paths.map((path, i) => ({ ...path, colour: colours[i], hollow: i > 0 }));
     this.found = paths;
     this.orders += 1;
     /** @type {import("./contract.js").PathsMessage} */

@@ -41,7 +41,7 @@ class Meeting extends LivePanel {
   /** @param {number[][]} colours */
   legend(colours) {
     const own = this.root.dataset.verdict === "shown" && !this.correcting ? "own" : "settings";
-    return [own, "usual"].map((name, i) => ({ name: this.own(name), colour: colours[i] }));
+    return [own, "usual"].map((name, i) => ({ name: this.own(name), colour: colours[i], hollow: i > 0 }));
   }
 
   tellWay() {
