@@ -139,8 +139,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         found = believed_of(acting.s, acting.files, acting.session, job)
         start = found.weights if found is not None and verdict == "shown" else {}
         believed = found.as_dict() if found is not None else None
-        told: dict[str, Any] = {"step": step.key, "verdict": verdict, "believed": believed, "start": start}
-        log_event(acting.s, BEGAN, session_id=acting.session.id, **told)
+        said: dict[str, Any] = {"step": step.key, "verdict": verdict, "believed": believed, "start": start}
+        log_event(acting.s, BEGAN, session_id=acting.session.id, **said)
 
     def check(self, step: MeetYourRobotStep, answer: MetAnswer, page: Page) -> dict[str, Any]:
         return super().check(step, answer, page) | {

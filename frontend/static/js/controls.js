@@ -83,9 +83,10 @@ export class Controls {
     if (weight > 0) this.weights[objective] = weight;
     const seconds = Math.round(performance.now() - this.opened) / 1000;
     const last = this.history[this.history.length - 1];
-    const change = { seconds, place: this.place(), by, objective, weight };
-    if (last && last.objective === objective && seconds - last.seconds < ONE_CHANGE_S) this.history.pop();
-    this.history.push(change);
+    // of each moment the last position, noted at the moment's beginning, so that a long drag is many changes
+    const same = last && last.objective === objective && seconds - last.seconds < ONE_CHANGE_S;
+    if (same) this.history.pop();
+    this.history.push({ seconds: same ? last.seconds : seconds, place: this.place(), by, objective, weight });
     if (this.history.length > MOST_CHANGES) this.forget();
     this.moved(objective);
   }
