@@ -33,6 +33,7 @@ EXPECTED = {
     "study_room/queries_500",
     "study_room/queries_triples_50",
     *(f"{setup}/queries_varied_200" for setup in ("open_field", "study_room")),
+    "study_room/queries_manners_200",
     "study_room/step_basis",
 }
 KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet, "step_basis": StepBasis}
