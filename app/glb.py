@@ -23,7 +23,8 @@ class Surface:
     """One draw call.
 
     uv: (N, 2) float32 texture coordinates, or None. image: PNG or JPEG bytes that multiply the vertex colours.
-    translucent: blend by alpha. repeat: tile the image.
+    translucent: blend by alpha. repeat: tile the image. with_normals: the shape's normals go along; nothing is lit by
+    them, but the page may want them.
     """
 
     shape: Shape
@@ -31,6 +32,7 @@ class Surface:
     image: bytes | None = None
     translucent: bool = False
     repeat: bool = False
+    with_normals: bool = False
 
 
 def to_glb(surfaces: Sequence[Surface]) -> bytes:
@@ -76,6 +78,8 @@ def to_glb(surfaces: Sequence[Surface]) -> bytes:
                 np.round(np.clip(shape.colours, 0, 1) * 255).astype(np.uint8), _UINT8, "VEC4", normalized=True
             ),
         }
+        if surface.with_normals:
+            attributes["NORMAL"] = add_accessor(shape.normals.astype(np.float32), _FLOAT, "VEC3")
         pbr: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
         if surface.image is not None:
             if surface.uv is None:

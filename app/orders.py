@@ -26,19 +26,6 @@ class CameraOrder(TypedDict):
     frame: list[float]
 
 
-class ShowOrder(TypedDict):
-    """A scene has been built; say so once all of it can be seen."""
-
-    type: Literal["show"]
-    camera: CameraOrder
-    meshes: list[str]
-    robots: list[str]
-    person: str
-    stands: list[float]
-    start: list[float]
-    sharpness: float
-
-
 class Solid(TypedDict):
     """A box on the floor; `name`: what the page's words call it."""
 
@@ -57,6 +44,49 @@ class Round(TypedDict):
     x: float
     y: float
     radius: float
+
+
+class ExplainedObject(Solid):
+    """A thing that was scored. outline: its mesh, "" where none is shown; height: metres."""
+
+    thing: str
+    outline: str
+    height: float
+
+
+class Explained(TypedDict):
+    """What is shown of a policy's reasons. scores: one row per 0.2 s, as `objects`; rays: the mesh of so many `beams`,
+    "" where none are shown; line, goal (x, y, radius): where the robot goes.
+    """
+
+    objects: list[ExplainedObject]
+    scores: list[list[float]]
+    thickest_m: float
+    rays: str
+    beams: int
+    range_m: float
+    solids: list[Solid]
+    person: Round
+    robot_radius: float
+    line: str
+    goal: list[float]
+
+
+class ShowOrder(TypedDict):
+    """A scene has been built; say so once all of it can be seen. halted: where the robot stands already, after its
+    rollout was watched.
+    """
+
+    type: Literal["show"]
+    explained: Explained | None
+    halted: list[float] | None
+    camera: CameraOrder
+    meshes: list[str]
+    robots: list[str]
+    person: str
+    stands: list[float]
+    start: list[float]
+    sharpness: float
 
 
 class Surroundings(TypedDict):

@@ -17,13 +17,14 @@ from typing import Literal
 import numpy as np
 import viser
 
-from app import bodies, scene_nodes, viser_hooks
+from app import bodies, explained_nodes, scene_nodes, viser_hooks
 from app.beside import Beside
 from app.orders import Order
 from app.paper import Paper, surroundings, walk_track
 from app.views import View, camera_for, frame_of, require_view
+from backend.explain.shown_explanation import ShownExplanation
 from backend.simulation.scene import Scene
-from backend.simulation.trajectory import Trajectory
+from backend.simulation.trajectory import Floats, Trajectory
 
 GET_SET_S = 3.0  # ours: who walks beside a rollout sees where they are before the robot moves
 SHARPNESS = {"full": 1.0, "light": 0.6}  # ours: pixels drawn per pixel of the screen, in each direction
@@ -38,6 +39,7 @@ class _Showing:
     frame: tuple[float, float, float, float]
     robots: tuple[bodies.RobotColours, ...]
     goal: bool = False
+    explained: ShownExplanation | None = None
 
 
 class Stage:
@@ -57,13 +59,23 @@ class Stage:
         self._shown = 0
         self._gone = False
 
-    def show(self, scene: Scene, view: View, *, trajectories: Sequence[Trajectory] = ()) -> None:
+    def show(
+        self,
+        scene: Scene,
+        view: View,
+        *,
+        trajectories: Sequence[Trajectory] = (),
+        explained: ShownExplanation | None = None,
+        halted: bool = False,
+    ) -> None:
         """Build the scene with the robot at its start. The page posts `ready` when all of it can be seen.
 
         trajectories: everything that will be played in this scene; give A and B together, so that the view from
-        above is framed once for both. Raises ViewError for an unknown view.
+        above is framed once for both. explained: what is shown of the reasons of the one that will be played; halted:
+        it was, so the robot stands at its end. Raises ViewError for an unknown view.
         """
-        self._show(scene, require_view(view), trajectories, (bodies.NEUTRAL,))
+        end = trajectories[0].poses[-1] if halted and trajectories else None
+        self._show(scene, require_view(view), trajectories, (bodies.NEUTRAL,), explained=explained, end=end)
 
     def draw(self, scene: Scene, view: View, paper: Paper) -> None:
         """Show the scene with its goal and let a path be drawn from the robot; the page posts `drawing` and `stroke`.
@@ -97,6 +109,7 @@ class Stage:
         goal: bool = False,
         walking: bool = False,
         paper: Paper | None = None,
+        explained: ShownExplanation | None = None,
     ) -> None:
         """Show the label, then the motion at its own speed; the page posts `played` with this `playback_id`.
 
@@ -104,20 +117,21 @@ class Stage:
         label: "A", "B", or "" for none; it stands for `label_s` seconds before the robot moves. trajectories: as for
         `show`. goal: whether its cone stands there.
         The scene's person walks as its walk says; walking: the participant does, and `played` brings their `walk`.
-        paper: lies on the floor where the scene is built anew; what lies there already stays.
+        paper: lies on the floor where the scene is built anew; what lies there already stays. explained: as for `show`.
         """
         with self._lock:
-            anew = not self._stands(trajectory, require_view(view), goal)
+            anew = not self._stands(trajectory, require_view(view), goal, explained)
             if anew:
                 shown = trajectories or (trajectory,)
-                self._show(trajectory.scene, require_view(view), shown, (bodies.NEUTRAL,), goal=goal)
+                robots = (bodies.NEUTRAL,)
+                self._show(trajectory.scene, require_view(view), shown, robots, goal=goal, explained=explained)
             self._run(
                 {
                     "type": "play",
                     "playback_id": playback_id,
                     "label": label,
                     "label_s": label_s if label else GET_SET_S if walking else 0.0,
-                    "hold_s": HOLD_S,
+                    "hold_s": explained.hold_s if explained else HOLD_S,
                     "tracks": [_samples(trajectory)],
                     "person": walk_track(trajectory.scene),
                     "walk": surroundings(trajectory.scene, "you") if walking else None,
@@ -201,11 +215,11 @@ class Stage:
     def _root(self) -> str:
         return f"/scene{self._shown}"
 
-    def _stands(self, trajectory: Trajectory, view: View, goal: bool) -> bool:
+    def _stands(self, trajectory: Trajectory, view: View, goal: bool, explained: ShownExplanation | None) -> bool:
         """Whether the scene that is shown will do for this trajectory, so that B is not framed anew after A."""
         now = self._showing
-        wanted = (trajectory.scene, view, (bodies.NEUTRAL,), goal)
-        if now is None or (now.scene, now.view, now.robots, now.goal) != wanted:
+        wanted = (trajectory.scene, view, (bodies.NEUTRAL,), goal, explained)
+        if now is None or (now.scene, now.view, now.robots, now.goal, now.explained) != wanted:
             return False
         need = frame_of(trajectory.scene, (trajectory,))
         return all(a <= b for a, b in zip(now.frame[:2], need[:2], strict=True)) and all(
@@ -220,9 +234,11 @@ class Stage:
         robots: tuple[bodies.RobotColours, ...],
         *,
         goal: bool = False,
+        explained: ShownExplanation | None = None,
+        end: Floats | None = None,
     ) -> None:
         camera = camera_for(scene, view, trajectories)
-        showing = _Showing(scene, view, camera.frame, robots, goal)
+        showing = _Showing(scene, view, camera.frame, robots, goal, explained)
         with self._lock:
             if self._gone or showing == self._showing:
                 return
@@ -238,9 +254,15 @@ class Stage:
                         scene_nodes.add_goal(self._client.scene, f"{self._root}/goal", scene),
                     )
                     self._nodes = replace(self._nodes, meshes=meshes)
+                reasons = None
+                if explained:
+                    reasons, added = explained_nodes.add_explained(self._client.scene, self._root, scene, explained)
+                    self._nodes = replace(self._nodes, meshes=(*self._nodes.meshes, *added))
                 self._run(
                     {
                         "type": "show",
+                        "explained": reasons,
+                        "halted": None if end is None else [float(value) for value in end],
                         "camera": camera.as_message(),
                         "meshes": list(self._nodes.meshes),
                         "robots": list(self._nodes.robots),

@@ -109,6 +109,15 @@
       }
       apply();
     },
+    /** In the first person, let the gaze be turned from where it is. */
+    look() {
+      gazing = true;
+      if (!camera) return;
+      const [dx, dy, dz] = [watched[0] - camera.eye[0], watched[1] - camera.eye[1], camera.target[2] - camera.eye[2]];
+      yaw = Math.atan2(dy, dx);
+      pitch = Math.atan2(dz, Math.hypot(dx, dy));
+      apply();
+    },
     /** Whether a place on the floor lies to the left of where the eyes look. @param {number} x @param {number} y */
     isLeft: (x, y) => camera !== null && Math.sin(Math.atan2(y - camera.eye[1], x - camera.eye[0]) - yaw) > 0,
     /** @param {number} left @param {number} up radians */

@@ -43,6 +43,9 @@ interface DesirePath {
     look(view: { eye: number[]; target: number[]; up: number[]; fovRad: number; near?: number }): void;
     projector(): Projector;
     floorAt(px: number, py: number): number[] | null;
+    ray(px: number, py: number): { eye: number[]; along: number[] };
+    meshes(name: string): any[];
+    redraw(): void;
     orbit(free: boolean): void;
     plainPicture(sharpness: number): void;
     stopReconnecting(): void;
@@ -53,6 +56,7 @@ interface DesirePath {
     watch(x: number, y: number): void;
     mayTurn(): boolean;
     gaze(at: number[] | null): void;
+    look(): void;
     isLeft(x: number, y: number): boolean;
     turn(left: number, up: number): void;
     heading(): number;
@@ -73,6 +77,7 @@ interface DesirePath {
     place(i: number, where: number[], watched: boolean): void;
     play(order: Orders["play"]): void;
     rest(start: number[]): void;
+    end(pose: number[]): void;
     replay(order: Orders["replay"]): void;
     interrupt(reason: string): void;
   };
@@ -133,6 +138,20 @@ interface DesirePath {
     key(event: KeyPressed, down: boolean): boolean;
     release(): void;
   };
+  rays: {
+    cast(place: { solids: Solid[]; person: Round; range_m: number }, x: number, y: number, yaw: number, beams: number): Float64Array;
+  };
+  explained: {
+    use(given: Orders["show"]["explained"]): void;
+    begin(): void;
+    idle(pose: number[]): void;
+    at(t: number, x: number, y: number, yaw: number): void;
+    hide(on: boolean): void;
+    follow(): void;
+    objects(): import("../../frontend/static/js/contract.js").ExplainedObject[];
+    obey(message: any): void;
+  };
+  picking: { stop(): void; obey(message: any): void };
   run(order: Orders["any"]): void;
 }
 /** Keys that the pen and the feet take, for the page that may have the focus instead. */

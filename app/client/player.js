@@ -50,7 +50,9 @@
     tracks.forEach((track, i) => {
       const [x, y, yaw] = at(track, t);
       window.desirePath.viser.pose(robots[i], x, y, yaw);
-      if (i === 0) window.desirePath.camera.watch(x, y);
+      if (i !== 0) return;
+      window.desirePath.camera.watch(x, y);
+      window.desirePath.explained.at(t, x, y, yaw);
     });
   }
 
@@ -95,6 +97,7 @@
       window.desirePath.camera.hold();
       put(stands);
       window.desirePath.camera.recentre();
+      window.desirePath.explained.begin();
       if (ground) walk.begin(ground);
       pose(tracks, 0, walked);
       let met = false;
@@ -139,6 +142,13 @@
         walk.stop();
       };
       requestAnimationFrame(step);
+    },
+
+    /** The robot stands where its rollout ended. @param {number[]} pose x, y, yaw */
+    end([x, y, yaw]) {
+      window.desirePath.viser.pose(robots[0], x, y, yaw);
+      window.desirePath.camera.watch(x, y);
+      window.desirePath.explained.at(Infinity, x, y, yaw);
     },
 
     /** Nothing moves, the first robot stands there, the person in their place. @param {number[]} start x, y, yaw */

@@ -2,7 +2,7 @@
 /** What the server may order (app/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, draw, steer, walk } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, draw, steer, walk, explained } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
@@ -28,6 +28,9 @@
       viser.plainPicture(order.sharpness);
       camera.use(order.camera);
       for (const robot of order.robots) viser.pose(robot, order.start[0], order.start[1], order.start[2]);
+      explained.use(order.explained);
+      explained.idle(order.start);
+      if (order.halted) player.end(order.halted);
       // Two more frames, so that what is called ready has been drawn.
       requestAnimationFrame(() => requestAnimationFrame(() => {
         if (mine !== shown) return;
@@ -71,6 +74,7 @@
       bridge.state.ready = false;
       document.documentElement.dataset.stage = "empty";
       player.use([]);
+      explained.use(null);
       draw.stop();
       steer.stop();
       sheet.legend([]);

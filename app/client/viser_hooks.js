@@ -119,16 +119,31 @@
 
     /** The place on the floor under a pixel, null above the horizon. @param {number} px @param {number} py */
     floorAt(px, py) {
+      const { eye, along } = this.ray(px, py);
+      if (along[2] > -1e-9) return null;
+      const reach = -eye[2] / along[2];
+      return [eye[0] + reach * along[0], eye[1] + reach * along[1]];
+    },
+
+    /** Where the eye is and which way it looks through a pixel, world metres. @param {number} px @param {number} py */
+    ray(px, py) {
       const { camera, nodeRefFromName } = mutable();
       const back = nodeRefFromName[""].quaternion.clone().invert();
       const eye = camera.position.clone().applyQuaternion(back);
-      const ray = camera.position.clone()
+      const along = camera.position.clone()
         .set((px / window.innerWidth) * 2 - 1, 1 - (py / window.innerHeight) * 2, 0.5)
         .unproject(camera).applyQuaternion(back).sub(eye);
-      if (ray.z > -1e-9) return null;
-      const reach = -eye.z / ray.z;
-      return [eye.x + reach * ray.x, eye.y + reach * ray.y];
+      return { eye: [eye.x, eye.y, eye.z], along: [along.x, along.y, along.z] };
     },
+
+    /** The three.js meshes of a node, whose corners our scripts may move. @param {string} name @returns {any[]} */
+    meshes(name) {
+      /** @type {any[]} */
+      const found = [];
+      mutable()?.nodeRefFromName[name]?.traverse((/** @type {any} */ part) => part.isMesh && found.push(part));
+      return found;
+    },
+    redraw: () => mutable().requestRender(),
 
     /** @param {boolean} free whether viser's own controls may turn the camera: above the floor, never under it */
     orbit(free) {

@@ -37,6 +37,7 @@ ARTEFACT_KINDS = (
     "conditioned_policy",
     "reward_model",
     "query_set",
+    "ranking_set",
     "snapshot",
     "demonstrations",
     "evaluation",

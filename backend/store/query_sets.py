@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +42,11 @@ class StoredQuery:
     trajectory_b: str
     duration_a_s: float
     duration_b_s: float
+    practice: bool = False  # of a ranking set (`ranking_sets.py`): for practice alone
+
+
+KINDS = ("query_set", "ranking_set")
+"""Artefacts that a protocol's `query_set` may name. What is ranked is one trajectory, both sides of its query."""
 
 
 def query_sets_here(s: Session, *, also: str | None = None) -> dict[str, str]:
@@ -50,7 +55,7 @@ def query_sets_here(s: Session, *, also: str | None = None) -> dict[str, str]:
     also: the one that a study shows already, which goes on with it though it was archived meanwhile.
     """
     usable = or_(offered(), and_(Artefact.id == also, Artefact.quarantined_at.is_(None))) if also else offered()
-    rows = select(Artefact).where(Artefact.kind == "query_set", usable)
+    rows = select(Artefact).where(Artefact.kind.in_(KINDS), usable)
     return {
         found.id: f"{found.name} ({found.setup}, {len(found.card['stored_queries'])} queries)"
         for found in s.scalars(rows.order_by(Artefact.created_at.desc(), Artefact.id))
@@ -64,27 +69,30 @@ def import_query_set(s: Session, files: ArtefactStore, reference: str) -> Artefa
     Raises LearningError if there is none or it is damaged, ArtefactError if it is empty, quarantined or no query set.
     """
     if SHA256.fullmatch(reference):
-        return load_artefact(s, files, reference, kind="query_set")[0]
+        named = s.get(Artefact, reference)
+        kind = "ranking_set" if named is not None and named.kind == "ranking_set" else "query_set"
+        return load_artefact(s, files, reference, kind=kind)[0]
+    from backend.explain.ranking_sets import RankingSet, is_ranking_set
     from backend.learning.cards import Card, card_path
     from backend.learning.queries.queries import QuerySet
     from backend.learning.shipped_files import resolve
+    from backend.store.ranking_sets import save_ranking_set
 
     path = resolve(reference)
     content = path.read_bytes()
     stored = s.get(Artefact, hashlib.sha256(content).hexdigest())
     if stored is not None:
         return stored
-    query_set = QuerySet.from_bytes(content)
     card = Card.load(card_path(path)) if card_path(path).exists() else None
-    return save_query_set(
-        s,
-        files,
-        query_set,
-        name=card.name if card else path.stem,
-        card=asdict(card) if card else {},
-        parents=register_parents(s, files, card) if card else [],
-        content=content,
-    )
+    described: dict[str, Any] = {
+        "name": card.name if card else path.stem,
+        "card": asdict(card) if card else {},
+        "parents": register_parents(s, files, card) if card else [],
+        "content": content,
+    }
+    if is_ranking_set(content):
+        return save_ranking_set(s, files, RankingSet.from_bytes(content), **described)
+    return save_query_set(s, files, QuerySet.from_bytes(content), **described)
 
 
 def save_query_set(
@@ -139,17 +147,21 @@ def queries_of(s: Session, files: ArtefactStore, artefact_id: str, *, whole: boo
     whole=False: whoever asks looks after the files of those that are used (`require_files`).
     """
     artefact = s.get(Artefact, artefact_id, options=[defer(Artefact.card)])
-    if artefact is None or artefact.kind != "query_set":
+    if artefact is None or artefact.kind not in KINDS:
         raise ArtefactError(f"{artefact_id!r} is not a query set in this store")
     row = (artefact.id, artefact.created_at)
     queries = _listed.get(row)
     if queries is None:
-        queries = _listed[row] = tuple(StoredQuery(**entry) for entry in artefact.card["stored_queries"])
+        queries = _listed[row] = tuple(
+            StoredQuery(**{name: entry[name] for name in _FIELDS if name in entry})
+            for entry in artefact.card["stored_queries"]
+        )
     if whole:
         require_files(files, (t for query in queries for t in (query.trajectory_a, query.trajectory_b)))
     return list(queries)
 
 
+_FIELDS = tuple(one.name for one in fields(StoredQuery))
 # By the artefact's row, which never changes: a card holds hundreds of queries, and everybody who joins needs them.
 _listed: dict[tuple[str, datetime], tuple[StoredQuery, ...]] = {}
 

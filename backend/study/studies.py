@@ -7,11 +7,12 @@ import secrets
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.store.artefacts import ArtefactStore
+from backend.store.artefacts import ArtefactError, ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
 from backend.study.kinds.demonstration import DemonstrationsStage
+from backend.study.plan.asked_queries import Needs
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.protocol.planning import PlanError, make_plan
 from backend.study.protocol_rows import FIRST, protocol_row
@@ -72,6 +73,7 @@ def materials_of(
         return {"query_set": None, "setup": frozen.stage(DemonstrationsStage).environment}
     try:
         artefact = query_set or import_query_set(s, files, wanted or "")
+        _require_kind(artefact, frozen.protocol.needs)
         queries = queries_of(s, files, artefact.id)
     except ValueError as problem:
         raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
@@ -81,6 +83,16 @@ def materials_of(
         advice = "generate more (`desirepath queries generate`) or ask for fewer"
         raise StudyError(f"query_set = {wanted!r}: {problem}; {advice}") from problem
     return {"query_set": artefact.id, "setup": artefact.setup}
+
+
+def _require_kind(artefact: Artefact, needs: Needs) -> None:
+    """Raise ArtefactError where rankings are asked of queries, or choices of a ranking set."""
+    ranks, chooses = needs.ranked + needs.practised > 0, needs.queries + needs.triads > 0
+    if ranks and chooses:
+        raise ArtefactError("importance_ranking needs a ranking set, blocks and ratings need queries; make two studies")
+    if (artefact.kind == "ranking_set") != ranks:
+        holds, needed = ("rankings", "queries") if chooses or not ranks else ("queries", "a ranking set")
+        raise ArtefactError(f"{artefact.name} holds {holds}; this protocol needs {needed}")
 
 
 def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:

@@ -6,7 +6,8 @@ Nothing is stored. The list of answers is `answer_rows.py`'s, the protocol's pre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
 from fastapi import APIRouter, Depends, Request
@@ -28,7 +29,7 @@ from backend.store.models import Event, Participant, Session, StrokeRow, Trial
 from backend.store.models import Response as Answered
 from backend.study.drawing import paths, walks
 from backend.study.kinds import kind_of, read_plan
-from backend.study.kinds.base import Page, Step
+from backend.study.kinds.base import Moment, Page, Step
 from backend.study.kinds.demonstration import DemonstrationStep
 from backend.study.session.machine import StepView
 from backend.study.session.versions import protocol_of
@@ -73,7 +74,8 @@ class SeenPath:
 @dataclass(frozen=True)
 class _Seen:
     """What an answer is about. step: whose page it is shown on; shown: on the stage; durations_s: of what plays there;
-    state: of the page where it is not a trial's; view, block: of the trial or drawing."""
+    state: of the page where it is not a trial's; view, block: of the trial or drawing; payload: what the page is given
+    beside what it is always."""
 
     step: Step
     shown: Played
@@ -81,6 +83,7 @@ class _Seen:
     view: str
     block: str | None = None
     state: dict[str, Any] | None = None
+    payload: dict[str, Any] = field(default_factory=dict)
 
 
 @router.get("/lab/studies/{study_id}/answers/{response_id}")
@@ -113,7 +116,7 @@ def replay(request: Request, study_id: str, response_id: str, database: Db, file
             key=seen.step.key,
             index=at,
             total=len(plan),
-            payload=kind_of(seen.step).payload(seen.step, Page(frozen, session.language)),
+            payload=kind_of(seen.step).payload(seen.step, Page(frozen, session.language)) | seen.payload,
         ),
         next_kind=next_kind(plan, at),
         leads_to=leads_to(plan, at),
@@ -148,8 +151,12 @@ def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Ans
         return None
     a, b = load_trajectory(files, trial.trajectory_a), load_trajectory(files, trial.trajectory_b)
     alone = kind_of(step).trajectories == 1
-    shown = SeenQuery(a, b, view=cast("View", trial.view), alone=alone, light=light)
-    return _Seen(step, shown, [one.duration_s for one in ((a,) if alone else (a, b))], trial.view, trial.block)
+    moment = Moment(s, session, protocol_of(s, session), given.created_at)
+    explained = kind_of(step).explains(step, moment)
+    shown = SeenQuery(a, b, view=cast("View", trial.view), alone=alone, light=light, explained=explained)
+    durations = [one.duration_s for one in ((a,) if alone else (a, b))]
+    ranked = {"ranked": given.value["ranking"], **kind_of(step).payload_now(step, moment)} if explained else {}
+    return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked)
 
 
 def _seen_path(
@@ -196,6 +203,8 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
         said = t("lab.replay.guessed", code=code, choice=choice, right=right)
     elif choice:
         said = t("lab.replay.chose", code=code, choice=choice)
+    elif given.kind == "importance_ranking":
+        said = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
     elif "stroke" in value:
         said = t("lab.replay.drew", code=code)
     elif seen.step.rates and seen.step.rates in value:
@@ -214,3 +223,13 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
     if device.get("scene_detail") == "light":
         parts.append(t("lab.replay.light"))
     return " · ".join(parts)
+
+
+def _agreement(t: Catalogue, value: dict[str, Any]) -> str:
+    """Kendall's tau-b between the ranking and the scores; none where every object scored the same."""
+    from scipy.stats import kendalltau  # slow to import
+
+    places = {thing: place for place, thing in enumerate(value["ranking"])}
+    things = list(value["scores"])
+    tau = float(kendalltau([-places[thing] for thing in things], [value["scores"][thing] for thing in things])[0])
+    return "–" if math.isnan(tau) else t.number(tau, 2)

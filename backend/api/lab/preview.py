@@ -17,6 +17,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.core.roles import Right
 from backend.api.lab.drafts import find_draft
 from backend.api.participant.session_view import leads_to, next_kind
+from backend.explain.shown_explanation import Scores, ShownExplanation
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
@@ -51,15 +52,18 @@ class Played(Protocol):
 
 @dataclass(frozen=True)
 class QueryPreview:
-    """A query on a stage: still at first, then the trajectory that is asked for. alone: only A, without a letter."""
+    """A query on a stage: still at first, then the trajectory that is asked for. alone: only A, without a letter;
+    explained: with what is shown of the policy's reasons.
+    """
 
     a: Trajectory
     b: Trajectory
     view: View
     alone: bool = False
+    explained: ShownExplanation | None = None
 
     def show(self, stage: Stage) -> None:
-        stage.show(self.a.scene, self.view, trajectories=(self.a, self.b))
+        stage.show(self.a.scene, self.view, trajectories=(self.a, self.b), explained=self.explained)
 
     def play(self, stage: Stage, side: Side) -> None:
         stage.play(
@@ -69,7 +73,25 @@ class QueryPreview:
             view=self.view,
             playback_id=side,
             trajectories=(self.a, self.b),
+            explained=self.explained,
         )
+
+
+@dataclass(frozen=True)
+class Example:
+    """What a preview shows: two trajectories of one scene, or one twice with its objects and their scores."""
+
+    a: Trajectory
+    b: Trajectory
+    things: tuple[str, ...] = ()
+    scores: Scores = ()
+
+    def explained(self, step: Step) -> ShownExplanation | None:
+        """As much of the scores as the step shows."""
+        if not self.things:
+            return None
+        outline, lidar = (bool(getattr(step, name, False)) for name in ("outline", "lidar"))
+        return ShownExplanation(self.things, self.scores, outline, lidar)
 
 
 def preview_steps(frozen: FrozenProtocol) -> list[Step]:
@@ -89,20 +111,26 @@ def first_steps(frozen: FrozenProtocol) -> dict[str, int]:
 
 
 @lru_cache(maxsize=4)
-def example_query(files: ArtefactStore, query_set: str) -> tuple[Trajectory, Trajectory] | None:
-    """The first query of a query set (shipped name, path, or id of one made here), None where the set cannot be read;
-    the check of the protocol says why.
+def example_query(files: ArtefactStore, query_set: str) -> Example | None:
+    """The first query of a query set, or rollout of a ranking set (shipped name, path, or id of one made here), None
+    where the set cannot be read; the check of the protocol says why.
     """
+    from backend.explain.methods import AttributionError
+    from backend.explain.ranking_sets import RankingSet, is_ranking_set
     from backend.learning.errors import LearningError  # torch comes with it: only where somebody looks
-    from backend.learning.policies.shipped import load_queries
     from backend.learning.queries.queries import QuerySet
+    from backend.learning.shipped_files import resolve
 
     try:
-        made_here = SHA256.fullmatch(query_set)
-        queries = (QuerySet.from_bytes(files.get(query_set)) if made_here else load_queries(query_set)).queries
-    except (LearningError, ArtefactError):
+        content = files.get(query_set) if SHA256.fullmatch(query_set) else resolve(query_set).read_bytes()
+        if is_ranking_set(content):
+            one = RankingSet.from_bytes(content).rollouts[0]
+            scores = tuple(tuple(float(score) for score in moment) for moment in one.scores)
+            return Example(one.trajectory, one.trajectory, one.things, scores)
+        queries = QuerySet.from_bytes(content).queries
+    except (AttributionError, LearningError, ArtefactError, OSError):
         return None
-    return (queries[0].trajectory_a, queries[0].trajectory_b) if queries else None
+    return Example(queries[0].trajectory_a, queries[0].trajectory_b) if queries else None
 
 
 @router.get("/new/{draft_id}/preview/{number}")
@@ -168,6 +196,8 @@ def _preview_page(
     shown = kind_of(step).previewed and query_set is not None
     query = example_query(services_of(request).files, query_set or "") if shown else None
     payload = kind_of(step).payload(step, Page(frozen, language, EXAMPLE_CODE))
+    if query is not None and query.things:
+        payload["things"] = list(query.things)
     if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE, study_id):
         payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
     return page(
@@ -199,14 +229,15 @@ def _preview_page(
     )
 
 
-def _durations(step: Step, query: tuple[Trajectory, Trajectory] | None) -> list[float]:
+def _durations(step: Step, query: Example | None) -> list[float]:
     """Of what the step shows of the example query, seconds; zeros where there is none, nothing on a page."""
     kind = kind_of(step)
-    known = [round(one.duration_s, 1) for one in query] if query else [0.0, 0.0]
+    known = [round(one.duration_s, 1) for one in (query.a, query.b)] if query else [0.0, 0.0]
     return known[: kind.trajectories] if kind.previewed else []
 
 
-def _granted(request: Request, query: tuple[Trajectory, Trajectory], step: Step) -> str:
+def _granted(request: Request, query: Example, step: Step) -> str:
     """The token of a stage that shows the example query in the step's view."""
     alone = kind_of(step).trajectories == 1
-    return services_of(request).replays.grant(QueryPreview(*query, view=step.view or "top_down", alone=alone))
+    view, explained = step.view or "top_down", query.explained(step)
+    return services_of(request).replays.grant(QueryPreview(query.a, query.b, view, alone=alone, explained=explained))

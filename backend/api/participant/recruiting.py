@@ -77,7 +77,7 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         language=language,
         study_title=frozen.title(language),
         welcome=local(frozen.protocol.welcome, language) if frozen.protocol.welcome else None,
-        asked=[kind for kind in dict.fromkeys(one.kind for one in frozen.protocol.stages) if STAGES[kind].teaches],
+        asked=[kind for kind in dict.fromkeys(one.kind for one in frozen.protocol.stages) if _is_lead(kind)],
         languages=languages,
         recruiting={name: request.query_params[name] for name in PLATFORM_FIELDS if request.query_params.get(name)},
         contact=frozen.protocol.contact or contact(request),
@@ -169,3 +169,8 @@ def code_page(request: Request) -> Response:
 def go_back(code: Annotated[str, Form()] = "") -> Response:
     """To the session behind the code; a wrong one is told there as a wrong link is."""
     return RedirectResponse(f"/p/{quote(as_issued(code.strip()), safe='')}", status_code=303)
+
+
+def _is_lead(kind: str) -> bool:
+    """Whether the page people join on begins with what is done there."""
+    return STAGES[kind].teaches is not None or STAGES[kind].measures

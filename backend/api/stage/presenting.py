@@ -11,18 +11,22 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, cast
 
 import structlog
+from sqlalchemy.orm import Session as DatabaseSession
 
 from app.views import View
 from backend.api.stage import drawing_sheet, live_scene
 from backend.api.stage.listening import Listeners
 from backend.api.stage.replay_stages import ReplayStages
+from backend.explain.shown_explanation import ShownExplanation
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database, DatabaseBusy
 from backend.store.models import Session, utc_now
 from backend.study.drawing import paths
 from backend.study.kinds import kind_of
+from backend.study.kinds.base import Moment
 from backend.study.session import machine
+from backend.study.session.versions import protocol_of
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -92,7 +96,9 @@ class Presenter:
 
         def order(stage: Stage) -> None:
             with self._database.session() as s:
-                trial = machine.trial_of(s, s.get_one(Session, session_id))
+                session = s.get_one(Session, session_id)
+                trial = machine.trial_of(s, session)
+                explained = _explained(s, session)
             if trial is None or machine.playing(trial) != playback:
                 return  # the session went on meanwhile
             stage.play(
@@ -102,6 +108,7 @@ class Presenter:
                 view=cast("View", playback.view),
                 playback_id=playback.playback_id,
                 trajectories=[self._trajectory(one) for one in (trial.trajectory_a, trial.trajectory_b)],
+                explained=explained,
             )
 
         self._tell(session_id, order)
@@ -148,11 +155,12 @@ class Presenter:
     def _present(self, stage: Stage, session_id: str) -> None:
         with self._database.session() as s:
             session = s.get(Session, session_id)
-            trial = None
+            trial = explained = None
             active = session is not None and session.state == "active"
             shows = kind_of(machine.step_of(session)).shows if active and session is not None else "page"
             if session is not None and shows == "trajectories":
                 trial = machine.trial_of(s, session)
+                explained = _explained(s, session)
         if shows == "paper":
             drawing_sheet.present(self._database, stage, session_id)
             return
@@ -165,7 +173,14 @@ class Presenter:
         a, b = self._trajectory(trial.trajectory_a), self._trajectory(trial.trajectory_b)
         assert session is not None  # noqa: S101  it has a trial
         stage.detail = "light" if session.device.get("scene_detail") == "light" else "full"
-        stage.show(a.scene, cast("View", trial.view), trajectories=[a, b])
+        halted = explained is not None and trial.phase == "choosing"
+        stage.show(a.scene, cast("View", trial.view), trajectories=[a, b], explained=explained, halted=halted)
 
     def _load(self, trajectory_id: str) -> Trajectory:
         return load_trajectory(self._files, trajectory_id)
+
+
+def _explained(s: DatabaseSession, session: Session) -> ShownExplanation | None:
+    """What the current step shows of a policy's reasons."""
+    step = machine.step_of(session)
+    return kind_of(step).explains(step, Moment(s, session, protocol_of(s, session), utc_now()))

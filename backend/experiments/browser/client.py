@@ -7,6 +7,7 @@ takes its time. Playwright and Chromium belong to the tests' equipment and are a
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import time
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ from backend.study.simulated.http import HttpSessionClient
 from backend.study.simulated.participant import Character, SimulationError, State, walk_all
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Locator, Page
+    from playwright.sync_api import Browser, FloatRect, Locator, Page
 
 FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # 3D without a graphics card
 WINDOW = {"width": 1024, "height": 640}  # the smallest that everything has to fit into, UI.md
@@ -69,6 +70,12 @@ def walk_with_browser(
         )
         others = (HttpSessionClient(client, recruiting_token) for _ in range(participants - in_browser))
         return walk_all(chain(seeing, others), character)
+
+
+def _within(spot: FloatRect, window: FloatRect) -> bool:
+    """Whether the middle of a box lies in the window."""
+    x, y = spot["x"] + spot["width"] / 2, spot["y"] + spot["height"] / 2
+    return 0 <= x - window["x"] <= window["width"] and 0 <= y - window["y"] <= window["height"]
 
 
 class BrowserSessionClient:
@@ -183,6 +190,8 @@ class BrowserSessionClient:
             self._tune(value["weights"])
             self._picture(f"{kind}_{self._view()}")
             self._page.locator("[data-done]").click()
+        elif kind == "importance_ranking":
+            self._rank(key, value["ranking"])
         else:
             self._fill(kind, value)
             self._press_on(key, value)
@@ -212,6 +221,28 @@ class BrowserSessionClient:
             for _ in range(round((100 * wanted - least) / step)):
                 slider.press("ArrowRight")
         self._page.locator("#live-way[data-seconds]").wait_for()
+
+    def _rank(self, key: str, things: list[str]) -> None:
+        """Object by object where it stands in the room; by its name where nothing of it can be clicked there."""
+        from playwright.sync_api import TimeoutError as NothingThere
+
+        name = self._page.locator("[data-thing]").first
+        name.wait_for()
+        room = self._page.frame_locator("#stage-frame iframe")
+        for place, thing in enumerate(things, 1):
+            listed = self._page.locator(f"[data-thing='{thing}']")
+            tag = room.locator(f".desire-path-tag[data-thing='{thing}']")
+            spot = tag.bounding_box()
+            window = self._page.locator("#stage").bounding_box()
+            if spot and window and _within(spot, window):
+                self._page.mouse.click(spot["x"] + spot["width"] / 2, spot["y"] + spot["height"] / 2)
+                with contextlib.suppress(NothingThere):
+                    listed.and_(self._page.locator("[aria-pressed=true]")).wait_for(timeout=3000)
+            if listed.get_attribute("aria-pressed") != "true":
+                listed.click()
+            if place == len(things):
+                self._picture(f"ranked_{self._view()}{self._part(key)}")
+        self._page.locator("[data-go-on][aria-disabled=false]").click()
 
     def _step(self, key: str) -> Locator:
         body = self._page.locator(f".step-body[data-key='{key}']")

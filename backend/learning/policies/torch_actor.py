@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import torch
@@ -16,10 +17,17 @@ Actor = Callable[[Tensor], Tensor]
 
 
 def actor_of(policy: Policy) -> Actor:
-    """A policy's usual actor; its recovery policies, which drive while the robot is stuck, are not in it."""
-    arrays = [torch.from_numpy(np.ascontiguousarray(array)) for array in policy.actor]
-    layers = list(zip(arrays[0::2], arrays[1::2], strict=True))
-    return lambda observations: actor_forward(observations, layers)
+    """A policy's usual actor; its recovery policies, which drive while the robot is stuck, are not in it.
+
+    It computes in the precision of what it is given.
+    """
+
+    @cache
+    def layers(dtype: torch.dtype) -> list[tuple[Tensor, Tensor]]:
+        arrays = [torch.from_numpy(np.ascontiguousarray(array)).to(dtype) for array in policy.actor]
+        return list(zip(arrays[0::2], arrays[1::2], strict=True))
+
+    return lambda observations: actor_forward(observations, layers(observations.dtype))
 
 
 def actor_of_sb3(model: object) -> Actor:

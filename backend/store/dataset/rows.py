@@ -230,6 +230,33 @@ class Content:
                     **{name: change[name] for name in ("seconds", "place", "by", "objective", "weight")},
                 }
 
+    def rankings(self) -> Iterator[Row]:
+        """Importance rankings, object by object in the order in which they were ranked."""
+        for answer in self.answers:
+            trial = self.trial_by_id.get(answer.trial_id or "")
+            if answer.kind != "importance_ranking" or trial is None:
+                continue
+            value = answer.value
+            placed = value["placed_s"] or [None] * len(value["ranking"])
+            for rank, (thing, seconds) in enumerate(zip(value["ranking"], placed, strict=True), start=1):
+                yield {
+                    "response": answer.id,
+                    "trial": trial.id,
+                    **self.of_session(answer.session_id),
+                    "practice": is_practice(trial.role),
+                    "step": answer.step_key,
+                    "condition": trial.block,
+                    "outline": value["outline"],
+                    "lidar": value["lidar"],
+                    "query": trial.query_id,
+                    "thing": thing,
+                    "rank": rank,
+                    "score": value["scores"][thing],
+                    "placed_s": seconds,
+                    "undone": value["undone"],
+                    "decision_s": answer.decision_s,
+                }
+
     def _step_of(self, answer: Response) -> Row:
         """The step of the plan that was answered; empty where the plan does not have it."""
         if answer.session_id not in self._steps:

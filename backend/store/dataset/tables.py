@@ -136,7 +136,12 @@ TRIALS = Table(
         Column("step", TEXT, "key of the trial's step in the plan", form=IS_KEY),
         Column("index", WHOLE, "order within the session"),
         Column("block", TEXT, "experimental condition (e.g. the view), where the protocol has several"),
-        Column("kind", TEXT, "query (two trajectories), comparison (base and own policy) or evaluation (one alone)"),
+        Column(
+            "kind",
+            TEXT,
+            "query (two trajectories), comparison (base and own policy), or one alone: rating, evaluation, "
+            "importance_ranking",
+        ),
         Column(
             "role",
             TEXT,
@@ -249,6 +254,30 @@ TUNING_CHANGES = Table(
     ),
     key=("response", "index"),
     refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT),
+)
+RANKINGS = Table(
+    "importance_rankings",
+    "ranked object of an importance ranking",
+    (
+        Column("response", TEXT, "id of the answer", form=IS_ID),
+        Column("trial", TEXT, "id of the trial it answers", form=IS_ID),
+        _SESSION,
+        _PARTICIPANT,
+        *_TRIAL_MARKS,
+        Column("step", TEXT, "key of the step", form=IS_KEY),
+        Column("condition", TEXT, "experimental condition, as `block` of trials"),
+        Column("outline", YES_NO, "whether outlines showed the objects' scores"),
+        Column("lidar", YES_NO, "whether the lidar's rays were shown"),
+        Column("query", TEXT, "id of the rollout that was shown, the same wherever it is asked"),
+        Column("thing", TEXT, "the object, by kind and number as the scene has it"),
+        Column("rank", WHOLE, "place that it was given: 1 the most important"),
+        Column("score", NUMBER, "how much it moved the policy's speed where the robot stood, 0 to 1; 0 also: not seen"),
+        Column("placed_s", NUMBER, "seconds until it was put there; empty: not reported"),
+        Column("undone", WHOLE, "how often a place was taken back in this trial"),
+        Column("decision_s", NUMBER, "seconds from ranking becoming possible to the answer"),
+    ),
+    key=("response", "thing"),
+    refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT, ("trial", "trials", "trial")),
 )
 EVENTS = Table(
     "events",
@@ -428,6 +457,7 @@ STEPS = Table(
     refers=(("trajectory", *_TRAJECTORY),),
 )
 TABLES = (
-    *(PARTICIPANTS, SESSIONS, PLANNED_STEPS, TRIALS, RESPONSES, ITEMS, TUNING_CHANGES, EVENTS, PAIRS, STROKES),
+    *(PARTICIPANTS, SESSIONS, PLANNED_STEPS, TRIALS, RESPONSES, ITEMS, TUNING_CHANGES, RANKINGS),
+    *(EVENTS, PAIRS, STROKES),
     *(TRAJECTORIES, METRICS, STEPS),
 )

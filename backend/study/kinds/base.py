@@ -29,6 +29,7 @@ from backend.study.plan.asked_queries import DrawnQueries, Needs
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:
+    from backend.explain.shown_explanation import ShownExplanation
     from backend.report.made_up_cohorts import MadeUpPerson
     from backend.simulation.trajectory import Trajectory
     from backend.study.protocol.freezing import FrozenProtocol
@@ -72,6 +73,8 @@ class Stage(Part):
     """Asks something of the participant, so it stands after the consent."""
     teaches: ClassVar[Literal["align", "demonstrations"] | None] = None
     """Which job learns from what is answered there; a protocol needs one such stage at least."""
+    measures: ClassVar[bool] = False
+    """Asks what a study may be about by itself, though nothing learns from it."""
     once: ClassVar[bool] = False
     """Stands at most once in a protocol."""
     for_everybody: ClassVar[bool] = False
@@ -394,6 +397,10 @@ class Kind(Generic[S, A]):
 
     def state(self, step: S, moment: Moment) -> dict[str, Any] | None:
         """How far its trial or drawing is, as `progress` says; trials' own is `session/view.py`'s."""
+        return None
+
+    def explains(self, step: S, moment: Moment) -> ShownExplanation | None:
+        """What of the policy's reasons its stage shows beside the trajectory; None: nothing."""
         return None
 
     # whether somebody meets it

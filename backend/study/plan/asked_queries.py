@@ -34,15 +34,24 @@ class Sample(Part):
 @dataclass(frozen=True)
 class Needs:
     """What stages need of the query set. shared: queries that all of them show; own: further ones; triads: scenes with
-    three trajectories, which all of them share.
+    three trajectories, which all of them share; ranked: explained rollouts of a ranking set, practised: others of them
+    for practice.
     """
 
     shared: int = 0
     own: int = 0
     triads: int = 0
+    ranked: int = 0
+    practised: int = 0
 
     def __add__(self, other: Needs) -> Needs:
-        return Needs(max(self.shared, other.shared), self.own + other.own, max(self.triads, other.triads))
+        return Needs(
+            max(self.shared, other.shared),
+            self.own + other.own,
+            max(self.triads, other.triads),
+            self.ranked + other.ranked,
+            self.practised + other.practised,
+        )
 
     @property
     def queries(self) -> int:
@@ -90,7 +99,8 @@ def placeholders(needs: Needs, sample: Sample) -> list[Placeholder]:
         return Placeholder(f"preview-{scene}{a}{b}", f"scene-{scene}", f"{scene}{a}", f"{scene}{b}", long_s, long_s)
 
     beside = [query(needs.queries + n, *sides) for n in range(needs.triads) for sides in (("a", "b"), ("b", "c"))]
-    return [query(n, "a", "b") for n in range(needs.queries)] + beside
+    ranked = [query(-1 - n, "a", "b") for n in range(needs.ranked + needs.practised)]
+    return [query(n, "a", "b") for n in range(needs.queries)] + beside + ranked
 
 
 @dataclass(frozen=True)
@@ -111,20 +121,37 @@ class Pair:
 
 
 class DrawnQueries:
-    """What was drawn for one participant: pairs that stages share, further ones for those that do not, triads."""
+    """What was drawn for one participant: pairs that stages share, further ones for those that do not, triads, and
+    what is ranked.
+    """
 
-    def __init__(self, shared: list[Pair], own: list[Pair], triads: list[tuple[Pair, Pair, Pair]]) -> None:
+    def __init__(
+        self,
+        shared: list[Pair],
+        own: list[Pair],
+        triads: list[tuple[Pair, Pair, Pair]],
+        ranked: Sequence[Pair] = (),
+        practised: Sequence[Pair] = (),
+    ) -> None:
         self.shared, self.triads = shared, triads
-        self._own = iter(own)
+        self._own, self._ranked, self._practised = iter(own), iter(ranked), iter(practised)
 
     def pairs(self, count: int, *, shared: bool) -> list[Pair]:
         """The next `count` pairs of one condition; shared: the first ones that all conditions show."""
         return self.shared[:count] if shared else [next(self._own) for _ in range(count)]
 
+    def rankings(self, count: int, *, practice: bool) -> list[Pair]:
+        """The next `count` rollouts to rank, none of them twice; practice: of those for practice."""
+        return [next(self._practised if practice else self._ranked) for _ in range(count)]
+
 
 def draw(needs: Needs, sample: Sample, queries: Sequence[AnyQuery], random: np.random.Generator) -> DrawnQueries:
     """Draw one participant's queries, without replacement, within the protocol's `sample`. PlanError: too few."""
     allowed = [query for query in queries if _fits(query, sample)]
+    ranked, practised = _rankings(allowed, needs, random)
+    taken_for_ranking = {pair.query for pair in (*ranked, *practised)}
+    if taken_for_ranking:
+        allowed = [query for query in allowed if query.id not in taken_for_ranking]
     made = _triads(allowed, needs.triads, random)
     taken = {scene for scene, _ in made}
     rest = [query for query in allowed if query.scene_hash not in taken] if made else allowed
@@ -138,7 +165,25 @@ def draw(needs: Needs, sample: Sample, queries: Sequence[AnyQuery], random: np.r
         )
     pairs = [_sided(_pair(query), bool(random.integers(2))) for query in chosen]
     sided = [tuple(_sided(pair, bool(random.integers(2))) for pair in three) for _, three in made]
-    return DrawnQueries(pairs[: needs.shared], pairs[needs.shared :], [(a, b, c) for a, b, c in sided])
+    triads = [(a, b, c) for a, b, c in sided]
+    return DrawnQueries(pairs[: needs.shared], pairs[needs.shared :], triads, ranked, practised)
+
+
+def _rankings(queries: Sequence[AnyQuery], needs: Needs, random: np.random.Generator) -> tuple[list[Pair], list[Pair]]:
+    """(ranked, practised), in random order; a set's own rollouts for practice first. PlanError: too few."""
+    if not needs.ranked + needs.practised:
+        return [], []
+    order = [queries[i] for i in random.permutation(len(queries))]
+    practice = [query for query in order if getattr(query, "practice", False)]
+    others = [query for query in order if not getattr(query, "practice", False)]
+    short = max(0, needs.practised - len(practice))
+    if len(others) < needs.ranked + short:
+        raise PlanError(
+            f"the ranking set has {len(others)} rollouts and {len(practice)} for practice, one session of this "
+            f"protocol ranks {needs.ranked} and practises with {needs.practised}"
+        )
+    practised = (practice + others[needs.ranked :])[: needs.practised]
+    return [_pair(query) for query in others[: needs.ranked]], [_pair(query) for query in practised]
 
 
 def _fits(query: AnyQuery, sample: Sample) -> bool:

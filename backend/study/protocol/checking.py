@@ -59,8 +59,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield at(index, f"is followed by {kinds[index + 1]}; the next appointment needs something to do")
         elif kind == "appointment" and not _met_by_everybody(protocol, index + 1):
             yield at(index, "is followed by stages with 'when' only; the next appointment needs one for everybody")
-    if not any(entry.stage.teaches for entry in protocol.stages):
-        asking = " or ".join(kind for kind, stage in STAGES.items() if stage.teaches)
+    if not any(entry.stage.teaches or entry.stage.measures for entry in protocol.stages):
+        asking = " or ".join(kind for kind, stage in STAGES.items() if stage.teaches or stage.measures)
         yield source.problem(("stages",), f"needs at least one {asking} stage; there is nothing to judge or to show")
     if protocol.needs != Needs() and protocol.query_set is None:
         yield source.problem(("query_set",), "is needed: it is what the trajectories that are shown are drawn from")

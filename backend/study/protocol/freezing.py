@@ -207,7 +207,8 @@ def _frozen(text: str, file: str, read: Read, *, of_before: bool = False) -> Fro
 
 def _query_set(name: str, here: Mapping[str, str], source: Source) -> Problem | None:
     """Whether there is such a query set, without opening it (`learning` and torch take seconds to import)."""
-    shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/queries*.npz"))
+    found = (*DATASETS.glob("*/queries*.npz"), *DATASETS.glob("*/scenarios*.npz"))
+    shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in found)
     if name in shipped or name in here or (name.endswith(".npz") and Path(name).is_file()):
         return None
     allowed = ", ".join(shipped) or "none"

@@ -1,0 +1,137 @@
+// @ts-check
+/**
+ * Objects in the room that can be picked one after the other: a name over each, with its place in the ranking once it
+ * has one. Which place that is, the page says; here a click or a touch becomes the object under it.
+ *
+ * What this shows is the list on the page once more, so it is hidden from screen readers, which have the list.
+ */
+(() => {
+  "use strict";
+  const { bridge, viser } = window.desirePath;
+  const STILL_PX = 8; // a press that moves farther turns the head
+  const ABOVE_M = 0.08;
+
+  /** @typedef {ReturnType<DesirePath["explained"]["objects"]>[number]} Thing */
+
+  /** @type {{thing: Thing, tag: HTMLElement, place: HTMLElement, name: HTMLElement}[]} */
+  let tags = [];
+  let on = false;
+  let turn = 0;
+  /** @type {string | null} */
+  let pointed = null;
+  /** @type {{id: number, x: number, y: number} | null} */
+  let press = null;
+
+  /** The object under a pixel, nearest to the eye. @param {number} px @param {number} py @returns {string | null} */
+  function under(px, py) {
+    const { eye, along } = viser.ray(px, py);
+    let [found, nearest] = [/** @type {string | null} */ (null), Infinity];
+    for (const { thing } of tags) {
+      const [c, s] = [Math.cos(thing.yaw), Math.sin(thing.yaw)];
+      const [x, y] = [eye[0] - thing.x, eye[1] - thing.y];
+      const from = [c * x + s * y, -s * x + c * y, eye[2] - thing.height / 2];
+      const way = [c * along[0] + s * along[1], -s * along[0] + c * along[1], along[2]];
+      const half = [thing.length / 2, thing.width / 2, thing.height / 2];
+      let [enters, leaves] = [0, Infinity];
+      for (let k = 0; k < 3; k += 1) {
+        const [a, b] = [(-half[k] - from[k]) / way[k], (half[k] - from[k]) / way[k]];
+        enters = Math.max(enters, Math.min(a, b));
+        leaves = Math.min(leaves, Math.max(a, b));
+      }
+      if (enters <= leaves && enters < nearest) [found, nearest] = [thing.thing, enters];
+    }
+    return found;
+  }
+
+  /** A name may be clicked as well as the object. @param {PointerEvent} event */
+  function at(event) {
+    const over = tags.find(({ tag }) => {
+      const box = tag.getBoundingClientRect();
+      return event.clientX >= box.left && event.clientX <= box.right && event.clientY >= box.top && event.clientY <= box.bottom;
+    });
+    return over ? over.thing.thing : under(event.clientX, event.clientY);
+  }
+
+  /** @param {string | null} thing */
+  function point(thing) {
+    pointed = thing;
+    for (const { thing: one, tag } of tags) tag.toggleAttribute("data-pointed", one.thing === thing);
+    document.documentElement.toggleAttribute("data-pickable", thing !== null);
+  }
+
+  const { element } = window.desirePath.sheet;
+  element.addEventListener("pointerdown", (event) => {
+    if (on && event.button === 0) press = { id: event.pointerId, x: event.clientX, y: event.clientY };
+  });
+  element.addEventListener("pointermove", (event) => {
+    if (!on || event.pointerType === "touch") return;
+    const thing = at(event);
+    if (thing === pointed) return;
+    point(thing);
+    bridge.post("pointed", { thing });
+  });
+  element.addEventListener("pointerup", (event) => {
+    const began = press;
+    press = null;
+    if (!on || !began || began.id !== event.pointerId) return;
+    if (Math.hypot(event.clientX - began.x, event.clientY - began.y) > STILL_PX) return;
+    const thing = at(event);
+    if (thing) bridge.post("picked", { thing });
+  });
+
+  /** Names stay over their objects when the camera turns. @param {number} mine */
+  function pin(mine) {
+    if (mine !== turn) return;
+    const project = viser.projector();
+    for (const { thing, tag } of tags) {
+      const spot = project(thing.x, thing.y, thing.height + ABOVE_M);
+      tag.hidden = !spot;
+      if (spot) tag.style.transform = `translate(${Math.round(spot[0])}px, ${Math.round(spot[1])}px) translate(-50%, -100%)`;
+    }
+    window.desirePath.explained.follow();
+    requestAnimationFrame(() => pin(mine));
+  }
+
+  /** @param {Record<string, string>} words thing -> what people call it */
+  function begin(words) {
+    const { explained, camera } = window.desirePath;
+    tags = explained.objects().map((thing) => {
+      const [tag, place, name] = [document.createElement("div"), document.createElement("b"), document.createElement("span")];
+      tag.className = "desire-path-tag";
+      tag.dataset.thing = thing.thing;
+      tag.setAttribute("aria-hidden", "true");
+      name.textContent = words[thing.thing] ?? "";
+      tag.append(place, name);
+      return { thing, tag, place, name };
+    });
+    element.append(...tags.map(({ tag }) => tag));
+    on = true;
+    document.documentElement.dataset.picking = "on";
+    explained.hide(true);
+    if (document.documentElement.dataset.view === "first_person") camera.look();
+    pin(++turn);
+  }
+
+  window.desirePath.picking = {
+    stop() {
+      on = false;
+      turn += 1;
+      for (const { tag } of tags) tag.remove();
+      tags = [];
+      point(null);
+      delete document.documentElement.dataset.picking;
+    },
+    /** `rank`: the objects may be picked, these have places already, this one is meant on the page. @param {any} message */
+    obey(message) {
+      if (message.do !== "rank" || !window.desirePath.explained.objects().length) return;
+      if (!on) begin(message.words ?? {});
+      const places = /** @type {string[]} */ (message.places ?? []);
+      for (const { thing, tag, place } of tags) {
+        const k = places.indexOf(thing.thing);
+        place.textContent = k < 0 ? "" : String(k + 1);
+        tag.toggleAttribute("data-placed", k >= 0);
+      }
+      point(message.pointed ?? null);
+    },
+  };
+})();
