@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
 from backend.learning.measures.remembered import remembered
-from backend.learning.policies.shipped import load_queries
 from backend.learning.preferences.features import obstacle_clearance_m
+from backend.learning.queries.queries import QuerySet
+from backend.learning.shipped_files import resolve
 from backend.simulation.setups import PREFERENCE_SETUPS, Setup, get_setup, require_same
 from backend.simulation.trajectory import Trajectory
 
@@ -159,7 +160,7 @@ def reference(setup: str) -> Reference:
     preferences."""
     if setup not in PREFERENCE_SETUPS:
         raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(PREFERENCE_SETUPS)}")
-    queries = load_queries(f"{setup}/queries_varied_200").queries[:REFERENCE_PAIRS]
+    queries = QuerySet.load(resolve(f"{setup}/queries_varied_200")).queries[:REFERENCE_PAIRS]
     trajectories = tuple(one for query in queries for one in (query.trajectory_a, query.trajectory_b))
     steps = SeenSteps.of_trajectories(trajectories)
     return Reference(
