@@ -49,7 +49,7 @@ HERE = ("127.0.0.1", 50_000)
 LEFT_OUT = {"/lab/sign-out", "/lab/password", "/api/session/{token}/stream"}
 # Not published: they lead elsewhere, are the contract itself, or the old names of others.
 UNLISTED = {
-    *("/", "/lab", "/api/docs", "/api/docs/openapi.json"),
+    *("/", "/lab", "/metrics", "/api/docs", "/api/docs/openapi.json"),
     *(f"/api/session/{{token}}/drawing/{{key}}/{old}" for old in ("drive", "driven")),
 }
 FORMS = {"application/x-www-form-urlencoded", "multipart/form-data"}

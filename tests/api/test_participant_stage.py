@@ -63,7 +63,9 @@ class Recorder:
     def __init__(self) -> None:
         self.asked: list[str] = []
 
-    def show(self, scene, view, *, trajectories=()):
+    def show(self, scene, view, *, trajectories=(), explained=None, halted=False):
+        assert explained is None
+        assert not halted
         self.asked.append(f"show {view} {scene.setup} {len(trajectories)}")
 
     def clear(self):

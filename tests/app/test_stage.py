@@ -235,9 +235,10 @@ def test_nothing_that_is_sent_tells_the_goal(rig: StageRig, visit: Visit, monkey
         order = json.loads(source.removeprefix("window.desirePath.run(").removesuffix(")"))
         assert set(order) <= {
             *("type", "camera", "meshes", "robots", "person", "stands", "walk", "start", "sharpness"),
-            *("playback_id", "label", "label_s", "hold_s", "tracks", "paper"),
+            *("playback_id", "label", "label_s", "hold_s", "tracks", "paper", "explained", "halted"),
         }
         assert order.get("paper") is None  # a pair of dots says where a path was to end
+        assert order.get("explained") is order.get("halted") is None  # both are asked for where the goal is to be seen
 
 
 def test_a_hidden_tab_interrupts_the_drive(rig: StageRig, visit: Visit) -> None:

@@ -25,8 +25,15 @@ def write_result(out: Path, result: dict[str, Any]) -> None:
     from backend.learning.cards import source_commit
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = {"command": " ".join(["desirepath", *sys.argv[1:]]), "commit": source_commit()} | short(result)
+    command = " ".join(["desirepath", *map(_without_folder, sys.argv[1:])])
+    written = {"command": command, "commit": source_commit()} | short(result)
     out.write_text(json.dumps(written, indent=1) + "\n", encoding="utf-8")
+
+
+def _without_folder(argument: str) -> str:
+    """What was given on the command line, a path that begins at the root by its name alone: folders are a machine's."""
+    option, sign, given = argument.rpartition("=")
+    return f"{option}{sign}{Path(given).name}" if given.startswith("/") else argument
 
 
 def short(value: Any) -> Any:
