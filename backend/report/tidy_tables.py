@@ -32,6 +32,7 @@ from backend.store.dataset.reading import read_dataset
 from backend.store.dataset.writing import answers_of
 from backend.store.models import MARKS, ProtocolVersion, Study
 from backend.store.sides import SIDES, chosen_and_rejected, is_side, shown_on
+from backend.store.who_counts import FURTHER
 
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
@@ -84,7 +85,8 @@ def tidy(
         sessions[row["participant"]].append(row)
     # a choice whose time was over names no trajectory
     answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and is_side(row["choice"])}
-    trials = [row for row in tables["trials"] if row["trial"] in answers]
+    # whoever is asked on was judged hard to teach: these answers would count some people's more than others'
+    trials = [row for row in tables["trials"] if row["trial"] in answers and row["role"] != FURTHER]
     items = [*_items(files), *_rated_items(row["plan"] for row in tables["sessions"])]
     checks = {(one.questionnaire, one.key) for one in items if one.instructed}
     session = {row["session"]: row for row in tables["sessions"]}

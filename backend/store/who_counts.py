@@ -21,6 +21,8 @@ LeftOut = Literal["excluded", "withdrawn"]
 
 PRACTICE = "practice"  # role of trials that are stored and never analysed
 PROBE_ROLES = ("repeat", "swap", "transitivity")  # asked again to measure consistency: no independent answers
+FURTHER = "further"  # asked on, where the answers did not say enough: taught from, never analysed
+TEACHING_ROLES = ("regular", FURTHER)  # of queries: what is believed of somebody is read from these
 FORMER_ROLES = {"learning": PRACTICE}  # plans and data sets of before
 FINISHED = "completed"  # state of a session walked to its end; paused, expired, screened-out ones are not
 

@@ -15,6 +15,7 @@ from backend.learning.errors import LearningError
 from backend.learning.preferences.oracles import path_length_m
 from backend.store.artefacts import load_trajectory
 from backend.store.models import Job, Participant, Response, Session, Study, Trial
+from backend.store.snapshots import load_snapshot
 from backend.study.protocol.freezing import freeze_text
 from backend.study.simulated.http import simulate_study
 from backend.study.simulated.participant import Character, SimulationError
@@ -32,6 +33,39 @@ def failing_worker(services: Services) -> Iterator[None]:
             with services.database.transaction() as s:
                 for job in s.scalars(select(Job).where(Job.state == "queued")):
                     job.state, job.error = "failed", "no worker in this test"
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+@contextmanager
+def worker_that_is_sure_from(services: Services, answers: int) -> Iterator[None]:
+    """Ends every training: surely better from so many answers on; with one comparison of two stored trajectories."""
+    over = threading.Event()
+
+    def work() -> None:
+        while not over.wait(0.05):
+            with services.database.transaction() as s:
+                for job in s.scalars(select(Job).where(Job.state == "queued")):
+                    snapshot = load_snapshot(s, services.files, job.params["snapshot"])
+                    given = snapshot.training_answers()
+                    sure = len(given) >= answers
+                    pair = {"base": given[0].trajectory_a, "own": given[0].trajectory_b, "look_alike": False}
+                    job.state, job.result = (
+                        "succeeded",
+                        {
+                            "policy": "own-policy",
+                            "gate": {"passed": True},
+                            "passed": sure,
+                            "personal": {"passed": sure, "probability_better": 0.95 if sure else 0.7},
+                            "comparisons": [pair] if sure else [],
+                        },
+                    )
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -68,6 +102,28 @@ def test_the_oracle_decides_from_the_drives(client, services, link):
     for trial, value in pairs:
         a, b = (path_length_m(load_trajectory(services.files, t)) for t in (trial.trajectory_a, trial.trajectory_b))
         assert value["choice"] == ("b" if b < a else "a")
+
+
+def test_a_bot_that_is_asked_on_is_told_so_and_answers_until_its_robot_is_surely_better(client, services, link):
+    with services.database.transaction() as s:
+        text = s.scalars(select(Study.protocol_yaml).where(Study.recruiting_token == link)).one()
+        asking = text.replace("give_up_after_s: 120", "give_up_after_s: 120, ask_on: {at_most: 3, each: 2}")
+        assert asking != text
+        asked_on = create_study(
+            s, services.files, freeze_text(asking), name="Asks on", created_by=None
+        ).recruiting_token
+    with worker_that_is_sure_from(services, answers=5):
+        done = simulate_study("", asked_on, 1, Character("shortest"), client=client)
+    assert (done["participants"], done["completed"]) == (1, 1)
+    with services.database.session() as s:
+        session = s.scalars(select(Session)).one()
+        roles = list(s.scalars(select(Trial.role).order_by(Trial.index)))
+        told = list(s.scalars(select(Response.step_key).where(Response.kind == "asking_on")))
+        jobs = list(s.scalars(select(Job).order_by(Job.created_at)))
+    assert session.personalisation == "shown"
+    assert roles == ["practice", *["regular"] * 3, *["further"] * 2, "regular"]
+    assert told == ["train.more_1"]
+    assert [job.result["passed"] for job in jobs] == [False, True]
 
 
 def test_an_unknown_oracle_is_refused_before_anybody_joins(client, services, link):

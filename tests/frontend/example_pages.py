@@ -141,6 +141,7 @@ STEPS: dict[str, dict[str, Any]] = {
         "lidar": True,
         "things": ["couch", "table", "cupboard", "box 1", "pillar 2"],
     },
+    "asking_on": {"pairs": 5, "at_most": 15, "first": True},
     "wait": {"learns_from": "paths"},
     "guess": {"learns_from": "answers"},
     "debriefing": {"title": "Thank you", "text": "That was the study.", "completion_code": "K7QM-2XFA"},

@@ -19,7 +19,7 @@ from backend.api.lab.study_rows import ROWS_PER_PAGE, Page, page_of
 from backend.store.models import Participant, Response, Session, Trial
 from backend.store.who_counts import GROUPS, in_group, not_left_out
 
-PAGES_READ = ("information", "instruction", "break", "wait", "appointment", "debriefing")
+PAGES_READ = ("information", "instruction", "break", "asking_on", "wait", "appointment", "debriefing")
 """Kinds of stored answers that say nothing but that a page was read: no number of answers counts them."""
 _NAME = re.compile(r"[A-Za-z0-9_.:-]{1,80}")  # of a questionnaire's item, a step
 

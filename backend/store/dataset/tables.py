@@ -196,7 +196,7 @@ RESPONSES = Table(
         Column("step", TEXT, "key of the step", form=IS_KEY),
         Column("kind", TEXT, "what was asked: preference, comparison, questionnaire, comprehension, consent, ..."),
         Column("view", TEXT, "view of the trial"),
-        Column("role", TEXT, "role of the trial"),
+        Column("role", TEXT, "role of the trial; further: asked on, teaches and is not analysed"),
         Column("query", TEXT, "query of the trial"),
         Column(
             "device",

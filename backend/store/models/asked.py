@@ -13,7 +13,8 @@ from backend.store.models.base import Base, new_id, utc_now
 
 class Trial(Base):
     """One thing asked of the participant. `kind`: query, comparison or evaluation. `role`: practice, regular, or a
-    probe's: repeat, swap, transitivity (the last are the three pairs of three trajectories in one scene). `block`: the
+    probe's: repeat, swap, transitivity (the last are the three pairs of three trajectories in one scene); further:
+    asked on, where the answers before did not say enough. `block`: the
     block's stage, or the condition's name where the block is crossed over conditions. `probe_of`: the trial that a
     repeat or swap asks again. `sides_swapped`: the query's second trajectory is A (None in comparisons and in data of
     before). `replays`: pairs watched again.

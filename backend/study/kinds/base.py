@@ -171,7 +171,7 @@ class Step(BaseModel):
     block: str | None = None
     view: View | None = None
     when: When | None = None
-    then: Literal["train"] | None = None
+    then: Literal["train", "train_again"] | None = None
     rates: str | None = None
 
     def least_s(self, *, timed_out: bool) -> int:

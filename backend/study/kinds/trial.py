@@ -101,13 +101,15 @@ class Viewing(Part):
 
 # ---- in the plan -----------------------------------------------------------------------------------------------------
 
-Role = Annotated[Literal["practice", "regular", "repeat", "swap", "transitivity"], BeforeValidator(_practice)]
+Role = Annotated[
+    Literal["practice", "regular", "repeat", "swap", "transitivity", "further"], BeforeValidator(_practice)
+]
 
 
 class TrialStep(Step):
     """Of a query that is known before the session: `query` and its trajectories as A and B; `sides_swapped`: its second
     one is shown as A. Of one that is chosen by the answers so far: `choose`, by what. `again`: the step that a probe
-    repeats. number, of: this trial among its like.
+    repeats. number, of: this trial among its like. round: of `asking_on.py`, from 1.
     """
 
     kind: Literal["trial"]
@@ -124,6 +126,7 @@ class TrialStep(Step):
     choose: ChooseBy | None = None
     stop: Stopping | None = None
     again: str | None = None
+    round: int | None = None
 
     @property
     def sort(self) -> tuple[str, ...]:
@@ -244,7 +247,12 @@ class Trial(Kind[TrialStep, TrialAnswer]):
         return index
 
     def is_asked(self, step: TrialStep, moment: Moment) -> bool:
+        if step.round is not None and moment.session.personalisation is not None:
+            return False  # it is known what becomes of the training: nothing more is asked for it
         return step.again is None or moment.has_trial(step.again)
+
+    def may_come(self, step: TrialStep, moment: Moment) -> bool:
+        return step.round is None or step.round == getattr(moment.step, "round", None)
 
     def arrive(self, step: TrialStep, acting: Acting) -> None:
         asked = next_query.asked_in(acting, step)

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
 from backend.store.events import log_event
 from backend.study.grammar.parts import Part, Slug
-from backend.study.grammar.source import Path
-from backend.study.kinds.base import Acting, Kind, Moment, Page, Planning, Stage, Step
+from backend.study.grammar.source import Path, Problem, Source
+from backend.study.kinds.asking_on import AskingOnStep, AskOn
+from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Stage, Step
 from backend.study.kinds.comparison import ComparisonStage, ComparisonStep
 from backend.study.kinds.guess import GuessStep
 from backend.study.kinds.questionnaire import QuestionnaireStep
 from backend.study.kinds.wire import Confirmed
 from backend.study.personalising import alignment_jobs
+from backend.study.plan.asked_queries import Needs
 
 
 class Meanwhile(Part):
@@ -37,6 +39,7 @@ class TrainStage(Stage):
     place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4. prior (of
     `align`): by the light of what own answers are read before a policy is called surely better for this person; `none`
     of others', `earlier_participants` of those of the study, the same version and group who consented to training.
+    ask_on (of `align`): further pairs where what was learned is not surely better for this very person.
     """
 
     once = True
@@ -49,6 +52,7 @@ class TrainStage(Stage):
     prior: Literal["none", "earlier_participants"] = "none"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # ours
+    ask_on: AskOn | None = Field(None, description="default: nothing more is asked, and nothing compared")
 
     def plan(self, at: Planning) -> list[Step]:
         steps: list[Step] = []
@@ -57,7 +61,30 @@ class TrainStage(Stage):
             steps.append(QuestionnaireStep.of(f"{at.key}.{used}", used, stage=at.key))
         if at.of(ComparisonStage):  # otherwise there is nothing to wait for
             steps.append(WaitStep(kind="wait", key=f"{at.key}.wait", stage=at.key))
+            steps += self._further(self.ask_on, at) if self.ask_on else ()
         return steps
+
+    def _further(self, ask_on: AskOn, at: Planning) -> Iterator[Step]:
+        for place in range(1, len(ask_on.rounds) + 1):
+            yield from ask_on.round_steps(at.key, place, at.view, at.random)
+            yield WaitStep(kind="wait", key=f"{at.key}.wait_{place + 1}", stage=at.key, again=True)
+
+    def needs(self) -> Needs:
+        return Needs(own=self.ask_on.at_most) if self.ask_on else Needs()
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return super().seconds(pace, stages) + (self.ask_on.seconds(pace) if self.ask_on else 0.0)
+
+    def numbers(self) -> dict[str, int]:
+        return {"further_pairs": self.ask_on.at_most} if self.ask_on else {}
+
+    def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        if self.ask_on is None:
+            return
+        if self.job != "align":
+            yield source.problem((*here, "ask_on"), "needs job align: it asks further pairs, and paths have none")
+        elif not any(isinstance(one, ComparisonStage) for one in stages):
+            yield source.problem((*here, "ask_on"), "needs a comparison stage: without one nobody is shown anything")
 
     def questionnaires(self) -> Iterator[tuple[str, Path]]:
         if self.meanwhile:
@@ -65,9 +92,10 @@ class TrainStage(Stage):
 
 
 class WaitStep(Step):
-    """Planned by the stages `train` and `evaluation`."""
+    """Planned by the stages `train` and `evaluation`. again: after further pairs."""
 
     kind: Literal["wait"]
+    again: bool = False
 
 
 class Wait(Kind[WaitStep, Confirmed]):
@@ -80,6 +108,12 @@ class Wait(Kind[WaitStep, Confirmed]):
     def payload(self, step: WaitStep, page: Page) -> dict[str, Any]:
         return {"learns_from": page.frozen.learns_from}
 
+    def payload_now(self, step: WaitStep, moment: Moment) -> dict[str, Any]:
+        return {"may_ask_on": True} if self._round_after(moment) else {}
+
+    def is_asked(self, step: WaitStep, moment: Moment) -> bool:
+        return not step.again or moment.session.personalisation is None
+
     def may_come(self, step: WaitStep, moment: Moment) -> bool:
         return False
 
@@ -91,10 +125,14 @@ class Wait(Kind[WaitStep, Confirmed]):
 
     def settle(self, step: WaitStep, acting: Acting) -> int | None:
         """Once the job has ended or is late: to the first comparison or rollout to be rated, past all that needs a
-        trial and the guess if there is none."""
+        trial and the guess if there is none. To further pairs where they may change the outcome."""
         outcome = alignment_jobs.outcome_of(acting)
         if outcome is None:
             return None
+        more = self._round_after(acting)
+        if more is not None and outcome == "not_surely_better":
+            log_event(acting.s, "asked_on", session_id=acting.session.id, round=more.round, pairs=more.pairs)
+            return acting.session.position + 1
         planned = [(i, step) for i, step in enumerate(acting.plan) if isinstance(step, ComparisonStep)]
         shown = alignment_jobs.make_comparisons(acting, planned) if outcome == "shown" else 0
         acting.session.personalisation = outcome
@@ -103,6 +141,12 @@ class Wait(Kind[WaitStep, Confirmed]):
         past = () if shown else (ComparisonStep, GuessStep)
         after = range(acting.session.position + 1, len(acting.plan))
         return next(i for i in after if not isinstance(acting.plan[i], past))
+
+    def _round_after(self, moment: Moment) -> AskingOnStep | None:
+        """The further pairs that may follow this wait."""
+        after = moment.session.position + 1
+        step = moment.plan[after] if after < len(moment.plan) else None
+        return step if isinstance(step, AskingOnStep) else None
 
 
 KIND = Wait()

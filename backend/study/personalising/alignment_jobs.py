@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.demonstration_snapshots import StrokeError, take_demonstrations
 from backend.store.events import log_event
 from backend.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
-from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
+from backend.store.outbox import ENDED, PARTICIPANT_WAITS, cancel_job, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
 from backend.study.personalising.earlier import earlier_snapshots
 from backend.study.personalising.lending import Lent, lent_policy, policy_key
@@ -127,6 +127,16 @@ def start_training(acting: Acting) -> None:
         )
 
 
+def start_training_again(acting: Acting) -> None:
+    """After further pairs: all answers, in place of what was learned from fewer. Nothing where the outcome is known."""
+    if acting.session.personalisation is not None:
+        return
+    for job in jobs_of(acting.s, acting.session):
+        if job.state not in ENDED:
+            cancel_job(acting.s, job.id, by="study")
+    start_training(acting)
+
+
 def _learn_from_paths(acting: Acting, training: Training) -> None:
     """One job per environment that was drawn in, in the order of the stages. StrokeError: nothing was kept in one."""
     s, files, session = acting.s, acting.files, acting.session
@@ -155,14 +165,20 @@ def _learn_from_paths(acting: Acting, training: Training) -> None:
 
 def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
     """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
-    search's policy is shown instead of the instant policy that it began with, once it is there and better."""
+    search's policy is shown instead of the instant policy that it began with, once it is there and better. Of answers
+    only those that learned from the most: after further pairs what fewer answers taught counts no more."""
     found = s.scalars(
         select(Job)
         .join(Session, Session.id == Job.session_id)
         .where(Session.participant_id == session.participant_id, Job.kind.in_(("align", PATHS_JOB)))
         .order_by(Job.created_at, Job.id)
-    )
-    newest = {(job.params["snapshot"], job.params.get("recipe")): job for job in found}
+    ).all()
+    of_answers = list(dict.fromkeys(job.params["snapshot"] for job in found if job.kind == "align"))
+    newest = {
+        (job.params["snapshot"], job.params.get("recipe")): job
+        for job in found
+        if job.params["snapshot"] not in of_answers[:-1]
+    }
     return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
 
 

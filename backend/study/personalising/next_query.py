@@ -20,6 +20,7 @@ from backend.store.database import Database
 from backend.store.models import ProtocolVersion, Response, Session, Study, Trial
 from backend.store.query_sets import StoredQuery, queries_of
 from backend.store.sides import shown_on
+from backend.store.who_counts import TEACHING_ROLES
 from backend.study.protocol_rows import newest_number, protocol_row, row_of
 
 if TYPE_CHECKING:
@@ -137,11 +138,11 @@ def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> 
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
-    """(query, id of the trajectory that was chosen) of the regular trials, in the order in which they were asked."""
+    """(query, id of the trajectory that was chosen) of regular and further trials, in the order they were asked."""
     rows = s.execute(
         select(Trial, Response)
         .join(Response, Response.trial_id == Trial.id)
-        .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role == "regular")
+        .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role.in_(TEACHING_ROLES))
         .order_by(Trial.index)
     )
     return tuple(
@@ -249,17 +250,21 @@ def prepare(database: Database, files: ArtefactStore) -> None:
     with database.session() as s:
         for study in s.scalars(select(Study).where(Study.state == "open")):
             row = protocol_row(s, study, newest_number(s, study))
-            how = {one["queries"].get("choose", "random") for one in _trials(row)}
+            how = set(_chosen_by(row))
             if how - {"random"}:
                 measured_queries(s, files, row)
             if BEYOND in how:
                 pair_differences(s, files, row)
 
 
-def _trials(row: Study | ProtocolVersion) -> Iterator[dict[str, Any]]:
-    """What the protocol asks in its blocks, as it is stored."""
+def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:
+    """How the protocol chooses what it asks in its blocks and after them, as it is stored."""
     for entry in row.protocol["stages"]:
-        yield from (entry.get("block") or {}).get("trials", [])
+        for one in (entry.get("block") or {}).get("trials", []):
+            yield one["queries"].get("choose", "random")
+        further = (entry.get("train") or {}).get("ask_on")
+        if further:
+            yield further["choose"]
 
 
 _measured: dict[tuple[str, str], MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries

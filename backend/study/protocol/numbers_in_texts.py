@@ -10,7 +10,17 @@ MAXIMA = ("pairs_per_block",)  # of the longest condition; all others add up ove
 def text_numbers(protocol: Protocol) -> dict[str, int]:
     """What a text may name in braces: name -> number."""
     numbers = dict.fromkeys(
-        ("pairs", "practice_pairs", "comparison_pairs", "blocks", "pairs_per_block", "places", "paths"), 0
+        (
+            "pairs",
+            "practice_pairs",
+            "further_pairs",
+            "comparison_pairs",
+            "blocks",
+            "pairs_per_block",
+            "places",
+            "paths",
+        ),
+        0,
     )
     for entry in protocol.stages:
         for name, number in entry.stage.numbers().items():
