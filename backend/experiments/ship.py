@@ -10,7 +10,13 @@ import sys
 from pathlib import Path
 
 from backend.experiments.shipping.explained_room import ship_explained, ship_ranking_set
-from backend.experiments.shipping.policies import ship_base, ship_conditioned, ship_ensemble, ship_sharpened
+from backend.experiments.shipping.policies import (
+    ship_added,
+    ship_base,
+    ship_conditioned,
+    ship_ensemble,
+    ship_sharpened,
+)
 from backend.experiments.shipping.population_priors import ship_population_priors
 from backend.experiments.shipping.query_sets import (
     SHIPPED_QUERIES,
@@ -27,7 +33,7 @@ from backend.simulation.setups import EXPLAINED_ROOM, SETUPS
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
     kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "manner-queries")
-    more = ("triples", "stand-ins", "population-priors", "step-basis", "ranking-set")
+    more = ("triples", "stand-ins", "population-priors", "step-basis", "ranking-set", "added")
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
@@ -58,7 +64,7 @@ def main() -> None:
         ship_queries(*given, count=arguments.count, trajectories=3 if arguments.what == "triples" else 2)
     else:
         makers = {"base": ship_base, "ensemble": ship_ensemble, "conditioned": ship_conditioned}
-        {**makers, "sharpened": ship_sharpened}[arguments.what](*given)
+        {**makers, "sharpened": ship_sharpened, "added": ship_added}[arguments.what](*given)
 
 
 if __name__ == "__main__":

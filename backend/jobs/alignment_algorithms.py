@@ -153,8 +153,10 @@ def _conditioned(
 
 
 def _departures(conditioned: ConditionedPolicy, *keys: str) -> list[str]:
-    """Of a policy made from the conditioned one: its robots recover where that one's do."""
-    return [DEPARTURES[key] for key in (*keys, *(("recovery",) if conditioned.base else ()))]
+    """Of a policy made from the conditioned one: its robots recover, and slow down by a rule, where that one's do."""
+    added = conditioned.strengths or conditioned.slowing
+    further = (*(("recovery",) if conditioned.base else ()), *(("added",) if added else ()))
+    return [DEPARTURES[key] for key in (*keys, *further)]
 
 
 def _by_name(weights: NDArray[np.float32]) -> dict[str, float]:

@@ -68,7 +68,7 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
     """Conditioned policies at drawn weights, the ensemble and the base policy drive the same scenes; pairs of any two
     that arrive and look different."""
     scenes = scene_set(setup, (asked + test) // PER_SCENE * 2, purpose=Purpose.QUERIES, seed=FIRST_SEED + seed)
-    conditioned = load_conditioned(f"{setup}/conditioned")
+    conditioned = load_conditioned(f"{setup}/conditioned").as_trained()
     policies = [conditioned.at(weights) for weights in drawn_weights(SETTINGS, FIRST_SEED + seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
     rolled_out = [_roll_out(policy, scenes) for policy in policies]

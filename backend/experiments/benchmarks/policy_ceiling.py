@@ -46,9 +46,9 @@ from backend.learning.through_simulation.experts import (
     trained_round,
     untrained,
 )
-from backend.learning.through_simulation.slowed import SlowedPolicy
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
+from backend.simulation.slowing import Slowing
 
 Doubles = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -102,8 +102,9 @@ def train_experts(
         starts["base"] = replace(base, recovery_policies=recovery)
         training = ExpertState(folder / setup / name, setup)
         selection = Selection(weights, base, expert)
-        if not training.state["starts"]:
-            training.begin(untrained(starts, selection), expert)
+        new = {source: policy for source, policy in starts.items() if source not in training.state["starts"]}
+        if new:  # who joins a run that has begun is a candidate, and trained on from only after those before
+            training.begin(untrained(new, selection), expert)
         for start in [source for source in training.roots() if source != SLOWED][: config.trained_from]:
             while not converged(training.gained(start), expert):
                 if time.monotonic() - began > 60 * minutes:
@@ -155,8 +156,9 @@ class ExpertState:
         """Where training from that source stands."""
         last = self.state["starts"][source]["rounds"][-1]
         policy = Policy.load(self._folder / f"{source}.npz")
-        if "limit" in last:
-            policy = SlowedPolicy.of(policy, **last["limit"])
+        if "limit" in last:  # as a slowed policy was written down before the rule was part of its file
+            limit = last["limit"]
+            policy = replace(policy, slowing=Slowing(limit["near_m"], limit["near_m"], limit["most"]))
         return Candidate(policy=policy, **{key: value for key, value in last.items() if key != "limit"})
 
     def add(self, source: str, made: Candidate) -> None:

@@ -1,5 +1,5 @@
-"""Shipped policies with their cards: base, ensemble, conditioned, sharpened. Training itself lives in
-`backend.learning.td3` and `backend.learning.through_simulation`.
+"""Shipped policies with their cards: base, ensemble, conditioned, what is added to it, sharpened. Training itself
+lives in `backend.learning.td3` and `backend.learning.through_simulation`.
 """
 
 from __future__ import annotations
@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
+from backend.learning.errors import LearningError
+from backend.learning.policies.after_training import ADDED, FIRST_ADDED_SEED, add_after_training
 from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.evaluate import evaluate_policy
 from backend.learning.policies.policy import Policy
@@ -110,7 +112,45 @@ def ship_conditioned(setup: str, seed: int = 0, folder: Path = DATASETS, on_prog
     base = Policy.load(base_path)
     config = replace(CONFIGS[setup], seed=seed)
     result = train_conditioned(base, config, on_progress)
-    return store_conditioned(result, config, base_path, folder)
+    card = store_conditioned(result, config, base_path, folder)
+    return ship_added(setup, seed, folder, on_progress) if setup in ADDED else card
+
+
+def ship_added(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
+    """Give the conditioned policy of the folder what is added after training, and measure it anew; its card keeps what
+    it says of the training. Raises LearningError for a setup for which nothing is added.
+    """
+    if setup not in ADDED:
+        raise LearningError(f"setup = {setup!r}: nothing is added after training there; it is in {', '.join(ADDED)}")
+    base_path, path = folder / setup / "base.npz", folder / setup / "conditioned.npz"
+    trained, card = ConditionedPolicy.load(path).as_trained(), Card.load(card_path(path))
+    config = replace(ADDED[setup], seed=seed)
+    added = add_after_training(trained, config)
+    on_progress(0.8, {"strength": max(added.policy.strengths.values(), default=1.0)})
+    added.policy.save(path)
+    scenes = scene_set(setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=FIRST_CONDITIONED_REPORT_SEED + card.seed)
+    conditioned = {name: added.policy.at(weights) for name, weights in settings().items()}
+    of_training = {key: value for key, value in card.results.items() if key in ("selection", "strength")}
+    command = f"python -m backend.experiments.ship added {setup} --seed {seed}"
+    notes = [
+        *(note for note in card.notes if not note.startswith("Added after training")),
+        f"Added after training, by `{command}` at {source_commit()}; as trained its sha256 was {trained.digest()}.",
+    ]
+    whole = replace(
+        card,
+        sha256=file_sha256(path),
+        scenes=card.scenes | {"added": describe(Purpose.SELECT, config.scenes, FIRST_ADDED_SEED + seed)},
+        results=steerability_of(conditioned, Policy.load(base_path), scenes).report()
+        | of_training
+        | {
+            "as_trained_sha256": trained.digest(),
+            "added": {"config": config.as_dict(), "kept": added.kept(), "tried": added.report()},
+        },
+        departures=[*(said for said in card.departures if said != DEPARTURES["added"]), DEPARTURES["added"]],
+        notes=notes,
+    )
+    whole.save(card_path(path))
+    return whole
 
 
 def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base_path: Path, folder: Path) -> Card:

@@ -71,7 +71,7 @@ def fit_step_basis(setup: str, config: StepBasisConfig | None = None) -> StepBas
 def varied_rollouts(setup: str, config: StepBasisConfig, seed: int = FIRST_SEED) -> list[Trajectory]:
     """By policy, then by scene."""
     scenes = scene_set(setup, config.scenes, purpose=Purpose.ALIGN_SELECT, seed=seed)
-    conditioned = load_conditioned(f"{setup}/conditioned")
+    conditioned = load_conditioned(f"{setup}/conditioned").as_trained()
     policies = [conditioned.at(weights) for weights in drawn_weights(config.settings, seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
     return [one for policy in policies for one in rollout(get_setup(setup), policy.rollout_policy, scenes)]

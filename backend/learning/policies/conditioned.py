@@ -8,7 +8,7 @@ policy is trained in `conditioned_training.py`, how far weights move it in `stee
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -21,13 +21,16 @@ from backend.learning.policies.policy import (
     check_networks,
     networks_from_bytes,
     networks_to_bytes,
+    stored_slowing,
 )
 from backend.learning.policies.shape import NetworkShape
 from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, preference_weights
 from backend.simulation.setups import SetupError, get_setup
+from backend.simulation.slowing import Slowing
 
 Floats = NDArray[np.float32]
 FORMAT = "desirepath-conditioned-1"
+SLOWER = NAMES.index("slower_near_person")
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,9 @@ class ConditionedPolicy(StoredPolicy):
     shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
     the weights enter come after those of the task part. scales: (9,) reward per step of each objective's step term at
     full weight, as in training. base: the base policy's actor, which frees a robot that is stuck, or empty: a robot
-    that has no such recovery.
+    that has no such recovery. slowing: the rule by which full `slower_near_person` drives beside the person, or none:
+    what the network learned of it alone. strengths: objectives by name that it is conditioned on so many times as
+    strongly as asked for. Both were added after training (`after_training.py`) and leave the networks as they are.
     """
 
     setup: str
@@ -46,6 +51,8 @@ class ConditionedPolicy(StoredPolicy):
     critic: tuple[Floats, ...]
     scales: tuple[float, ...]
     base: tuple[Floats, ...] = ()
+    slowing: Slowing | None = None
+    strengths: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         setup = get_setup(self.setup)
@@ -59,6 +66,9 @@ class ConditionedPolicy(StoredPolicy):
         check_networks(self.shape, self.actor, self.critic)
         if self.base:
             check_networks(self._policy_shape, self.base, ())
+        unknown = sorted(set(self.strengths) - set(NAMES))
+        if unknown:
+            raise PolicyError(f"conditioned policy field 'strengths' names {unknown}; objectives are {list(NAMES)}")
 
     @property
     def _policy_shape(self) -> NetworkShape:
@@ -68,14 +78,24 @@ class ConditionedPolicy(StoredPolicy):
         """The ordinary policy conditioned on these preference weights (9,), critic included.
 
         While it is stuck the base policy drives, then this one with all weights zero, where the base policy is known.
-        Exact: a constant input only moves the first task layer's bias. Raises LearningError for weights outside [0, 1]
-        or of two opposites at once.
+        Exact: a constant input only moves the first task layer's bias. The slowing rule is as strict as the weight of
+        `slower_near_person` is large; at 0 there is none. Raises LearningError for weights outside [0, 1] or of two
+        opposites at once.
         """
         weights = check_weights(weights)
+        entering = weights * np.array([self.strengths.get(name, 1.0) for name in NAMES], dtype=np.float32)
         shape = self._policy_shape
-        actor, critic = (_folded(arrays, shape.task_inputs, weights) for arrays in (self.actor, self.critic))
+        actor, critic = (_folded(arrays, shape.task_inputs, entering) for arrays in (self.actor, self.critic))
         unmoved = _folded(self.actor, shape.task_inputs, np.zeros(SIZE, dtype=np.float32))
-        return Policy(self.setup, shape, actor, critic, (self.base, unmoved) if self.base else ())
+        recovery_policies = (self.base, unmoved) if self.base else ()
+        slowing = self.slowing.weighted(float(weights[SLOWER])) if self.slowing else None
+        return Policy(self.setup, shape, actor, critic, recovery_policies, slowing=slowing)
+
+    def as_trained(self) -> Self:
+        """The policy without what was added after training: what its network learned. Queries are made of this one,
+        since who drives slowly is soon too long to watch twice.
+        """
+        return replace(self, slowing=None, strengths={})
 
     def stronger(self, objective: str, factor: float) -> Self:
         """The policy that does at full weight of this objective what this one does at `factor` times full weight.
@@ -91,13 +111,17 @@ class ConditionedPolicy(StoredPolicy):
 
     def to_bytes(self) -> bytes:
         """NPZ without pickled objects; the same policy always gives the same bytes."""
-        meta = {
+        meta: dict[str, object] = {
             "format": FORMAT,
             "setup": self.setup,
             "shape": self.shape.as_dict(),
             "objectives": list(NAMES),
             "scales": list(self.scales),
         }
+        if self.slowing:
+            meta["slowing"] = self.slowing.as_dict()
+        if self.strengths:
+            meta["strengths"] = dict(self.strengths)
         return networks_to_bytes(meta, self.actor, self.critic, (self.base,) if self.base else ())
 
     @classmethod
@@ -111,7 +135,8 @@ class ConditionedPolicy(StoredPolicy):
                 f"conditioned policy has {len(recovery_policies)} recovery policies; it can have one, the base policy"
             )
         shape, base = NetworkShape.from_dict(meta["shape"]), recovery_policies[0] if recovery_policies else ()
-        return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base)
+        added = (stored_slowing(meta), meta.get("strengths", {}))
+        return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base, *added)
 
 
 def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:

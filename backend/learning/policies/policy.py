@@ -21,6 +21,7 @@ from backend.learning.policies.shape import NetworkShape
 from backend.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
 from backend.simulation.npz import NpzError, from_npz, npz_header, to_npz
 from backend.simulation.setups import SetupError, get_setup
+from backend.simulation.slowing import Slowing, person_distance_input
 
 Floats = NDArray[np.float32]
 FORMAT = "desirepath-policy-1"
@@ -91,6 +92,16 @@ def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
     return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), recovery_policies)
 
 
+def stored_slowing(meta: Mapping[str, Any]) -> Slowing | None:
+    """The rule that a policy's file names, or none. Raises PolicyError where it is not a rule."""
+    if "slowing" not in meta:
+        return None
+    try:
+        return Slowing(**meta["slowing"])
+    except (TypeError, SetupError) as problem:
+        raise PolicyError(f"policy field 'slowing' = {meta['slowing']!r}: {problem}") from None
+
+
 class StoredPolicy(ABC):
     """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads."""
 
@@ -127,7 +138,7 @@ class Policy(StoredPolicy):
     critic: the value functions the actor was trained with, or empty; alignment starts from them.
     recovery_policies: other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
     made_for: whose it is, such as the id of the answers behind it; stored, so that two people's policies are two where
-    they act alike.
+    they act alike. slowing: how it is slowed down beside the person, by a rule that is no part of the network.
     """
 
     setup: str
@@ -136,6 +147,7 @@ class Policy(StoredPolicy):
     critic: tuple[Floats, ...] = ()
     recovery_policies: tuple[tuple[Floats, ...], ...] = ()
     made_for: str = ""
+    slowing: Slowing | None = None
 
     def __post_init__(self) -> None:
         if self.shape.observation_size != get_setup(self.setup).observation_size:
@@ -146,17 +158,22 @@ class Policy(StoredPolicy):
         check_networks(self.shape, self.actor, self.critic)
         for recovery_policy in self.recovery_policies:
             check_networks(self.shape, recovery_policy, ())
+        if self.slowing:
+            person_distance_input(get_setup(self.setup))
 
     @cached_property
     def rollout_policy(self) -> ActFunction | EpisodicPolicy:
         """What acts in whole episodes: `act`, with a recovery where the policy has recovery policies."""
         if not self.recovery_policies:
             return self.act
-        others = [Policy(self.setup, self.shape, recovery_policy).act for recovery_policy in self.recovery_policies]
+        others = [
+            Policy(self.setup, self.shape, recovery_policy, slowing=self.slowing).act
+            for recovery_policy in self.recovery_policies
+        ]
         return RecoveringPolicy(get_setup(self.setup), self.act, others)
 
     def act(self, observations: Floats) -> Floats:
-        """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1].
+        """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1], slowed.
 
         Raises SetupError if the observation has another setup's size.
         """
@@ -172,7 +189,7 @@ class Policy(StoredPolicy):
             first, seen = 4, np.concatenate([task, lidar], axis=1)
         hidden = self._relu_layers(seen, first, len(self.actor) // 2 - 1)
         actions: Floats = np.tanh(hidden @ self.actor[-2] + self.actor[-1])
-        return actions
+        return self.slowing.limited(actions, observations, get_setup(self.setup)) if self.slowing else actions
 
     def _relu_layers(self, x: Floats, first: int, last: int) -> Floats:
         for k in range(first, last):
@@ -232,6 +249,10 @@ class Policy(StoredPolicy):
             }
             if self.recovery_policies
             else None,
+            "slowing": self.slowing.as_dict()
+            | {"exported": "the network alone; whoever runs it scales both commands down by this rule"}
+            if self.slowing
+            else None,
             "policy_sha256": self.digest(),
         }
 
@@ -240,6 +261,8 @@ class Policy(StoredPolicy):
         meta: dict[str, object] = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
         if self.made_for:
             meta["made_for"] = self.made_for
+        if self.slowing:
+            meta["slowing"] = self.slowing.as_dict()
         return networks_to_bytes(meta, self.actor, self.critic, self.recovery_policies)
 
     @classmethod
@@ -253,4 +276,5 @@ class Policy(StoredPolicy):
             critic,
             recovery_policies,
             meta.get("made_for", ""),
+            stored_slowing(meta),
         )

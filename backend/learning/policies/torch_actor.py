@@ -17,7 +17,7 @@ Actor = Callable[[Tensor], Tensor]
 
 
 def actor_of(policy: Policy) -> Actor:
-    """A policy's usual actor; its recovery policies, which drive while the robot is stuck, are not in it.
+    """A policy's usual actor, without its slowing rule and its recovery policies, which drive while the robot is stuck.
 
     It computes in the precision of what it is given.
     """

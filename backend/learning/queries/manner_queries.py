@@ -55,7 +55,7 @@ def varied_policies(setup: str, config: MannerConfig) -> list[ActFunction | Epis
     seed = config.queries.seed
     random = np.random.default_rng([seed, 5])
     conditioned, base, ensemble = (
-        load_conditioned(f"{setup}/conditioned"),
+        load_conditioned(f"{setup}/conditioned").as_trained(),
         load_policy(f"{setup}/base"),
         load_ensemble(setup),
     )

@@ -71,7 +71,8 @@ def generate_varied_queries(
     config = config or VariedConfig()
     asked, setup = config.queries, get_setup(conditioned.setup)
     random = np.random.default_rng([asked.seed, 32])
-    policies = [conditioned.at(weights) for weights in drawn_weights(config.settings, asked.seed)]
+    trained = conditioned.as_trained()
+    policies = [trained.at(weights) for weights in drawn_weights(config.settings, asked.seed)]
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     candidates: list[Query] = []

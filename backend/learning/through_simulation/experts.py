@@ -21,9 +21,9 @@ from backend.learning.preferences.measures import typical_differences
 from backend.learning.preferences.objectives import NAMES, gains
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
-from backend.learning.through_simulation.slowed import SlowedPolicy
 from backend.learning.through_simulation.uphill import SHARPENING, SharpeningConfig, Uphill
 from backend.simulation.setups import require_same
+from backend.simulation.slowing import Slowing
 
 Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -93,10 +93,7 @@ class Candidate:
     may: bool
 
     def as_dict(self) -> dict[str, Any]:
-        said = {"name": self.name, "gained": self.gained, "success": self.success, "may": self.may}
-        if isinstance(self.policy, SlowedPolicy):
-            return said | {"limit": {"near_m": self.policy.near_m, "most": self.policy.most}}
-        return said
+        return {"name": self.name, "gained": self.gained, "success": self.success, "may": self.may}
 
 
 class Selection:
@@ -148,7 +145,7 @@ def trained_round(
 ) -> Candidate:
     """The best of what stood before the round and what one round of training made of it, with this recovery and
     without."""
-    use_one_thread()
+    use_one_thread()  # a slowing rule has no part in training: what is kept is judged with it
     conditions = (weights / weights.max()).astype(np.float32)
     training = config.training(weights, number, failed)
     uphill = Uphill(start.policy, training, lambda of, random: np.repeat(conditions[None], of.batch, axis=0))
@@ -184,7 +181,7 @@ def slowed(found: Sequence[Candidate], selection: Selection) -> Candidate:
         [
             selection.judged(
                 f"{one.name}, slowed to {most:g} within {near:g} m",
-                SlowedPolicy.of(one.policy, near, most),
+                replace(one.policy, slowing=Slowing(near, near, most)),
                 SLOWED_MARGIN,
             )
             for one in found

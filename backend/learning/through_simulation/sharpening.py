@@ -43,8 +43,10 @@ class Sharpened(NamedTuple):
 def sharpen(
     start: ConditionedPolicy, base: Policy, config: SharpeningConfig, on_progress: OnProgress = no_progress
 ) -> Sharpened:
-    """Train on from `start`, mix, and keep the mixture that serves preferences most. Raises SetupError."""
+    """Train on from `start` as it was trained, mix, and keep the mixture that serves preferences most. Raises
+    SetupError."""
     use_one_thread()
+    start = start.as_trained()
     require_same(start=start.setup, base=base.setup, config=config.setup)
     training = Uphill(start, config, drawn_weights)
     history = []

@@ -21,7 +21,6 @@ from backend.experiments.benchmarks.policy_ceiling import (
 )
 from backend.learning.cards import ROOT
 from backend.learning.errors import LearningError
-from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.steerability import Course
 from backend.learning.preferences.measures import MEASURES
@@ -37,7 +36,6 @@ from backend.learning.through_simulation.experts import (
     trained_round,
     untrained,
 )
-from backend.learning.through_simulation.slowed import SlowedPolicy
 from backend.simulation.setups import PREFERENCE_SETUPS
 
 TINY = ExpertConfig("study_room", round_steps=2, batch=6, selection_scenes=30, most_rounds=1)
@@ -114,10 +112,10 @@ def test_a_rule_that_slows_down_beside_the_person_is_a_candidate_and_kept(tmp_pa
     quick = replace(TINY, slow_batch=2, round_steps=1, selection_scenes=12)
     assert train_experts("study_room", tmp_path, {}, config, quick)
     kept = ExpertState(tmp_path / "study_room" / slow, "study_room")
-    limit = kept.state["starts"]["slowed"]["rounds"][0]["limit"]
     chosen = kept.chosen()
-    assert isinstance(chosen.policy, SlowedPolicy)
-    assert (chosen.policy.near_m, chosen.policy.most) == (limit["near_m"], limit["most"])
+    rule = chosen.policy.slowing
+    assert rule is not None
+    assert f"slowed to {rule.most:g} within {rule.near_m:g} m" in kept.state["starts"]["slowed"]["rounds"][0]["name"]
     course = Course(scene_set("study_room", 12, purpose=Purpose.ALIGN_SELECT, seed=45))
     usual, limited = course.rollout(load_policy("study_room/base")), course.rollout(chosen.policy)
     k = MEASURES.index("speed_near_person_m_s")
@@ -125,9 +123,16 @@ def test_a_rule_that_slows_down_beside_the_person_is_a_candidate_and_kept(tmp_pa
     assert limited.measured[both, k].mean() < 0.6 * usual.measured[both, k].mean()
     seen = np.zeros((2, 66), dtype=np.float32)
     seen[1, 2] = 1.0
-    near, far = chosen.policy.rollout_policy.act(seen)[:, 0]
-    assert near <= 2 * limit["most"] - 1 + 1e-6
-    assert far == pytest.approx(Policy.act(chosen.policy, seen)[1, 0])
+    near, far = chosen.policy.act(seen)[:, 0]
+    assert near <= 2 * rule.most - 1 + 1e-6
+    assert far == pytest.approx(replace(chosen.policy, slowing=None).act(seen)[1, 0])
+    state = tmp_path / "study_room" / slow / "state.json"
+    before = json.loads(state.read_text(encoding="utf-8"))
+    before["starts"]["slowed"]["rounds"][0]["limit"] = {"near_m": 1.7, "most": 0.4}  # as it was written down once
+    state.write_text(json.dumps(before), encoding="utf-8")
+    read = ExpertState(tmp_path / "study_room" / slow, "study_room").candidate("slowed").policy.slowing
+    assert read is not None
+    assert (read.near_m, read.most) == (1.7, 0.4)
 
 
 def test_the_way_to_the_expert_is_of_where_all_three_arrive() -> None:
