@@ -25,6 +25,7 @@ from backend.simulation.fast import FastEngine, evaluate, rollout
 from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import SETUPS, SetupError, get_setup
 from backend.simulation.slowing import Slowing
+from backend.study.personalising.live_rollouts import conditioned_on
 
 FIELD = get_setup("open_field")
 RULE = Slowing(near_m=2.0, free_m=3.0, most=0.3)
@@ -151,6 +152,11 @@ def test_the_field_s_shipped_policy_is_the_trained_one_with_a_rule_and_its_card_
     assert card.results["added"]["kept"] == {"strengths": shipped.strengths, "slowing": shipped.slowing.as_dict()}
     assert any("slowed down there by a rule" in said for said in card.departures)
     assert load_conditioned("study_room/conditioned").slowing is None
+    for policy in (
+        load_policy("open_field/conditioned@slower_near_person=1"),  # commands and comparisons
+        conditioned_on("open_field", {"slower_near_person": 1.0}),  # the step at which weights are set by hand
+    ):
+        assert policy.slowing == shipped.slowing
 
 
 def test_queries_are_still_made_of_what_was_trained(trained: ConditionedPolicy) -> None:
