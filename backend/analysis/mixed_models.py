@@ -58,7 +58,8 @@ def cumulative_logit(
     R's `ordinal::clmm` fits).
 
     answers (n,): levels in any numbers, ordered; two levels make it a logistic model. predictors (n, m): m may be 0.
-    people (n,): whose answer it is. Raises NoFit for a single level, or where the maximum is not found.
+    people (n,): whose answer it is. Raises NoFit for a single level, predictors that say the same, or where the
+    maximum is not found.
     """
     levels, y = np.unique(np.asarray(answers), return_inverse=True)
     x = np.asarray(predictors, dtype=float).reshape(len(y), -1)
@@ -66,6 +67,8 @@ def cumulative_logit(
     if len(levels) < 2:
         raise NoFit("everybody gave the same answer; there is nothing to model")
     cuts, m = len(levels) - 1, x.shape[1]
+    if np.linalg.matrix_rank(np.column_stack([np.ones(len(y)), x])) <= m:
+        raise NoFit("predictors say the same as each other, or the same of everybody: their parts cannot be told apart")
     points, weights = special.roots_hermite(nodes)
 
     def unpacked(theta: Array) -> tuple[Array, Array, float]:

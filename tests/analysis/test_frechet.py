@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -85,8 +86,14 @@ def paths(points: int) -> st.SearchStrategy[np.ndarray]:
     return st.lists(st.tuples(numbers, numbers), min_size=2, max_size=points, unique=True).map(np.array)
 
 
+def crossings(points: int) -> st.SearchStrategy[np.ndarray]:
+    """Paths along the crossings of a grid, which stand still, turn back and pass through each other's points."""
+    places = st.integers(-2, 2).map(float)
+    return st.lists(st.tuples(places, places), min_size=2, max_size=points).map(np.array)
+
+
 @settings(max_examples=60, deadline=None)
-@given(paths(7), paths(7))
+@given(paths(7) | crossings(7), paths(7) | crossings(7))
 def test_every_distance_lies_where_the_reference_decision_turns(a: np.ndarray, b: np.ndarray) -> None:
     exact = frechet_distance(a, b)
     assert within(a, b, exact + 1e-9, whole=True)
@@ -171,3 +178,90 @@ def test_what_is_no_path_is_refused() -> None:
         frechet_distance(STRAIGHT, np.zeros((0, 2)))
     with pytest.raises(ValueError, match="rollout has shape"):
         deviation([[0.0, math.nan]], STRAIGHT)
+
+
+def finely(path: np.ndarray, step: float) -> np.ndarray:
+    """The same path with points at most `step` apart."""
+    parts = [np.linspace(p, q, 2 + int(math.dist(p, q) / step))[:-1] for p, q in pairwise(path)]
+    return np.concatenate([*parts, path[-1:]])
+
+
+def test_between_close_points_the_discrete_distance_is_hardly_larger() -> None:
+    """Eiter and Mannila (1994): by no more than the longest step. Of whole paths and of every prefix."""
+    random = np.random.default_rng(5)
+    for n, m in ((2, 2), (3, 9), (9, 3), (8, 8), (2, 7), (12, 5)) * 2:
+        a, b = np.cumsum(random.normal(0, 1, (n, 2)), axis=0), np.cumsum(random.normal(0, 1, (m, 2)), axis=0)
+        dense, other = finely(a, 0.2), finely(b, 0.2)
+        upper = frechet_distance(dense, other, discrete=True)
+        assert upper - 0.2 <= frechet_distance(a, b) <= upper + 1e-9
+        at = np.array([np.flatnonzero((dense == p).all(axis=1))[0] for p in a])
+        prefixes = prefix_distances(dense, other, discrete=True)[at]
+        found = prefix_distances(a, b)
+        assert (found <= prefixes + 1e-9).all()
+        assert (found >= prefixes - 0.2).all()
+        # A detour of the one that comes back to where it was is as far as its far end, whoever makes it.
+        away = np.concatenate([a[: n // 2 + 1], a[n // 2] + [[0.0, 50.0]], a[n // 2 :]])
+        assert frechet_distance(away, b) == pytest.approx(frechet_distance(b, away), abs=1e-9)
+        assert frechet_distance(away, b) > 40
+
+
+def test_a_coarse_answer_is_as_near_as_it_says() -> None:
+    aside = STRAIGHT + np.array([0.0, 2.0])
+    for exact in (0.5, 0.1, 1e-3):
+        assert 2.0 <= frechet_distance(STRAIGHT, aside, exact_m=exact) <= 2.0 + exact
+        coarse = prefix_distances(STRAIGHT, aside, exact_m=exact)
+        assert ((coarse >= 2.0) & (coarse <= 2.0 + exact)).all()
+    random = np.random.default_rng(1)
+    a, b = random.normal(size=(2, 6, 2))
+    assert frechet_distance(a, b, exact_m=0.05) == pytest.approx(frechet_distance(a, b), abs=0.05)
+    assert prefix_distances(a, b, exact_m=0.05) == pytest.approx(prefix_distances(a, b), abs=0.05)
+
+
+def test_who_stands_still_is_as_far_as_the_other_goes() -> None:
+    """One point, or the same one over and over: the farthest point of the other path, on either side."""
+    for still in ([[1.0, 2.0]], [[1.0, 2.0]] * 2, [[1.0, 2.0]] * 4):
+        assert frechet_distance(still, STRAIGHT) == pytest.approx(math.hypot(9, 2), abs=1e-9)
+        assert frechet_distance(STRAIGHT, still) == pytest.approx(math.hypot(9, 2), abs=1e-9)
+        assert prefix_distances(still, STRAIGHT) == pytest.approx([math.hypot(1, 2)] * len(still), abs=1e-9)
+        along = prefix_distances(STRAIGHT, still)
+        assert along == pytest.approx(np.maximum.accumulate(np.hypot(STRAIGHT[:, 0] - 1, 2)), abs=1e-9)
+    assert frechet_distance([[1.0, 1.0]], [[4.0, 5.0]]) == pytest.approx(5.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_deviation_point_is_the_best_of_all_by_its_formula(seed: int) -> None:
+    """C(t) = cos(3 pi / 4) f(t) + sin(3 pi / 4) t over the points; read from the nearer pair of ends, wherever the
+    origin lies. Both paths the other way round are compared the same way."""
+    random = np.random.default_rng(seed)
+    origin = np.array([7.0, -11.0])
+    a = np.cumsum(random.normal(0.4, 0.5, (12, 2)), axis=0) + origin
+    b = np.cumsum(random.normal(0.4, 0.5, (9, 2)), axis=0) + origin + random.normal(0, 1, 2)
+    found, other = deviation(a, b, exact_m=1e-9), deviation(a[::-1], b[::-1], exact_m=1e-9)
+    assert found.backwards == (math.dist(a[-1], b[-1]) < math.dist(a[0], b[0]))
+    assert other.backwards != found.backwards
+    assert other == type(found)(found.t_star, found.distance_m, found.point, other.backwards, found.cost)
+    if found.backwards:
+        a, b = a[::-1], b[::-1]
+    share = np.array([sum(math.dist(a[k], a[k + 1]) for k in range(i)) for i in range(len(a))])
+    share /= share[-1]
+    apart = prefix_distances(a, b)
+    costs = (share - apart) / math.sqrt(2)
+    best = int(np.argmax(costs))
+    assert (found.t_star, found.distance_m, found.cost) == pytest.approx((share[best], apart[best], costs[best]))
+    assert found.point == pytest.approx(tuple(a[best]))
+
+
+def test_ends_as_near_as_the_starts_are_read_forwards_and_of_equal_points_the_latest_counts() -> None:
+    found = deviation(STRAIGHT, STRAIGHT + np.array([0.0, 1.0]))
+    assert not found.backwards
+    assert found.point == (10.0, 0.0)
+    still = deviation([[1.0, 1.0], [1.0, 1.0]], STRAIGHT)
+    assert (still.t_star, still.distance_m) == (1.0, pytest.approx(math.sqrt(2), abs=1e-3))
+
+
+def test_a_third_column_is_not_looked_at_and_one_alone_is_no_path() -> None:
+    turned = np.column_stack([STRAIGHT, np.linspace(0, 99, len(STRAIGHT))])
+    assert frechet_distance(turned, STRAIGHT) == pytest.approx(0.0, abs=1e-9)
+    for bad in (np.zeros((4, 1)), np.zeros(4), np.zeros((2, 3, 2)), [[0.0, math.inf]]):
+        with pytest.raises(ValueError, match="a has shape"):
+            prefix_distances(bad, STRAIGHT)

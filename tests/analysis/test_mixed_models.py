@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import statsmodels.api as sm
-from scipy import special
+from scipy import special, stats
 from statsmodels.miscmodels.ordinal_model import OrderedModel
 
-from backend.analysis.mixed_models import NoFit, chance_of_the_higher, cumulative_logit, ratio_test
+from backend.analysis.mixed_models import MixedFit, NoFit, chance_of_the_higher, cumulative_logit, ratio_test
 
 # Randall (1989), ratings of bitterness of wines by nine judges, cold and warm, without and with contact to the skins,
 # twice each; R's `ordinal::wine`. Christensen's tutorial of clmm2 gives for rating ~ temp + contact, random judge,
@@ -86,3 +86,73 @@ def test_answers_that_tell_the_conditions_apart_without_exception_have_no_fit() 
     people = [f"P-{k // 2}" for k in range(12)]
     with pytest.raises(NoFit, match="without exception"):
         cumulative_logit(ratings, np.tile([[0.0], [1.0]], (6, 1)), people, ["second"])
+
+
+def marginal(theta: np.ndarray, y: np.ndarray, x: np.ndarray, who: np.ndarray) -> float:
+    """Log-likelihood of thresholds, coefficients and the SD of people: intercepts summed over a dense fixed grid."""
+    cuts = int(y.max())
+    edges = np.concatenate([[-40.0], theta[:cuts], [40.0]])
+    z, weights = np.polynomial.hermite_e.hermegauss(120)
+    eta = (x @ theta[cuts:-1])[:, None] + theta[-1] * z
+    chance = special.expit(edges[y + 1][:, None] - eta) - special.expit(edges[y][:, None] - eta)
+    own = np.stack([chance[who == person].prod(axis=0) for person in np.unique(who)])
+    return float(np.log(own @ weights / np.sqrt(2 * np.pi)).sum())
+
+
+def parameters(fit: MixedFit) -> np.ndarray:
+    return np.concatenate([fit.thresholds, fit.coefficients, [fit.person_sd]])
+
+
+@pytest.mark.parametrize(("levels", "seed"), [(2, 1), (3, 2), (5, 3)])
+def test_the_maximum_and_the_errors_are_those_of_another_integration(levels: int, seed: int) -> None:
+    """Log-likelihood at the estimates, no slope there, and the errors of its curvature, all over a grid of our own."""
+    random = np.random.default_rng(seed)
+    who = np.repeat(np.arange(12), 8)
+    x = random.normal(size=(96, 2))
+    latent = x @ [0.8, -0.5] + random.normal(0, 1.3, 12)[who] + random.logistic(size=96)
+    y = np.digitize(latent, np.linspace(-1.5, 1.5, levels + 1)[1:-1] if levels > 2 else [0.2])
+    fit = cumulative_logit(10 * y + 3, x, who + 100, ("one", "other"))
+    at = parameters(fit)
+    assert fit.log_likelihood == pytest.approx(marginal(at, y, x, who), abs=1e-4)
+    h = 1e-3 * np.eye(len(at))
+    slope = [(marginal(at + e, y, x, who) - marginal(at - e, y, x, who)) / 2e-3 for e in h]
+    assert slope == pytest.approx(np.zeros(len(at)), abs=0.01)
+    curvature = np.array(
+        [
+            [
+                (
+                    marginal(at + a + b, y, x, who) - marginal(at + a - b, y, x, who)
+                    - marginal(at - a + b, y, x, who) + marginal(at - a - b, y, x, who)
+                ) / 4e-6
+                for b in h
+            ]
+            for a in h
+        ]
+    )  # fmt: skip
+    errors = np.sqrt(np.diag(np.linalg.inv(-curvature)))
+    assert fit.errors == pytest.approx(errors[levels - 1 : -1], rel=2e-3)
+    assert fit.first_error == pytest.approx(errors[0], rel=2e-3)
+    assert fit.interval(1) == pytest.approx(at[levels] + np.array([-1.959964, 1.959964]) * fit.errors[1])
+
+
+def test_the_interval_of_the_higher_answer_is_wald_s_in_log_odds() -> None:
+    """15 of 20 answers by hand, a person each: logit 0.75, error of the logit sqrt(1 / 15 + 1 / 5)."""
+    fit = cumulative_logit([1] * 15 + [0] * 5, np.zeros((20, 0)), np.zeros(20), [])
+    at, low, high = chance_of_the_higher(MixedFit((), fit.coefficients, fit.errors, -special.logit([0.75]), 0.5, 0, 0))
+    assert (at, low, high) == pytest.approx(
+        (0.75, *special.expit(special.logit(0.75) + np.array([-0.98, 0.98]))), abs=1e-4
+    )
+
+
+def test_predictors_that_say_the_same_have_no_errors() -> None:
+    with pytest.raises(NoFit, match="predictors say the same"):
+        cumulative_logit(RATINGS, np.column_stack([CONDITIONS[:, 0]] * 2), JUDGES, ("warm", "again"))
+
+
+def test_a_larger_model_that_says_no_more_has_no_evidence() -> None:
+    small = MixedFit((), np.zeros(1), np.zeros(1), np.zeros(1), 1.0, 1.0, -50.0)
+    large = MixedFit((), np.zeros(3), np.zeros(3), np.zeros(1), 1.0, 1.0, -47.0)
+    test = ratio_test(large, small)
+    assert (test.statistic, test.df, test.p) == (6.0, 2, pytest.approx(stats.chi2.sf(6, 2)))
+    worse = ratio_test(MixedFit((), np.zeros(2), np.zeros(2), np.zeros(1), 1.0, 1.0, -50.1), small)
+    assert (worse.statistic, worse.p) == (0.0, 1.0)
