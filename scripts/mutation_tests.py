@@ -160,8 +160,8 @@ class _Warm:
     # --- which lines a test reaches
 
     def reached(self, file: str) -> Reach:
-        """Measured once for this state of the sources and this test file."""
-        sources = [*sorted((ROOT / "backend").rglob("*.py")), ROOT / file]
+        """Measured once for this state of both rooms and this test file."""
+        sources = [*(p for room in ROOMS for p in sorted((ROOT / room).glob("*.py"))), ROOT / file]
         sources += [p for folder in TESTS for p in sorted((ROOT / folder).glob("*.py")) if "test_" not in p.name]
         key = hashlib.sha256(b"".join(hashlib.sha256(p.read_bytes()).digest() for p in sources)).hexdigest()[:16]
         kept = Path(tempfile.gettempdir()) / f"desirepath-reach-{Path(file).stem}-{key}.json"

@@ -115,3 +115,25 @@ def test_tau_b_is_scipy_s_with_and_without_ties() -> None:
     assert kendall_tau_b([1, 2, 3, 4, 5], [1, 2, 3, 3, 3]) == pytest.approx(7 / np.sqrt(70))
     with pytest.raises(ValueError, match="needs the same"):
         kendall_tau_b([1, 2], [1, 2, 3])
+
+
+def test_three_people_can_be_checked_and_two_cannot() -> None:
+    for n in (3, 4):
+        values = people(n, seed=2)
+        found = assumptions(factorial(values), ("outline",), about="tau")
+        contrasts = values[:, 2:].sum(axis=1) - values[:, :2].sum(axis=1)
+        assert found.shapiro_p == pytest.approx(stats.shapiro(contrasts).pvalue)
+    assert np.isnan(assumptions(factorial(people(2)), ("outline",), about="tau").shapiro_p)
+
+
+def test_sphericity_of_three_levels_is_greenhouse_and_geisser_s_epsilon() -> None:
+    """By the covariances of the conditions, doubly centred (Winer 1971), not by contrasts."""
+    values = people(11, seed=4, cells=3)
+    design = factorial(values, {"view": ["a", "b", "c"]})
+    covariance = np.cov(values, rowvar=False)
+    centred = covariance - covariance.mean(axis=0) - covariance.mean(axis=1, keepdims=True) + covariance.mean()
+    epsilon = np.trace(centred) ** 2 / (2 * (centred**2).sum())
+    (test,) = rm_anova(design, about="x")
+    assert assumptions(design, ("view",), about="x").epsilon == pytest.approx(epsilon)
+    assert test.p == pytest.approx(stats.f.sf(test.statistic, 2 * epsilon, 20 * epsilon))
+    assert test.direction == "the levels of view differ"

@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from backend.analysis.between_groups import group_pairs, kruskal_wallis, mann_whitney
+from backend.analysis.intervals import correlation_like
 
 # Hollander & Wolfe (1973), p. 69: permeability of the human chorioamnion at term and between 12 and 26 weeks; R's
 # example of wilcox.test gives W = 35, p = 0.1272 one-sided, so 0.2544 two-sided; with conf.int 0.305, -0.15 to 0.76.
@@ -64,3 +65,24 @@ def test_groups_that_are_all_alike_or_too_few() -> None:
         mann_whitney([1.0], [], about="fun", names=("a", "b"))
     with pytest.raises(ValueError, match="needs at least 3"):
         kruskal_wallis([[1.0], [2.0]], about="fun")
+
+
+def test_two_people_in_each_group_have_an_interval_by_delong_s_variance() -> None:
+    """Each person's share of the other group that they are above, twice and less one; its variance over people."""
+    first, second = [3.0, 8.0, 5.0, 9.0], [4.0, 2.0]
+    test = mann_whitney(first, second, about="fun", names=("a", "b"))
+    above = [2 * np.mean([(x > y) + (x == y) / 2 for y in second]) - 1 for x in first]
+    below = [2 * np.mean([(x > y) + (x == y) / 2 for x in first]) - 1 for y in second]
+    se = math.sqrt(np.var(above, ddof=1) / 4 + np.var(below, ddof=1) / 2)
+    assert test.effect == pytest.approx(np.mean(above))
+    assert (test.effect_low, test.effect_high) == pytest.approx(correlation_like(test.effect, se, 2))
+    assert math.isfinite(mann_whitney([1.0, 3.0], [2.0, 4.0], about="fun", names=("a", "b")).effect_low)
+    assert math.isnan(mann_whitney([1.0, 3.0], [2.0], about="fun", names=("a", "b")).effect_high)
+
+
+def test_without_intervals_the_test_is_the_same() -> None:
+    whole, quick = (kruskal_wallis([NORMAL, OBSTRUCTED, ASBESTOSIS], about="x", intervals=one) for one in (True, False))
+    assert math.isnan(quick.effect_low)
+    assert (quick.statistic, quick.p, quick.effect, quick.n) == (whole.statistic, whole.p, whole.effect, 14)
+    pairs = group_pairs([NORMAL, OBSTRUCTED, ASBESTOSIS], ("a", "b", "c"), about="x", intervals=False)
+    assert all(math.isnan(one.shift_low) for one in pairs)

@@ -131,3 +131,76 @@ def test_equal_shares_are_counted_over_all_that_so_many_can_choose() -> None:
     for seen in ([4, 3, 1], [5, 2, 1], [3, 3, 2]):
         assert equal_shares(seen).p == pytest.approx(np.mean(squares >= np.square(seen).sum()))
     assert equal_shares([30, 20, 10]) == (pytest.approx(stats.chisquare([30, 20, 10]).pvalue), 0.0, "approximate")
+
+
+def test_what_is_counted_and_what_is_drawn_by_lot_follows_from_the_number_of_cases() -> None:
+    """At most 200,000 states: totals of k - 1 conditions from 0 to 2 n (k - 1), or ways to share n choices times k."""
+    random = np.random.default_rng(6)
+
+    def way(n: int, k: int) -> str:
+        return rank_totals(stats.rankdata(random.normal(size=(n, k)), axis=1)).method
+
+    assert [way(n, 3) for n in (3, FEW, FEW + 1)] == ["exact", "exact", "approximate"]
+    assert [way(n, 4) for n in (9, 10)] == ["exact", "permutations"]  # 55^3 and 61^3
+    assert [way(n, 5) for n in (2, 3)] == ["exact", "permutations"]  # 17^4 and 25^4
+    assert [equal_shares([n, 0, 0, 0, 0, 0]).method for n in (17, 18)] == ["exact", "approximate"]
+    assert [equal_shares([n, 0]).method for n in (FEW, FEW + 1)] == ["exact", "approximate"]
+    tied = np.ones(FEW)
+    assert signed_ranks(tied, 10).method == rank_sum(tied, 20, 400.0).method == "exact"
+    assert group_ranks(np.arange(FEW), (20, 20, 10)).method == "permutations"
+    assert group_ranks(np.arange(FEW + 1), (20, 20, 11)).method == "approximate"
+
+
+def test_of_lots_the_data_count_as_one_so_that_p_is_a_multiple_of_a_ten_thousandth() -> None:
+    random = np.random.default_rng(7)
+    ranks = stats.rankdata(random.normal(size=(12, 5)), axis=1)
+    groups = stats.rankdata(random.normal(size=12))
+    for found in (rank_totals(ranks), rank_totals(ranks, seed=3), group_ranks(groups, (4, 4, 4))):
+        assert found.p * 10_000 == pytest.approx(round(found.p * 10_000), abs=1e-6)
+        assert 0 < found.least <= found.p < 1
+    assert rank_totals(ranks).p != rank_totals(ranks, seed=3).p
+    assert rank_totals(np.tile(np.arange(1.0, 6), (12, 1))).p == 1 / 10_000
+    assert group_ranks(np.arange(20.0), (7, 7, 6)).p == 1 / 10_000
+    assert group_ranks(np.ones(9), (3, 3, 3)).p == 1.0
+
+
+def test_no_p_is_above_one() -> None:
+    for n in (2, 3, 7, 20, 50):
+        middle = np.arange(1.0, n + 1)
+        assert signed_ranks(middle, middle.sum() / 2).p <= 1
+        assert rank_sum(middle, n // 2, n // 2 * (n + 1) / 2).p <= 1
+        alike = rank_totals(np.full((n, 3), 2.0))
+        assert (alike.p, alike.least) == (pytest.approx(1), pytest.approx(1))
+        assert max(alike[:2]) <= 1
+        latin = rank_totals(np.array([[1.0, 2, 3], [2, 3, 1], [3, 1, 2]] * n)[: FEW - FEW % 3])
+        assert latin.p == pytest.approx(1.0)
+        assert latin.p <= 1
+        assert equal_shares([n, n]).p <= 1
+    assert signed_ranks([1.0], 1.0) == (1.0, 1.0, "exact")
+    assert signed_ranks([1.0, 2.0], 3.0) == (0.5, 0.5, "exact")
+
+
+def test_groups_of_different_sizes_have_a_least_p_of_their_own() -> None:
+    """5! / (2! 2! 1!) = 30 divisions; two groups have the same size, so that 2 of them are as extreme."""
+    assert group_ranks([1, 2, 3, 4, 5], (2, 2, 1)).least == pytest.approx(2 / 30)
+    assert group_ranks([1, 2, 3, 4, 5, 6], (3, 2, 1)).least == pytest.approx(1 / 60)
+    assert group_ranks([1, 2, 3], (1, 1, 1)).least == 1.0
+
+
+def test_many_people_s_ranks_are_scipy_s_ties_included() -> None:
+    random = np.random.default_rng(9)
+    table = stats.rankdata(random.integers(1, 5, (60, 4)), axis=1)
+    assert rank_totals(table).p == pytest.approx(stats.friedmanchisquare(*table.T).pvalue)
+    assert rank_totals(table).least == 0.0
+    differences = random.integers(-3, 5, 70)
+    kept = differences[differences != 0]
+    ranks = stats.rankdata(np.abs(kept))
+    theirs = stats.wilcoxon(kept, correction=False, method="asymptotic").pvalue
+    assert signed_ranks(ranks, ranks[kept > 0].sum()) == (pytest.approx(theirs), 0.0, "approximate")
+    first, second = random.integers(1, 6, 45), random.integers(1, 7, 20)
+    both = stats.rankdata(np.concatenate([first, second]))
+    theirs = stats.mannwhitneyu(first, second, method="asymptotic", use_continuity=False).pvalue
+    assert rank_sum(both, 45, both[:45].sum()).p == pytest.approx(theirs)
+    sizes = (30, 12, 18)
+    parts = np.split(random.integers(1, 6, 60), np.cumsum(sizes)[:-1])
+    assert group_ranks(stats.rankdata(np.concatenate(parts)), sizes).p == pytest.approx(stats.kruskal(*parts).pvalue)

@@ -132,3 +132,29 @@ def test_metrics_of_trajectories_agree_with_the_engines_own_table(name: str) -> 
 def test_measuring_nothing_is_an_error() -> None:
     with pytest.raises(ValueError, match="none given"):
         metrics.measure([])
+
+
+def test_where_the_robot_looks_changes_no_distance() -> None:
+    random = np.random.default_rng(3)
+    poses = np.concatenate([np.cumsum(random.normal(size=(4, 9, 2)), axis=1), random.uniform(-3, 3, (4, 9, 1))], axis=2)
+    goals, people = random.normal(size=(2, 4, 2))
+    walking = random.normal(size=(4, 9, 3))
+    scenes = draw_scenes("study_room", range(4))
+    for measured in (
+        metrics.path_length,
+        lambda of: metrics.min_human_distance(of, people),
+        lambda of: metrics.min_human_distance(of, walking),
+        lambda of: metrics.min_obstacle_distance(of, scenes),
+        lambda of: metrics.path_area(of, goals),
+        lambda of: metrics.straight_distance(of[:, 0], goals),
+    ):
+        assert (measured(poses) == measured(poses[..., :2])).all()
+    steps = np.linalg.norm(np.diff(poses[..., :2], axis=1), axis=2).sum(axis=1)
+    assert metrics.path_length(poses) == pytest.approx(steps)
+    away = [
+        min(math.dist(p[:2], q[:2]) for p, q in zip(*both, strict=True)) for both in zip(poses, walking, strict=True)
+    ]
+    assert metrics.min_human_distance(poses, walking) == pytest.approx(away)
+    assert metrics.straight_distance(poses[:, 0], poses[:, 1]) == pytest.approx(
+        [math.dist(one[0, :2], one[1, :2]) for one in poses]
+    )
