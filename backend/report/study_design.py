@@ -21,7 +21,8 @@ CONDITION = "condition"  # the one factor of a study whose protocol does not nam
 
 @dataclass(frozen=True)
 class StudyDesign:
-    """One comparison, of a block or of what is rated. within, between: factor -> levels. cells: conditions within, as
+    """One comparison, of a block or of what is rated. within, between: factor -> levels, at least two: what has one
+    level is not compared. cells: conditions within, as
     answers carry them; of a design without factors within the one of each group. groups: person -> cell of the factors
     between."""
 
@@ -110,7 +111,10 @@ def _declared(data: StudyData) -> Iterator[StudyDesign]:
         else:
             levels = {one.code: one.groups.get(key, "") for one in data.people}
         groups = {person: names.index(name) for person, name in levels.items() if between and name in names}
-        yield StudyDesign(within, between, cells, groups)
+        varied, of_groups = ({f: levels for f, levels in some.items() if len(levels) > 1} for some in (within, between))
+        if within and not varied:  # one condition for everybody: the groups are compared in it
+            cells = cells * max(1, len(names))
+        yield StudyDesign(varied, of_groups, cells, groups)
 
 
 def _crossed(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from backend.analysis.repeated_measures import wilcoxon
 from backend.analysis.scale_wordings import SCALES
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, analyse
@@ -245,3 +246,57 @@ def test_a_report_without_a_test_says_why(block: dict, rated: dict, why: str) ->
     found = analysed(study(block, rated))
     assert found.tests == []
     assert any(why in sentence for sentence in brief(found))
+
+
+def test_pairs_are_of_effects_with_more_than_two_levels_alone() -> None:
+    """2 x 3, pairs asked for whatever the test says: the three speeds' three pairs, corrected over three."""
+    random = np.random.default_rng(3)
+    cells = [f"{view}-{speed}" for view in ("top_down", "immersive") for speed in ("slow", "usual", "fast")]
+    values = random.integers(1, 8, (8, 6)).tolist()
+    rated = {f"P-{k}": dict(zip(cells, [[v] for v in row], strict=True)) for k, row in enumerate(values)}
+    block = {"each": {"view": ["top_down", "immersive"], "speed": ["slow", "usual", "fast"]}}
+    (fun,) = analysed(study(block, rated), AnalysisPlan(metrics=(), pairs="always")).items
+    assert [test.about.removeprefix("rating of fun, ") for test in fun.tests] == ["view", "speed", "view × speed"]
+    assert [pair.about.removeprefix("rating of fun, ") for pair in fun.pairs] == [
+        "speed, slow against usual", "speed, slow against fast", "speed, usual against fast",
+    ]  # fmt: skip
+    assert [pair.p_corrected for pair in fun.pairs] == pytest.approx([min(1, 3 * pair.p) for pair in fun.pairs])
+
+
+def test_a_factor_with_a_single_level_is_no_factor() -> None:
+    """Two speeds under one view are two conditions; two robots under one view are two groups; one alone is nothing."""
+    random = np.random.default_rng(3)
+    one_view = {"view": ["top_down"]}
+    two = {f"P-{k}": {f"top_down-{s}": [int(random.integers(1, 8))] for s in ("slow", "fast")} for k in range(8)}
+    found = analysed(
+        study({"each": {**one_view, "speed": ["slow", "fast"]}}, two), AnalysisPlan(metrics=(), pairs="always")
+    )
+    assert found.designs[0].words == "2 conditions (speed within people)"
+    slow, fast = np.array([[of["top_down-slow"][0], of["top_down-fast"][0]] for of in two.values()], dtype=float).T
+    assert found.items[0].test.test == "Wilcoxon signed-rank"
+    assert found.items[0].test.p == pytest.approx(wilcoxon(slow, fast, about="", names=("a", "b")).p)
+    assert found.items[0].pairs == []
+    robots = {f"P-{k}": ("small", "large")[k % 2] for k in range(8)}
+    rated = {who: {"top_down": [int(random.integers(1, 8))]} for who in robots}
+    found = analysed(study({"each": one_view, "one_of": {"robot": ["small", "large"]}}, rated, robots))
+    assert found.designs[0].words == "2 conditions (robot between people)"
+    sides = [[of["top_down"][0] for who, of in rated.items() if robots[who] == robot] for robot in ("small", "large")]
+    assert found.items[0].test.statistic == stats.mannwhitneyu(*sides).statistic
+    alone = study({"each": one_view}, rated)
+    assert designs_of(alone) == []
+
+
+def test_groups_of_three_have_pairs_between_people() -> None:
+    rated = {f"P-{k}": {"-".join(("abc"[k % 3],)): [1 + (k * 5) % 7]} for k in range(15)}
+    groups = {person: next(iter(of)) for person, of in rated.items()}
+    data = study({"one_of": {"robot": ["a", "b", "c"]}}, rated, groups)
+    (fun,) = analysed(data, AnalysisPlan(metrics=(), pairs="always")).items
+    by = {name: [of[name][0] for of in rated.values() if name in of] for name in "abc"}
+    assert fun.test.test == "Kruskal-Wallis"
+    assert fun.test.statistic == pytest.approx(stats.kruskal(*by.values()).statistic)
+    assert [pair.statistic for pair in fun.pairs] == [
+        stats.mannwhitneyu(by[one], by[other]).statistic for one, other in ("ab", "ac", "bc")
+    ]
+    assert {name: mean.mean for name, mean in fun.means.items()} == {
+        k: pytest.approx(np.mean(v)) for k, v in by.items()
+    }

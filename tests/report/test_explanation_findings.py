@@ -12,7 +12,9 @@ import pytest
 from scipy import stats
 
 from backend.report.analysis_plan import AnalysisPlan
+from backend.report.explanation_figures import explanation_pictures
 from backend.report.explanation_findings import Explained, explained, trials_of
+from backend.report.explanation_text import explanation_brief, explanation_sections
 from backend.report.findings import analyse
 from backend.report.made_up_cohorts import CohortError
 from backend.report.made_up_rankers import PUBLISHED, RankerCohort, made_up_rankings, noise_for, ranked
@@ -139,3 +141,68 @@ def test_the_report_has_sections_figures_and_every_trial(published: StudyData, t
     with (tmp_path / "figures" / "ranking_agreement.csv").open(encoding="utf-8") as file:
         means = {row["shown"]: float(row["mean"]) for row in csv.DictReader(file)}
     assert means["outline"] > means["neither"]
+
+
+def test_the_text_counts_ties_and_objects_that_were_not_seen(published: StudyData) -> None:
+    of = found(published)
+    tied = sum(len(set(one.scores.values())) < 5 for one in published.importance)
+    unseen = sum(list(one.scores.values()).count(0.0) >= 2 for one in published.importance)
+    section, rated = explanation_sections(analyse(published, nothing, "simulated", PLAN))
+    words = section.sentences[0]
+    assert words.startswith("1,152 rankings.")
+    assert f"tied in {tied:,} trials ({100 * tied / 1152:.1f} %), in {unseen:,} because several objects" in words
+    assert 0 < unseen < tied
+    assert (of.agreement.lowest, of.agreement.highest) == (-1, 1)
+    outcomes = ([of.agreement], of.rated)
+    for part, some in zip((section, rated), outcomes, strict=True):
+        fail = [t.about for one in some for t, c in zip(one.tests, one.checks, strict=True) if c.shapiro_p < 0.05]
+        how = part.sentences[-1]
+        assert (f"are not normal (Shapiro and Wilk's test) in {', '.join(fail)}: read" in how) == bool(fail)
+        assert ("Nothing speaks against normal contrasts" in how) != bool(fail)
+        assert f"p corrected over these {3 * len(some)} tests (Holm)" in how
+        assert "Every effect has one degree of freedom" in how
+        means, effects = part.tables
+        assert [row[-1] for row in means.rows] == ["24"] * len(some)
+        assert [row[0] for row in effects.rows] == [test.about for one in some for test in one.tests]
+        assert [row[-1] for row in effects.rows] == ["24"] * 3 * len(some)
+    first = of.agreement.means["neither"]
+    assert section.tables[0].rows[0][1] == f"{first.mean:.2f} ({first.sd:.2f})"
+    brief = explanation_brief(analyse(published, nothing, "simulated", PLAN))
+    assert f"neither {first.mean:.2f}" in brief[0]
+    assert len(brief) == 4
+
+
+def test_two_people_s_report_says_that_nothing_is_tested(published: StudyData) -> None:
+    few = analyse(published.of({"S001", "S002"}), nothing, "simulated", PLAN)
+    section, _ = explanation_sections(few)
+    assert section.sentences[-1].startswith("Nothing is tested: fewer than three people")
+    assert len(section.tables) == 1
+    assert explanation_sections(replace(few, explained=None)) == explanation_brief(replace(few, explained=None)) == []
+
+
+def test_figures_show_means_with_their_bars(published: StudyData) -> None:
+    of = found(published)
+    agreement, rated = explanation_pictures(of)
+    (ax,) = agreement.figure.axes
+    means = list(of.agreement.means.values())
+    assert [p.get_height() for p in ax.patches] == pytest.approx([mean.mean for mean in means])
+    assert [p.get_x() + p.get_width() / 2 for p in ax.patches] == pytest.approx([0, 1, 2, 3])
+    ends = [sorted(segment[:, 1]) for drawn in ax.collections for segment in drawn.get_segments()]
+    assert ends == [pytest.approx([mean.mean - mean.sd, mean.mean + mean.sd]) for mean in means]
+    assert [line for line in ax.lines if list(line.get_ydata()) == [0, 0]]
+    assert [label.get_text() for label in ax.get_xticklabels()][-1] == "outline and\nlidar"
+    assert 4 < agreement.figure.get_size_inches()[0] < 6
+    assert [ax.get_title() for ax in rated.figure.axes] == ["awareness", "trust", "plausibility"]
+    for ax, one in zip(rated.figure.axes, of.rated, strict=True):
+        assert [p.get_y() + p.get_height() for p in ax.patches] == pytest.approx([m.mean for m in one.means.values()])
+        assert {p.get_y() for p in ax.patches} == {1.0}
+        ends = [sorted(segment[:, 1]) for drawn in ax.collections for segment in drawn.get_segments()]
+        assert ends == [pytest.approx([m.mean - m.se, m.mean + m.se]) for m in one.means.values()]
+        assert ax.get_ylim() == (1, 7)
+        assert len({tuple(p.get_facecolor()) for p in ax.patches}) == 4
+        assert list(ax.get_xticks()) == []
+    assert 5 < rated.figure.get_size_inches()[0] < 6.5
+    assert [text.get_text() for text in rated.figure.legends[0].get_texts()] == list(of.rated[0].means)
+    assert [(row["shown"], row["n"]) for row in agreement.rows] == [(name, 24) for name in of.agreement.means]
+    without = explanation_pictures(replace(of, rated=()))
+    assert [one.name for one in without] == [agreement.name]

@@ -16,6 +16,7 @@ from backend.analysis.scale_wordings import SCALES
 from backend.analysis.triads import is_circular
 from backend.learning.policies.shipped import load_queries
 from backend.report.analysis_plan import AnalysisPlan, declared_plan, deviations, read_plan
+from backend.report.choice_text import disagreement_section
 from backend.report.findings import NothingToReport, analyse
 from backend.report.report_text import sections
 from backend.report.study_data import Choice, Comparison, ItemText, ParticipantRow, Rating, StudyData
@@ -298,3 +299,20 @@ def test_position_and_time_are_of_regular_answers_alone() -> None:
     assert (of.decision_s.n, of.decision_s.mean) == (2, 4.5)
     timeless = [replace(one, decision_s=None) for one in answers]
     assert math.isnan(analyse(study(timeless, two), nothing, plan=PLAN).of_condition[HERE].decision_s.mean)
+
+
+def test_changes_are_told_under_their_metrics_names_for_who_ever_chose_differently() -> None:
+    query = load_queries("study_room/queries_200").queries[3]
+    trajectories = {"0-a": query.trajectory_a, "0-b": query.trajectory_b}
+    people = [PERSON, replace(PERSON, code="P-2")]
+    flips = [choice(who, view, 0, side) for who in ("P-1", "P-2") for view, side in ((HERE, "a"), (THERE, "b"))]
+    plan = AnalysisPlan(metrics=("path_length", "mean_speed"))
+    found = analyse(study(flips, people), trajectories.__getitem__, plan=plan)
+    section = disagreement_section(found)
+    (table,) = section.tables
+    assert list(table.heads) == ["from → to", "length", "mean speed"]
+    (row,) = table.rows
+    assert row[0] == f"{HERE} → {THERE}".replace("_", " ")
+    assert all(cell.endswith("(n = 2)") for cell in row[1:])
+    alone = analyse(study(flips[:2], people[:1]), trajectories.__getitem__, plan=plan)
+    assert disagreement_section(alone).tables[0].rows[0][1:] == ["–", "–"]

@@ -342,3 +342,25 @@ def test_brackets_are_as_high_as_the_scale_is_long() -> None:
         assert y[0] - feet[0][0] == pytest.approx(0.6 * unit * k)
         assert ax.texts[k].get_position()[1] == pytest.approx(y[0] + 0.1 * unit)
     assert ax.get_ylim()[1] == pytest.approx(feet[-1][0] + 0.8 * unit)
+
+
+def test_an_agreement_below_forty_percent_is_still_in_the_picture(found: Findings) -> None:
+    """The axis begins at 40 %, or a fiftieth below the lowest interval; one that is not known moves nothing."""
+    (ax,) = shown(agreement_picture(found))
+    lows = [of.share.low for of in found.between.values()]
+    lows += [of.repeat.share.low for of in found.of_condition.values()]
+    assert ax.get_xlim()[0] == pytest.approx(min(0.4, min(lows) - 0.02))
+    pair, of = next(iter(found.between.items()))
+    for low, begins in ((0.7, 0.4), (0.1, 0.08), (float("nan"), 0.4)):
+        one = replace(of, share=Mean(9, 0.8, 0.1, 0.1, low, 0.9))
+        (ax,) = shown(agreement_picture(replace(found, between={pair: one}, of_condition={})))
+        assert ax.get_xlim()[0] == pytest.approx(begins)
+
+
+def test_the_caption_says_who_is_shown_a_policy() -> None:
+    assumed = Assumed("a", "fun", "usefulness", effect=0.5, own=0.65)
+    own, other = "Sign test, own against base", "Wilcoxon, fun"
+    for test, shown_to, said in ((own, 0.6, True), (own, 1.0, False), (other, 0.6, False)):
+        caption = power_picture([Power(12, [rate(test, 9, 20)], None)], replace(assumed, shown=shown_to)).caption
+        assert ("by the 60 % who are shown one" in caption) == said
+        assert ("the own policy is preferred in 65 %" in caption) == (test == own)
