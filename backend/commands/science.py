@@ -291,7 +291,7 @@ def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[s
             study = next((one.study_id for one in named if one.study_id is not None), None)
             asked = parsed.model_dump(mode="json")
             job = enqueue_job(s, kind, asked, study_id=study, created_by=COMMAND_LINE).id
-        state, result, error = _wait(database, job, own_worker)
+        state, result, error = followed(database, job, own_worker)
         if state != "succeeded":
             raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
         return job, result
@@ -310,7 +310,7 @@ def finished_job(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]
         return finished(kind, params)
 
 
-def _wait(
+def followed(
     database: Database, job: str, own_worker: list[subprocess.Popen[bytes]]
 ) -> tuple[str, dict[str, Any], str | None]:
     """Follow a job to its end; one more worker is started, and put into `own_worker`, if nobody takes the job up."""

@@ -85,7 +85,7 @@ def test_answers_that_tell_the_conditions_apart_without_exception_have_no_fit() 
     ratings = [6, 4, 7, 4, 6, 4, 6, 4, 5, 2, 6, 4]
     people = [f"P-{k // 2}" for k in range(12)]
     with pytest.raises(NoFit, match="without exception"):
-        cumulative_logit(ratings, np.tile([[0.0], [1.0]], (6, 1)), people, ["second"])
+        cumulative_logit(ratings, np.tile([[0.0], [1.0]], (6, 1)), people, ["second"], nodes=5)
 
 
 def marginal(theta: np.ndarray, y: np.ndarray, x: np.ndarray, who: np.ndarray) -> float:

@@ -3,8 +3,11 @@ say so."""
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
+from scipy import stats
 
 from backend.learning.alignment.never_worse import better_for_person
 from backend.learning.measures.pairs import PairDifferences
@@ -13,7 +16,7 @@ from backend.learning.preferences.free_posterior import FreeConfig
 from backend.learning.preferences.objectives import preference_weights
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.preferences.predictive_check import PredictiveCheck, _so_many, checked_answers
+from backend.learning.preferences.predictive_check import PredictiveCheck, checked_answers
 from backend.learning.queries.queries import QuerySet
 
 CONFIG = FreeConfig(posterior=PosteriorConfig(particles=3_000))
@@ -62,7 +65,24 @@ def test_answers_that_can_be_foretold_come_true_as_claimed(
 
 
 def test_who_answers_otherwise_than_claimed_is_told() -> None:
-    told = PredictiveCheck(20, 8, 17.0, float(_so_many(np.full(20, 0.85))[:9].sum()), -1.2, 0.7, {"jerk": -1.0})
+    told = PredictiveCheck(20, 8, 17.0, float(stats.binom.cdf(8, 20, 0.85)), -1.2, 0.7, {"jerk": -1.0})
     assert told.p_value < 0.001
     assert told.as_dict()["verdict"] == "overclaimed"
-    assert _so_many(np.array([0.5, 0.5])) == pytest.approx([0.25, 0.5, 0.25])
+
+
+def test_the_chance_of_so_few_foretold_is_summed_over_all_that_could_have_come_true(
+    differences: PairDifferences,
+) -> None:
+    """What is claimed of each answer follows from the checks of ever more of them; of 2^5 outcomes those count in which
+    no more came true."""
+    chosen = np.array([True, False, False, True, False])
+    checks = [checked_answers(differences[:n], chosen[:n], CONFIG)[1] for n in range(1, 6)]
+    sure = np.diff([0.0, *(check.claimed for check in checks)])
+    assert ((sure >= 0.5) & (sure < 1)).all()
+    for n, check in enumerate(checks, 1):
+        chance = sum(
+            np.prod(np.where(came_true, sure[:n], 1 - sure[:n]))
+            for came_true in product((True, False), repeat=n)
+            if sum(came_true) <= check.foretold
+        )
+        assert check.p_value == pytest.approx(chance)

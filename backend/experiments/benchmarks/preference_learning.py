@@ -107,7 +107,7 @@ def benchmark_preferences(
     neutral = {
         name: _RolledOut.of(policy.at(settings()["neutral"]), scenes, ()) for name, policy in conditioned.items()
     }
-    asked = {seed: _queries(setup, config, seed) for seed in config.query_seeds}
+    asked = {seed: queries_of(setup, config, seed) for seed in config.query_seeds}
     rows: list[dict[str, Any]] = []
     for row in _rows(conditioned, asked, scenes, possible, base, neutral, config):
         rows.append(row)
@@ -130,7 +130,7 @@ def benchmark_preferences(
     }
 
 
-def _queries(setup: str, config: PreferencesConfig, seed: int) -> Sequence[Query]:
+def queries_of(setup: str, config: PreferencesConfig, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds."""
     count = config.answers if config.choose == "random" else max(config.answers, config.pool)
     asked = QueryConfig(count=count, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
@@ -139,7 +139,7 @@ def _queries(setup: str, config: PreferencesConfig, seed: int) -> Sequence[Query
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
 
 
-def _answers(oracle: Oracle, queries: Sequence[Query], config: PreferencesConfig) -> list[Preference]:
+def answers_to(oracle: Oracle, queries: Sequence[Query], config: PreferencesConfig) -> list[Preference]:
     """The oracle's answers to all queries, or to those of a pool that are chosen one after the other, as in studies."""
     preferences = oracle.answer(queries)
     if config.choose == "random":
@@ -162,7 +162,7 @@ def _rows(
 ) -> Iterator[dict[str, Any]]:
     rolled_out_by: dict[tuple[str, str, bytes], _RolledOut] = {}
     for oracle, noise, seed in product(config.oracles, config.noises, config.query_seeds):
-        answers = _answers(make_oracle(oracle, lapse_rate=noise, seed=seed), asked[seed], config)
+        answers = answers_to(make_oracle(oracle, lapse_rate=noise, seed=seed), asked[seed], config)
         weights = fit_weights(answers).preference_weights()
         named = ORACLE_PREFERENCES[oracle].objectives
         for name, conditioned in pretrainings.items():

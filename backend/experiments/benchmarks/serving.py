@@ -120,7 +120,7 @@ def _walk(
     memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, pace_s, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
-    stored = _stored(database, tally)
+    stored = answers_stored(database, tally)
     p50, p95 = np.percentile(tally.ack_ms, [50, 95])
     result: dict[str, Any] = {
         "answers_sent": tally.sent,
@@ -187,7 +187,7 @@ async def _walk_all(
     return memory, looks, [f"{type(problem).__name__}: {problem}" for problem in causes]
 
 
-def _stored(database: Database, tally: Tally) -> int:
+def answers_stored(database: Database, tally: Tally) -> int:
     """How many answers to pairs are stored. Raises ServeBenchmarkError for a lost, doubled or misplaced one."""
     hashes = {session for session, _ in tally.acknowledged.values()}
     wanted = (

@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 from backend.cli import app
 from backend.experiments.benchmarks.preference_learning import (
     PreferencesConfig,
-    _answers,
-    _queries,
+    answers_to,
     benchmark_preferences,
+    queries_of,
 )
 from backend.learning.errors import LearningError
 from backend.learning.policies.shipped import load_conditioned
@@ -54,8 +54,8 @@ def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
     )
     row = benchmark_preferences("study_room", config=config)["rows"][0]
     assert (row["oracle"], row["query_seed"]) == ("smoothest", 5)
-    queries = _queries("study_room", config, 5)
-    given = _answers(make_oracle("smoothest", seed=5), queries, config)
+    queries = queries_of("study_room", config, 5)
+    given = answers_to(make_oracle("smoothest", seed=5), queries, config)
     first = next_query(Posterior.prior("study_room"), seen_in(queries), "information", np.random.default_rng(0))
     best = queries[first.index]
     assert {id(given[0].chosen), id(given[0].rejected)} == {id(best.trajectory_a), id(best.trajectory_b)}
