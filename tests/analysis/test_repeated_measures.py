@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from backend.analysis.intervals import correlation_like
 from backend.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from backend.analysis.tested import corrected
 
@@ -92,3 +93,50 @@ def test_all_pairs_corrected_by_bonferroni() -> None:
 def test_what_cannot_be_tested_is_refused(bad: list[list[float]]) -> None:
     with pytest.raises(ValueError, match="ratings"):
         friedman(bad, about="fun")
+
+
+@pytest.mark.parametrize(("people", "conditions"), [(2, 3), (9, 3), (12, 4), (60, 5)])
+def test_friedman_s_statistic_and_effect_are_scipy_s_with_ties(people: int, conditions: int) -> None:
+    ratings = np.random.default_rng(people).integers(1, 6, (people, conditions)) + np.arange(conditions) // 2
+    test = friedman(ratings, about="fun")
+    theirs = stats.friedmanchisquare(*ratings.T)
+    assert (test.statistic, test.df) == (pytest.approx(theirs.statistic), conditions - 1)
+    assert test.effect == pytest.approx(theirs.statistic / (people * (conditions - 1)))
+    assert (test.n, test.used, test.p_corrected) == (people, people, test.p)
+    quick = friedman(ratings, about="fun", intervals=False)
+    assert (quick.p, quick.statistic) == (test.p, test.statistic)
+    assert np.isnan(quick.effect_low)
+    assert test.effect_low <= test.effect <= test.effect_high
+
+
+def test_the_effect_s_interval_is_by_leaving_each_person_out() -> None:
+    """Rank-biserial correlations without one of those who differ, by hand; who does not differ tells nothing."""
+    differences = np.array([3.0, 1.0, -2.0, 5.0, 0.0, 4.0, 2.5])
+    test = wilcoxon(differences, np.zeros(7), about="fun", names=("a", "b"))
+    used = differences[differences != 0]
+
+    def biserial(of: np.ndarray) -> float:
+        ranks = stats.rankdata(np.abs(of))
+        return float((ranks[of > 0].sum() - ranks[of < 0].sum()) / ranks.sum())
+
+    left = np.array([biserial(np.delete(used, k)) for k in range(6)])
+    se = np.sqrt(5 / 6 * ((left - left.mean()) ** 2).sum())
+    assert (test.effect, test.used) == (pytest.approx(biserial(used)), 6)
+    assert (test.effect_low, test.effect_high) == pytest.approx(correlation_like(biserial(used), se, 6))
+    two = wilcoxon([2.0, -1.0, 0.0], [0.0, 0.0, 0.0], about="fun", names=("a", "b"))
+    assert (two.used, np.isfinite(two.effect_low)) == (2, True)
+    one = wilcoxon([2.0, 0.0, 0.0], [0.0, 0.0, 0.0], about="fun", names=("a", "b"))
+    assert (one.used, one.p, np.isnan(one.effect_low)) == (1, 1.0, True)
+
+
+def test_who_is_higher_is_named_and_shares_that_differ_alike_are_ties() -> None:
+    higher = wilcoxon([1.0, 2.0, 3.0], [2.0, 4.0, 2.0], about="fun", names=("a", "b"))
+    assert (higher.effect < 0, higher.direction) == (True, "higher for b than for a")
+    even = wilcoxon([1.0, 2.0], [2.0, 1.0], about="fun", names=("a", "b"))
+    assert (even.effect, even.direction, even.shift) == (0.0, "higher for a than for b", 0.0)
+    thirds = wilcoxon([2 / 3, 1 / 3, 1.0], [1 / 3, 0.0, 2 / 3], about="fun", names=("a", "b"), intervals=False)
+    assert (thirds.statistic, thirds.p, thirds.shift) == (0.0, 0.25, None)
+    many = np.random.default_rng(1).integers(-3, 5, 80)
+    theirs = stats.wilcoxon(many[many != 0], correction=False, method="asymptotic")
+    found = wilcoxon(many, np.zeros(80), about="fun", names=("a", "b"))
+    assert (found.method, found.p, found.statistic) == ("approximate", pytest.approx(theirs.pvalue), theirs.statistic)

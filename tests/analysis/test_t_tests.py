@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from backend.analysis.t_tests import student_t, student_t_against
 from backend.analysis.tested import holm, mean_of
@@ -60,3 +62,30 @@ def test_the_interval_is_students() -> None:
 def test_what_cannot_be_tested_is_refused(bad: list[float]) -> None:
     with pytest.raises(ValueError, match="first"):
         student_t(bad, SECOND)
+
+
+def test_samples_of_different_sizes_are_pooled_by_their_degrees_of_freedom() -> None:
+    test = student_t(FIRST[:4], SECOND)
+    pooled = math.sqrt((3 * np.var(FIRST[:4], ddof=1) + 9 * np.var(SECOND, ddof=1)) / 12)
+    assert test.effect_size == pytest.approx((np.mean(FIRST[:4]) - np.mean(SECOND)) / pooled)
+    assert (test.df, test.n) == (12, (4, 10))
+    assert (test.statistic, test.p) == pytest.approx(tuple(stats.ttest_ind(FIRST[:4], SECOND)))
+    against = student_t_against(FIRST, 2.0)
+    assert against.difference == pytest.approx(0.75 - 2.0)
+    assert against.effect_size == pytest.approx(-1.25 / np.std(FIRST, ddof=1))
+    assert "drug 1 is 1.58 h lower than drug 2" in student_t(FIRST, SECOND).sentence("drug 1", "drug 2", "h")
+
+
+def test_numbers_without_spread_differ_beyond_measure_or_not_at_all() -> None:
+    for values, fixed, effect in (([2.0, 2.0], 1.0, math.inf), ([2.0, 2.0], 3.0, -math.inf), ([2.0, 2.0], 2.0, 0.0)):
+        with np.errstate(all="ignore"):
+            assert student_t_against(values, fixed).effect_size == effect
+
+
+def test_of_two_numbers_there_is_an_interval_and_marks_follow_the_corrected_p() -> None:
+    found = mean_of([1.0, 3.0])
+    assert (found.n, found.mean, found.se) == (2, 2.0, pytest.approx(1.0))
+    assert found.high - found.mean == pytest.approx(stats.t.ppf(0.975, 1))
+    test = student_t([1.0, 1.1, 0.9, 1.0], [2.0, 2.1, 1.9, 2.0])
+    assert (test.stars, replace(test, p_corrected=0.04).stars) == ("***", "*")
+    assert test.as_dict()["n"] == (4, 4)

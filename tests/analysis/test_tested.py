@@ -74,3 +74,32 @@ def test_the_sentence_says_how_p_was_found() -> None:
 
 def test_p_is_told_as_papers_write_it() -> None:
     assert [p_in_words(p) for p in (0.0009, 0.001, 0.05)] == ["p < 0.001", "p = 0.001", "p = 0.050"]
+
+
+def test_a_test_of_which_nothing_is_known_could_have_found_something() -> None:
+    """Without a least p, as of approximate tests; and p that is alpha itself is significant, no p is twice one."""
+    plain = results.Tested("Test", "fun", "W", 3.0, None, 0.2, 0.2, "uncorrected", "r", 0.5, 9, 9, "a is higher")
+    assert plain.possible(0.0)
+    assert plain.sentence() == "Fun: no difference was found, W(N = 9) = 3.00, p = 0.200, r = 0.50."
+    assert result(0.05).significant()
+    assert result(0.01).significant(0.01)
+    assert not result(0.0501).significant()
+    assert result(0.3, least=0.05).possible()
+    (same,) = corrected([plain], "bonferroni")
+    assert (same.p_corrected, same.correction) == (0.2, "Bonferroni")
+    assert [one.p_corrected for one in corrected([result(0.6)] * 3, "bonferroni")] == [1.0] * 3
+    assert [one.p_corrected for one in corrected([result(0.6)] * 3, "holm")] == [1.0] * 3
+
+
+def test_pairs_are_no_smaller_than_their_gate_and_least_p_neither() -> None:
+    """Two items of three conditions: p times two for the one pair that can be alike, but at least the gate's."""
+    gate = result(0.02, least=0.003)
+    low, high = corrected_pairs([result(0.001, least=0.001), result(0.03, least=0.004), result(0.6)], 2, gate)[:2]
+    assert (low.p_corrected, high.p_corrected) == pytest.approx((0.04, 0.06))
+    assert (low.least_p_corrected, high.least_p_corrected) == pytest.approx((0.006, 0.008))
+    (two,) = corrected_pairs([result(0.01)], 3, result(0.01))
+    assert two.p_corrected == pytest.approx(0.03)
+    assert corrected_pairs([result(0.4)] * 3, 2, None)[0].p_corrected == 1.0
+    assert corrected_pairs([result(0.4, least=0.4)] * 3, 2, None)[0].least_p_corrected == 1.0
+    assert corrected_pairs([result(0.01)] * 3, 1, gate)[0].correction == "Shaffer"
+    assert corrected_pairs([], 2, None) == []

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from backend.analysis.equivalence import bayes_factor, bayes_factor_of_choices
+from backend.analysis.mixed_models import chance_of_the_higher, cumulative_logit
+from backend.analysis.reliability import reliability
 from backend.analysis.scale_wordings import SCALES
 from backend.report.analysis_plan import AnalysisPlan, Equivalence
 from backend.report.findings import Findings, analyse
@@ -200,3 +203,88 @@ def test_two_people_in_either_order_are_enough_to_look_at_periods() -> None:
     _, beside = found(crossover([(4, 6), (3, 1)], [(X, Y), (Y, X)]))
     assert [one.n for one in beside.order_effects] == [2, 2]
     assert found(crossover([(4, 6), (3, 1)], [(X, Y), (X, Y)]))[1].order_effects == []
+
+
+def test_every_two_of_three_conditions_are_weighed_and_bounded_over_who_met_all() -> None:
+    random = np.random.default_rng(3)
+    names = ("a", "b", "c")
+    values = random.integers(1, 8, (6, 3))
+    people = [ParticipantRow(f"P-{k}", False, None, False, "completed", names) for k in range(6)]
+    ratings = [
+        Rating(f"P-{k}", name, "q", "fun", int(v))
+        for k, row in enumerate(values)
+        for name, v in zip(names, row, strict=True)
+    ]
+    shares = [("own",) * 4, ("own",) * 3 + ("base",), ("own", "own", "base", "base"), ("base",) * 4]
+    compared = [
+        Comparison(f"P-{k}", one, "base" if one == "own" else "own", False) for k, of in enumerate(shares) for one in of
+    ]
+    plan = AnalysisPlan(metrics=(), bayes_factors=True, equivalence=Equivalence(rating=1.5, share=0.3))
+    data = StudyData("By hand", "1", {}, "", [], people, [], ratings[:-1], compared)  # P-5 did not rate the last
+    _, beside = found(data, plan)
+    pairs = [(0, 1), (0, 2), (1, 2)]
+    assert [one.about for one in beside.equivalent[:3]] == [
+        f"fun, {names[i]} against {names[j]}, within ±1.5" for i, j in pairs
+    ]
+    assert [one.n for one in beside.equivalent] == [5, 5, 5, 4]
+    assert [one.effect for one in beside.equivalent[:3]] == pytest.approx(
+        [np.mean(values[:5, i] - values[:5, j]) for i, j in pairs]
+    )
+    assert beside.equivalent[3].effect == pytest.approx(np.mean([1, 0.75, 0.5, 0]) - 0.5)
+    assert [one.factor for one in beside.weighed[:3]] == pytest.approx(
+        [bayes_factor(values[:5, i] - values[:5, j]) for i, j in pairs]
+    )
+    assert beside.weighed[3].factor == pytest.approx(bayes_factor_of_choices(2, 1)), "one half is for neither"
+    alone = replace(data, comparisons=compared[:4], ratings=ratings[:3])
+    _, few = found(alone, plan)
+    assert (list(few.equivalent), [one.about for one in few.weighed]) == (
+        [], ["people who mostly chose the own policy over the base policy"],
+    )  # fmt: skip
+
+
+def test_a_scale_s_answers_are_turned_and_only_whole_ones_count() -> None:
+    sus = SCALES["sus"]
+    random = np.random.default_rng(2)
+    answers = random.integers(1, 6, (5, 10))
+    people = [ParticipantRow(f"P-{k}", False, None, False, "completed", ("x",)) for k in range(5)]
+    ratings = [
+        Rating(f"P-{k}", "x", "sus", item.key, int(v))
+        for k, row in enumerate(answers)
+        for item, v in zip(sus.items, row, strict=True)
+    ]
+    data = StudyData("By hand", "1", {}, "", [], people, [], ratings[:-1], [], scales=[("sus", sus)])
+    _, beside = found(data)
+    turned = np.array(
+        [[6 - v if item.reversed else v for item, v in zip(sus.items, row, strict=True)] for row in answers]
+    )
+    (one,) = beside.reliabilities
+    assert (one.condition, one.of) == ("x", reliability(turned[:4]))
+
+
+def test_a_model_of_choices_is_of_the_second_shown_by_condition_and_of_own_choices_a_chance() -> None:
+    data = made_up_study(
+        Cohort(second_shown=0.3), 12, items=(), rankings=(), queries=8, comparisons=5, opponents=("base",)
+    )
+    _, beside = found(data, AnalysisPlan(metrics=(), models=True))
+    second, own = beside.models
+    conditions = list(data.conditions)
+    regular = [one for one in data.choices if one.role == "regular"]
+    dummies = [[float(one.condition == name) for name in conditions[1:]] for one in regular]
+    fit = cumulative_logit(
+        [one.chosen == one.second for one in regular], dummies, [one.person for one in regular], conditions[1:]
+    )
+    for k, (name, at, low, high) in enumerate(second.effects):
+        assert name == f"{conditions[k + 1]} against {conditions[0]}".replace("_", " ")
+        assert (at, low, high) == pytest.approx(np.exp([fit.coefficients[k], *fit.interval(k)]), rel=1e-4)
+    assert second.test is not None
+    assert second.test.df == len(conditions) - 1
+    chance = chance_of_the_higher(
+        cumulative_logit(
+            [one.chosen == "own" for one in data.comparisons],
+            np.zeros((60, 0)),
+            [c.person for c in data.comparisons],
+            [],
+        )
+    )
+    assert own.effects[0] == ("chance", *chance)
+    assert own.test is None
