@@ -5,9 +5,10 @@ How often they do is counted in `simulated_power.py`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
+from itertools import combinations, product
 
 from backend.analysis.scales import Scale
 from backend.report.findings import Findings
@@ -185,6 +186,19 @@ def _pairs_found(one: ItemResult, design: PlannedDesign, assumed: Assumed, alpha
 
 
 def as_planned(design: StudyDesign) -> dict[str, Mapping[str, Sequence[str]]]:
-    """The factors of a design that was met, for a `PlannedDesign`."""
-    alone = not design.between and list(design.within) == [CONDITION]
-    return {"within": {} if alone else dict(design.within), "between": dict(design.between)}
+    """The factors of a design that was met, for a `PlannedDesign`, whose conditions are called by their levels alone:
+    where a single level of another factor stands in the cells' names, it is told with the level beside it."""
+    within = dict(design.within)
+    named = len(within) > 0 and list(design.cells) == ["-".join(cell) for cell in product(*within.values())]
+    if not design.between and len(within) == 1 and (CONDITION in within or not named):
+        within = {}
+    elif within and not named:
+        first = [levels[0] for levels in within.values()]
+        around = re.fullmatch("(.*?)" + "-(.*?)".join(map(re.escape, first)) + "(.*)", design.cells[0])
+        before, *after = around.groups() if around else [""] * (len(first) + 1)
+        before_each = [before, *after[:-1]]
+        within = {
+            factor: [before_each[k] + level + (after[-1] if k + 1 == len(first) else "") for level in levels]
+            for k, (factor, levels) in enumerate(within.items())
+        }
+    return {"within": within, "between": dict(design.between)}
