@@ -61,6 +61,18 @@ class StageServer:
         with self._lock:
             return self._stage_of_key.get(key)
 
+    def retire(self, key: str) -> None:
+        """That key's stage stands elsewhere now: tell its page here, and drop it."""
+        with self._lock:
+            stage = self._stage_of_key.pop(key, None)
+        if stage is not None:
+            stage.retire()
+
+    def connected_keys(self) -> list[str]:
+        """Of the stages that are connected."""
+        with self._lock:
+            return list(self._stage_of_key)
+
     def stop(self) -> None:
         """Drop all connections and stop listening."""
         self._server.stop()

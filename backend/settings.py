@@ -31,6 +31,14 @@ class Settings(BaseSettings):
     )
     host: str = Field("127.0.0.1", description="address to listen on")
     port: int = Field(8000, ge=1, le=65534, description="port of the pages; the stage listens on the next one")
+    shares_ports: bool = Field(
+        False, description="other server processes listen on the same ports; set by `serve --processes`"
+    )
+    peer_host: str = Field(
+        "",
+        description="name or address of this machine for the other server processes of this installation; default: "
+        "127.0.0.1 where the server listens on that, else the machine's own name",
+    )
     public_url: str | None = Field(
         None, description="address participants reach the pages at, e.g. https://study.example.org"
     )

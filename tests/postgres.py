@@ -8,10 +8,6 @@ of SQLite, but for those about SQLite itself.
 from __future__ import annotations
 
 import os
-import pwd
-import shutil
-import subprocess
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
@@ -21,26 +17,13 @@ import pytest
 from sqlalchemy import create_engine, func, insert, select, text
 from sqlalchemy.engine import make_url
 
+from backend.experiments.own_postgres import NoPostgres, own_postgres
 from backend.store.database import Database
 from backend.store.models import Base
 
 ASKED = os.environ.get("DESIREPATH_TEST_DATABASE_URL", "")
 OWN = "own"
 EMPTY = "desirepath_test_empty"
-# Keeps a server until its own standard input closes, which it does however the tests end, also by a kill.
-KEEPER = """
-if told=$("$0" -D "$2/data" -A trust -U desirepath -N -E UTF8 2>&1) &&
-    told=$("$1" -D "$2/data" -o "$3" -l "$2/log" -w start 2>&1); then
-  echo up
-  cat > /dev/null
-  "$1" -D "$2/data" -m immediate stop > /dev/null
-else
-  echo "$told"
-  cat "$2/log"
-fi
-cd /
-rm -rf "$2"
-"""
 _numbers = count(1)
 
 
@@ -50,44 +33,11 @@ def server() -> Iterator[str]:
     if ASKED not in ("", OWN):
         yield ASKED
         return
-    initdb, pg_ctl = (_program(name) for name in ("initdb", "pg_ctl"))
-    if initdb is None or pg_ctl is None:
-        pytest.skip("no PostgreSQL server program (initdb, pg_ctl) is installed")
-    as_whom: list[str] = []
-    user = None
-    if os.geteuid() == 0:  # the server refuses to run as root
-        user = next((u.pw_name for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody")), None)
-        if user is None or shutil.which("runuser") is None:
-            pytest.skip("running as root and there is no user to run PostgreSQL as")
-        as_whom = ["runuser", "-u", user, "--"]
-    # Not below tmp_path: the server's user may not enter that, and the socket's path must be short.
-    folder = Path(tempfile.mkdtemp(prefix="desirepath-pg-"))
-    if user is not None:
-        shutil.chown(folder, user)
-    options = f"-k {folder} -c listen_addresses='' -c fsync=off -c max_connections=200"
-    keeper = subprocess.Popen(
-        [*as_whom, "sh", "-c", KEEPER, initdb, pg_ctl, str(folder), options],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-        cwd=folder,
-        start_new_session=True,
-    )
-    assert keeper.stdin is not None
-    assert keeper.stdout is not None
     try:
-        told = keeper.stdout.readline()
-        assert told == "up\n", told + keeper.communicate()[0]
-        yield f"postgresql://desirepath@/postgres?host={folder}"
-    finally:
-        keeper.stdin.close()
-        keeper.wait(60)
-
-
-def _program(name: str) -> str | None:
-    """On the PATH, or where Debian puts it."""
-    debian = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{name}"))
-    return shutil.which(name) or (str(debian[-1]) if debian else None)
+        with own_postgres(waits_for_the_disk=False) as url:
+            yield url
+    except NoPostgres as problem:
+        pytest.skip(str(problem))
 
 
 @contextmanager

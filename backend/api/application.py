@@ -22,16 +22,19 @@ from backend.api.core.disk import is_full, room_left
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.monitoring import Monitoring
 from backend.api.core.prose import prose
-from backend.api.core.throttle import TooLarge, memory_limiter
+from backend.api.core.throttle import TooLarge, limiter_for
 from backend.api.lab.power_runs import PowerRuns
 from backend.api.lab.whole_reports import Reports
 from backend.api.participant.joining_together import Doors
 from backend.api.participant.requests import refusal_page
+from backend.api.replicas.notices import notices_for
+from backend.api.replicas.peers import Peers
+from backend.api.replicas.shared_limits import SharedCounts
 from backend.api.stage.admission import Admission
 from backend.api.stage.listening import Listeners
 from backend.api.stage.presenting import Presenter
 from backend.api.stage.replay_stages import ReplayStages
-from backend.api.stage.stage_proxy import StageDoor
+from backend.api.stage.stage_proxy import INNER, StageDoor
 from backend.jobs.heartbeat import silent_s
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
@@ -60,21 +63,26 @@ def build_services(settings: Settings) -> Services:
     templates = Jinja2Templates(FRONTEND / "templates")
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
     templates.env.filters["prose"] = prose
-    files, replays, listeners = ArtefactStore(settings.artefacts), ReplayStages(), Listeners()
+    files, notices = ArtefactStore(settings.artefacts), notices_for(database)
+    counts = SharedCounts(database) if notices.shared else None
+    peers = Peers(database, notices, counts)
+    replays, listeners = ReplayStages(peers), Listeners(notices)
     return Services(
         settings=settings,
         database=database,
         files=files,
         texts=Texts(FRONTEND / "locales"),
         templates=templates,
-        limiter=memory_limiter(),
+        limiter=limiter_for(counts),
+        notices=notices,
+        peers=peers,
         replays=replays,
         figures=FigureProcess(),
         reports=Reports(settings),
         power=PowerRuns(settings),
         doors=Doors(database, files),
         monitoring=Monitoring(),
-        presenter=Presenter(database, files, replays, listeners),
+        presenter=Presenter(database, files, replays, listeners, notices),
         listeners=listeners,
         admission=Admission(settings, database, replays),
     )
@@ -155,15 +163,16 @@ def create_application(services: Services) -> Application:
     return application
 
 
-def create_stage_application(services: Services) -> ASGIApp:
-    """The door as an ASGI application of its own, for the stage's port."""
+def create_stage_application(services: Services, *, inner: bool = False) -> ASGIApp:
+    """The door as an ASGI application of its own, for the stage's port. inner: for the other server processes of this
+    installation, which come for replays."""
     server, admission = services.presenter.server, services.admission
     if server is None:
         raise RuntimeError("the stage server has to be started before its door")
     door = StageDoor(
-        admit=admission.admit,
+        admit=admission.admit_peer if inner else admission.admit,
         upstream_url=server.upstream_url,
-        origins=admission.origins,
+        origins=(lambda _host: INNER) if inner else admission.origins,
         on_refused=admission.on_refused,
     )
     return door.asgi()

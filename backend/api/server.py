@@ -1,4 +1,6 @@
-"""Runs the product: pages on one port, the 3D stage's door on the next, viser on loopback, a worker beside them."""
+"""Runs the product: pages on one port, the 3D stage's door on the next, viser on loopback, a worker beside them.
+
+One process; several side by side are `replicas/supervisor.py`'s."""
 
 from __future__ import annotations
 
@@ -9,10 +11,11 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import structlog
 import uvicorn
+from starlette.types import ASGIApp
 
 from app.stage_server import StageServer
 from backend.api.application import create_application, create_stage_application
@@ -55,11 +58,22 @@ def check_ports(settings: Settings) -> None:
 def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> None:
     """Serve until SIGINT or SIGTERM, then stop in order. A worker that dies is started again."""
     settings = services.settings
-    check_ports(settings)
-    stages = services.presenter.server = StageServer(port=0, on_connect=services.presenter.on_connect)
+    if not settings.shares_ports:
+        check_ports(settings)
+    presenter, notices = services.presenter, services.notices
+    stages = presenter.server = StageServer(
+        port=0, on_connect=presenter.on_connect, on_disconnect=presenter.on_disconnect
+    )
     with without_collecting():
-        pages = create_application(services)
-        door = create_stage_application(services)
+        doors: list[tuple[ASGIApp, socket.socket]] = [
+            (create_application(services), listening_on(settings, settings.port)),
+            (create_stage_application(services), listening_on(settings, settings.port + 1)),
+        ]
+        if notices.shared:
+            inner = listening_on(settings, 0)
+            doors.append((create_stage_application(services, inner=True), inner))
+            notices.start()
+            services.peers.begin(f"{_peer_host(settings)}:{inner.getsockname()[1]}")
 
     def ready() -> None:
         threading.Thread(target=_prepare, args=(services,), daemon=True).start()
@@ -67,10 +81,29 @@ def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> No
             on_ready()
 
     try:
-        with asyncio.Runner(loop_factory=uvicorn.Config(pages).get_loop_factory()) as runner:
-            runner.run(_serve(settings, pages, door, ready))
+        with asyncio.Runner(loop_factory=uvicorn.Config(doors[0][0]).get_loop_factory()) as runner:
+            runner.run(_serve(settings, doors, ready))
     finally:
+        services.peers.end()
         stages.stop()
+        notices.close()
+
+
+def listening_on(settings: Settings, port: int) -> socket.socket:
+    """A socket of the settings' host; 0: any free port. Other server processes may have the same where they share."""
+    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    opened = socket.socket(family)
+    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    if settings.shares_ports and port:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+    opened.bind((settings.host, port))
+    return opened
+
+
+def _peer_host(settings: Settings) -> str:
+    if settings.peer_host:
+        return settings.peer_host
+    return settings.host if settings.host in ("127.0.0.1", "localhost") else socket.gethostname()
 
 
 def _prepare(services: Services) -> None:
@@ -84,13 +117,13 @@ def _prepare(services: Services) -> None:
         log.exception("the open studies' queries could not be measured; their sessions will say why")
 
 
-async def _serve(settings: Settings, pages: object, stage: object, on_ready: Callable[[], None]) -> None:
-    def server(application: object, port: int) -> _Server:
+async def _serve(
+    settings: Settings, doors: Sequence[tuple[ASGIApp, socket.socket]], on_ready: Callable[[], None]
+) -> None:
+    def server(application: ASGIApp) -> _Server:
         return _Server(
             uvicorn.Config(
-                application,  # type: ignore[arg-type]
-                host=settings.host,
-                port=port,
+                application,
                 access_log=False,  # our own log holds no tokens and no query strings
                 log_level="warning",
                 ws="websockets-sansio",
@@ -102,12 +135,14 @@ async def _serve(settings: Settings, pages: object, stage: object, on_ready: Cal
             )
         )
 
-    servers = [server(pages, settings.port), server(stage, settings.port + 1)]
+    servers = [server(application) for application, _ in doors]
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopping.set)
-    tasks = [asyncio.create_task(one.serve()) for one in servers]
+    tasks = [
+        asyncio.create_task(one.serve(sockets=[listening])) for one, (_, listening) in zip(servers, doors, strict=True)
+    ]
     while not all(one.started for one in servers) and not any(task.done() for task in tasks):
         await asyncio.sleep(0.01)
     if all(one.started for one in servers):

@@ -32,18 +32,27 @@ def serve(
     port: Annotated[int | None, typer.Option(help="Port of the pages; the stage takes the next one.")] = None,
     host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder for everything that is kept.")] = None,
+    processes: Annotated[
+        int, typer.Option(help="Server processes behind the same ports; more than one on PostgreSQL.")
+    ] = 1,
 ) -> None:
     """Run the pages, the 3D stage and a background worker."""
     with without_collecting():
         from backend.api.application import build_services
         from backend.api.core.auth import ensure_first_user
+        from backend.api.replicas.supervisor import check_can_share, serve_many
         from backend.api.server import check_ports, run
         from backend.store.shipped_policies import register_shipped
 
     given = {"port": port, "host": host, "data": data}
     settings = get_settings().model_copy(update={k: v for k, v in given.items() if v is not None})
-    check_ports(settings)
+    if not settings.shares_ports:
+        check_ports(settings)
     services = build_services(settings)
+    check_can_share(services.database, processes)
+    if settings.shares_ports:  # one of several; who started them has seen to everything else
+        run(services)
+        return
     with services.database.transaction() as s:
         register_shipped(s, services.files)
     password = ensure_first_user(services.database)
@@ -62,7 +71,10 @@ def serve(
             console.print("  (printed this once; change it after signing in)")
         console.print("  Stop with Ctrl+C.\n")
 
-    run(services, on_ready=announce)
+    if processes > 1:
+        serve_many(settings, services.peers, processes, on_ready=announce)
+    else:
+        run(services, on_ready=announce)
 
 
 def _shown(host: str) -> str:

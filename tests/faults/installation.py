@@ -40,8 +40,8 @@ HEARD_S = 60.0
 class Installation:
     """A data folder of its own with one open study. `serving` runs the product over it, as often as it is killed."""
 
-    def __init__(self, data: Path) -> None:
-        self.settings = Settings(data=data, database_url=None, artefacts_url=None, _env_file=None)
+    def __init__(self, data: Path, database_url: str | None = None) -> None:
+        self.settings = Settings(data=data, database_url=database_url, artefacts_url=None, _env_file=None)
         self.database = Database(self.settings.database)
         self.database.migrate()
         self.files = ArtefactStore(self.settings.artefacts)
@@ -52,9 +52,10 @@ class Installation:
         self.password = ensure_first_user(self.database, must_change=False)
 
     @contextmanager
-    def serving(self, *, worker: bool = False) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    def serving(self, *, worker: bool = False, processes: int = 1) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         """One life of `desirepath serve`: its address and its process."""
-        with loopback_server(self.settings, worker=worker) as (url, process):
+        arguments = ("--processes", str(processes))
+        with loopback_server(self.settings, worker=worker, arguments=arguments) as (url, process):
             yield url, process
 
     def session(self, token: str) -> Session:

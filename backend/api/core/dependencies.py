@@ -16,7 +16,7 @@ from backend.store.database import Database
 from backend.store.models import Setting
 
 if TYPE_CHECKING:
-    from limits.strategies import MovingWindowRateLimiter
+    from limits.strategies import RateLimiter
 
     from backend.api.core.catalogues import Texts
     from backend.api.core.figure_process import FigureProcess
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from backend.api.lab.power_runs import PowerRuns
     from backend.api.lab.whole_reports import Reports
     from backend.api.participant.joining_together import Doors
+    from backend.api.replicas.notices import Notices
+    from backend.api.replicas.peers import Peers
     from backend.api.stage.admission import Admission
     from backend.api.stage.listening import Listeners
     from backend.api.stage.presenting import Presenter
@@ -39,7 +41,9 @@ class Services:
     files: ArtefactStore
     texts: Texts
     templates: Jinja2Templates
-    limiter: MovingWindowRateLimiter
+    limiter: RateLimiter
+    notices: Notices
+    peers: Peers
     replays: ReplayStages
     figures: FigureProcess
     reports: Reports

@@ -1,4 +1,4 @@
-"""How much one browser or address may ask for: counts in memory, and the largest body. What is refused, routes decide.
+"""How much one browser or address may ask for, and the largest body. What is refused, routes decide.
 
 The limits keep a flood from filling the event log, a study or the memory. Whole classes behind one address fit in.
 """
@@ -8,10 +8,11 @@ from __future__ import annotations
 from fastapi import Request
 from limits import RateLimitItem, parse
 from limits.storage import MemoryStorage
-from limits.strategies import MovingWindowRateLimiter
+from limits.strategies import MovingWindowRateLimiter, RateLimiter, SlidingWindowCounterRateLimiter
 from starlette.exceptions import HTTPException
 
 from backend.api.core.dependencies import services_of
+from backend.api.replicas.shared_limits import SharedCounts
 
 REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no session or join form is known for
 JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
@@ -22,9 +23,9 @@ LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol
 LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
 
 
-def memory_limiter() -> MovingWindowRateLimiter:
-    """One per server, in memory: a restart forgives, and the server is one process."""
-    return MovingWindowRateLimiter(MemoryStorage())
+def limiter_for(counts: SharedCounts | None) -> RateLimiter:
+    """Counts that all processes share, else in memory: a restart forgives then."""
+    return MovingWindowRateLimiter(MemoryStorage()) if counts is None else SlidingWindowCounterRateLimiter(counts)
 
 
 def address_of(request: Request) -> str:

@@ -20,10 +20,11 @@ from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, contact, page, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
-from backend.api.lab.preview import Played, QueryPreview
+from backend.api.lab.preview import QueryPreview
 from backend.api.lab.study_tabs import the_study
 from backend.api.participant.session_view import leads_to, next_kind
 from backend.api.stage.drawing_sheet import as_drawn
+from backend.api.stage.replay_stages import Played
 from backend.store.artefacts import ArtefactError, ArtefactStore, load_trajectory
 from backend.store.models import Event, Participant, Session, StrokeRow, Trial
 from backend.store.models import Response as Answered

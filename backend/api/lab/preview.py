@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
@@ -40,14 +40,6 @@ if TYPE_CHECKING:
 EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's own and completion code will
 
 router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
-
-
-@runtime_checkable
-class Played(Protocol):
-    """What a preview's stage shows, and plays when it is asked to."""
-
-    def show(self, stage: Stage) -> None: ...
-    def play(self, stage: Stage, side: Side) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -174,12 +166,8 @@ def preview_study(request: Request, study_id: str, number: int, database: Db, la
 @router.post("/preview-stage/{token}/{side}", status_code=204)
 def play(services: TheServices, token: str, side: str, user: CheckedCsrf) -> None:
     """Play trajectory `a` or `b` on a preview's stage."""
-    found = services.replays.shown_by(token)
-    key = services.replays.key_of(token)
-    stage = services.presenter.server.stage(key) if services.presenter.server and key else None
-    if not isinstance(found, Played) or stage is None or not is_side(side):
+    if not is_side(side) or not services.presenter.play_replay(token, side):
         raise LabRefusal(404, "no_preview")
-    found.play(stage, side)
 
 
 def _preview_page(

@@ -14,7 +14,8 @@ from urllib.parse import urlsplit
 
 import structlog
 
-from backend.api.stage.replay_stages import ReplayStages
+from backend.api.replicas.peers import MARK
+from backend.api.stage.replay_stages import PREFIX, ReplayStages
 from backend.api.stage.stage_proxy import Origins, StageGrant
 from backend.settings import Settings
 from backend.store.database import Database
@@ -49,11 +50,19 @@ class Admission:
     def __init__(self, settings: Settings, database: Database, replays: ReplayStages) -> None:
         self._settings, self._database, self._replays = settings, database, replays
 
+    async def admit_peer(self, token: str, _cookies: Mapping[str, str], _origin: str | None) -> StageGrant | None:
+        """The inner door's question: other processes come for this one's replays and for nothing else."""
+        replay = self._replays.key_of(token)
+        return StageGrant(replay) if replay is not None else None
+
     async def admit(self, token: str, cookies: Mapping[str, str], origin: str | None) -> StageGrant | None:
         """The door's question. Replays ask their own list; a session's stage wants its token and its cookie."""
         replay = self._replays.key_of(token)
         if replay is not None:
             return StageGrant(replay)
+        if MARK in token:
+            kept_at = await asyncio.to_thread(self._replays.kept_at, token)
+            return StageGrant(f"{PREFIX}{token}", kept_at) if kept_at else None
         return await asyncio.to_thread(self._admit_participant, token, dict(cookies))
 
     def _admit_participant(self, token: str, cookies: Mapping[str, str]) -> StageGrant | None:

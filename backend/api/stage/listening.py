@@ -1,9 +1,13 @@
-"""Who is told that a session changed: the pages' streams. What is sent to them is `participant/stream.py`'s."""
+"""Who is told that a session changed: the pages' streams, whichever process they ask. What is sent to them is
+`participant/stream.py`'s."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
+
+from backend.api.replicas.claims import Claims
+from backend.api.replicas.notices import Notice, Notices
 
 
 class Listener:
@@ -36,9 +40,13 @@ class Listener:
 class Listeners:
     """The streams of all sessions. Methods may be called from any thread, `listen` from an event loop."""
 
-    def __init__(self) -> None:
+    def __init__(self, notices: Notices) -> None:
         self._lock = threading.Lock()
         self._listeners: dict[str, list[Listener]] = {}
+        self._notices = notices
+        self._windows = Claims(notices, "window", self._moved_elsewhere)
+        notices.hear("changed", self._told)
+        notices.when_missed(self._wake_all)
 
     def listen(self, session_id: str) -> Listener:
         """A new listener for a session; older ones are told that another window took over. For the event loop."""
@@ -48,6 +56,7 @@ class Listeners:
             self._listeners[session_id] = [listener]
         for one in older:
             one.take_over()
+        self._windows.claim(session_id)
         return listener
 
     def leave(self, session_id: str, listener: Listener) -> None:
@@ -58,10 +67,31 @@ class Listeners:
                 self._listeners[session_id] = left
             else:
                 self._listeners.pop(session_id, None)
+                self._windows.give_up(session_id)
 
     def changed(self, session_id: str) -> None:
         """Something about the session changed: wake whoever listens."""
+        self._wake(session_id)
+        self._notices.tell("changed", session_id)
+
+    def _wake(self, session_id: str) -> None:
         with self._lock:
             listeners = list(self._listeners.get(session_id, []))
         for one in listeners:
             one.wake()
+
+    def _wake_all(self) -> None:
+        with self._lock:
+            sessions = list(self._listeners)
+        for session_id in sessions:
+            self._wake(session_id)
+
+    def _told(self, notice: Notice) -> None:
+        if not notice.own:
+            self._wake(notice.key)
+
+    def _moved_elsewhere(self, session_id: str) -> None:
+        with self._lock:
+            listeners = list(self._listeners.get(session_id, []))
+        for one in listeners:
+            one.take_over()

@@ -1,27 +1,31 @@
 """What stands on a stage: the session machine's state, shown, played, and shown anew when a page has connected.
 
-The machine's state is the truth; a stage knows only scenes and trajectories. Who may open one is `admission.py`'s.
+The machine's state is the truth; a stage knows only scenes and trajectories. Who may open one is `admission.py`'s. Of
+several server processes one has a session's stage: what the others want shown there, they tell it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import structlog
 from sqlalchemy.orm import Session as DatabaseSession
 
 from app.views import View
+from backend.api.replicas.claims import Claims
+from backend.api.replicas.notices import Notice, Notices
 from backend.api.stage import drawing_sheet, live_scene
 from backend.api.stage.listening import Listeners
-from backend.api.stage.replay_stages import ReplayStages
+from backend.api.stage.replay_stages import PREFIX, Played, ReplayStages
 from backend.explain.shown_explanation import ShownExplanation
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.database import Database, DatabaseBusy
 from backend.store.models import Session, utc_now
+from backend.store.sides import Side
 from backend.study.drawing import paths
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Moment
@@ -37,6 +41,14 @@ log = structlog.get_logger("desirepath.stage")
 KEPT_TRAJECTORIES = 128  # in memory; a session needs two at a time
 
 
+@dataclass(frozen=True)
+class Order:
+    """What a session's stage is to do. details: as keyword arguments, JSON's own types."""
+
+    do: Literal["show", "play", "play_stroke", "show_place"]
+    details: dict[str, Any] = field(default_factory=dict)
+
+
 class Presenter:
     """Brings the stages of one server to what its database says. Methods may be called from any thread.
 
@@ -44,8 +56,20 @@ class Presenter:
     a scene has been drawn, and no older scene can come after a newer one.
     """
 
-    def __init__(self, database: Database, files: ArtefactStore, replays: ReplayStages, listeners: Listeners) -> None:
+    def __init__(
+        self,
+        database: Database,
+        files: ArtefactStore,
+        replays: ReplayStages,
+        listeners: Listeners,
+        notices: Notices,
+    ) -> None:
         self._database, self._files, self._replays, self._listeners = database, files, replays, listeners
+        self._notices = notices
+        self._claims = Claims(notices, "stage", self._stands_elsewhere)
+        notices.hear("order", self._told)
+        notices.hear("replay", self._told_to_replay)
+        notices.when_missed(self._missed)
         self._line = ThreadPoolExecutor(1, thread_name_prefix="stages")
         self._trajectory = lru_cache(maxsize=KEPT_TRAJECTORIES)(self._load)
         self.server: StageServer | None = None  # set when a server starts; tests and commands have none
@@ -57,12 +81,26 @@ class Presenter:
         """
         if self._replays.show(stage, key):
             return
+        self._notices.hold(_held_as(key))
+        self._claims.claim(key)
         changed = self._interrupted(key, "stage_connected")
         if changed is None:
             return
         self._line.submit(self._present, stage, key).result()
         if changed:
             self._listeners.changed(key)
+
+    def on_disconnect(self, _stage: Stage, key: str) -> None:
+        """A page's stage is gone."""
+        if self.server is not None and self.server.stage(key) is None:
+            self._notices.let_go(_held_as(key))
+            self._claims.give_up(key)
+
+    def _stands_elsewhere(self, session_id: str) -> None:
+        """The session's page has its stage from another process now."""
+        self._notices.let_go(_held_as(session_id))
+        if self.server is not None:
+            self._line.submit(self.server.retire, session_id)
 
     def _interrupted(self, session_id: str, reason: str) -> bool | None:
         """Apply the checkpoint rule, however busy the database. Whether it changed anything; None: no such session."""
@@ -79,66 +117,107 @@ class Presenter:
     def connected(self, session_id: str) -> bool:
         """Whether the session's stage is there to play on; True where this process has no stages at all (tests)."""
         server = self.server
-        return server is None or server.stage(session_id) is not None
+        return server is None or server.stage(session_id) is not None or self._notices.held(_held_as(session_id))
 
     def show(self, session_id: str, *, afresh: bool = False) -> None:
         """Bring the stage to what the session's current step needs. afresh: also stop what is playing."""
-
-        def order(stage: Stage) -> None:
-            if afresh:
-                stage.clear()
-            self._present(stage, session_id)
-
-        self._tell(session_id, order)
+        self._tell(session_id, Order("show", {"afresh": afresh}))
 
     def play(self, session_id: str, playback: machine.Playback) -> None:
         """Play a trajectory on the session's stage."""
-
-        def order(stage: Stage) -> None:
-            with self._database.session() as s:
-                session = s.get_one(Session, session_id)
-                trial = machine.trial_of(s, session)
-                explained = _explained(s, session)
-            if trial is None or machine.playing(trial) != playback:
-                return  # the session went on meanwhile
-            stage.play(
-                self._trajectory(playback.trajectory),
-                label=playback.label,
-                label_s=playback.label_s,
-                view=cast("View", playback.view),
-                playback_id=playback.playback_id,
-                trajectories=[self._trajectory(one) for one in (trial.trajectory_a, trial.trajectory_b)],
-                explained=explained,
-            )
-
-        self._tell(session_id, order)
+        self._tell(session_id, Order("play", asdict(playback)))
 
     def play_stroke(self, session_id: str, shown: paths.Showing) -> None:
         """Play the rollout of a drawn path on the session's stage."""
-        self._tell(
-            session_id, lambda stage: drawing_sheet.play_stroke(self._database, self._files, stage, session_id, shown)
-        )
+        self._tell(session_id, Order("play_stroke", asdict(shown)))
 
     def show_place(self, session_id: str, place: int) -> None:
         """Show another place of a step at which weights are changed by hand."""
-        self._tell(session_id, lambda stage: live_scene.present(self._database, stage, session_id, place))
+        self._tell(session_id, Order("show_place", {"place": place}))
 
-    def _tell(self, session_id: str, order: Callable[[Stage], None]) -> None:
-        """Put an order for the session's stage into the line; nobody waits for it, what goes wrong is logged."""
+    def play_replay(self, token: str, side: Side) -> bool:
+        """Play a trajectory on a replay's stage, whichever process keeps it. False: there is no such stage."""
+        if self._replays.kept_at(token) is None:
+            return self._play_replay(token, side)
+        self._notices.tell("replay", token, side=side)
+        return True
+
+    def _told_to_replay(self, notice: Notice) -> None:
+        if not notice.own:
+            self._play_replay(notice.key, notice.data["side"])
+
+    def _play_replay(self, token: str, side: Side) -> bool:
+        key, shown = self._replays.key_of(token), self._replays.shown_by(token)
+        stage = self.server.stage(key) if self.server is not None and key is not None else None
+        if stage is None or not isinstance(shown, Played):
+            return False
+        self._line.submit(shown.play, stage, side)
+        return True
+
+    def _tell(self, session_id: str, order: Order) -> None:
+        """Put an order for the session's stage into the line, or send it to the process that has the stage. Nobody
+        waits for it, what goes wrong is logged."""
         server = self.server
         if server is None:
             return
+        if server.stage(session_id) is None and self._notices.shared:
+            self._notices.tell("order", session_id, do=order.do, details=order.details)
+        else:
+            self._line.submit(self._carry_out, server, session_id, order)
 
-        def carry_out() -> None:
-            stage = server.stage(session_id)
-            try:
-                if stage is not None:
-                    order(stage)
-            except Exception:
-                log.exception("a stage could not be told what to show")
-                self._recover(server, session_id)
+    def _told(self, notice: Notice) -> None:
+        server = self.server
+        if notice.own or server is None or server.stage(notice.key) is None:
+            return
+        order = Order(notice.data["do"], notice.data["details"])
+        self._line.submit(self._carry_out, server, notice.key, order)
 
-        self._line.submit(carry_out)
+    def _missed(self) -> None:
+        """Orders may not have come: whatever is to be seen is begun anew."""
+        server = self.server
+        if server is None:
+            return
+        for session_id in server.connected_keys():
+            if not session_id.startswith(PREFIX):
+                self._line.submit(self._recover, server, session_id)
+
+    def _carry_out(self, server: StageServer, session_id: str, order: Order) -> None:
+        stage = server.stage(session_id)
+        if stage is None:
+            return
+        try:
+            match order.do:
+                case "show":
+                    if order.details["afresh"]:
+                        stage.clear()
+                    self._present(stage, session_id)
+                case "play":
+                    self._play(stage, session_id, machine.Playback(**order.details))
+                case "play_stroke":
+                    shown = paths.Showing(**order.details)
+                    drawing_sheet.play_stroke(self._database, self._files, stage, session_id, shown)
+                case "show_place":
+                    live_scene.present(self._database, stage, session_id, order.details["place"])
+        except Exception:
+            log.exception("a stage could not be told what to show")
+            self._recover(server, session_id)
+
+    def _play(self, stage: Stage, session_id: str, playback: machine.Playback) -> None:
+        with self._database.session() as s:
+            session = s.get_one(Session, session_id)
+            trial = machine.trial_of(s, session)
+            explained = _explained(s, session)
+        if trial is None or machine.playing(trial) != playback:
+            return  # the session went on meanwhile
+        stage.play(
+            self._trajectory(playback.trajectory),
+            label=playback.label,
+            label_s=playback.label_s,
+            view=cast("View", playback.view),
+            playback_id=playback.playback_id,
+            trajectories=[self._trajectory(one) for one in (trial.trajectory_a, trial.trajectory_b)],
+            explained=explained,
+        )
 
     def _recover(self, server: StageServer, session_id: str) -> None:
         """Nobody waits for what will never play: the checkpoint rule applies, the page is told, the scene is shown."""
@@ -178,6 +257,11 @@ class Presenter:
 
     def _load(self, trajectory_id: str) -> Trajectory:
         return load_trajectory(self._files, trajectory_id)
+
+
+def _held_as(session_id: str) -> str:
+    """How a process says that it has the session's stage."""
+    return f"stage {session_id}"
 
 
 def _explained(s: DatabaseSession, session: Session) -> ShownExplanation | None:

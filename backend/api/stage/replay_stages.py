@@ -9,10 +9,12 @@ from __future__ import annotations
 import secrets
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from app.beside import Beside
+from backend.api.replicas.peers import Peers
 from backend.simulation.trajectory import Trajectory
+from backend.store.sides import Side
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -28,6 +30,13 @@ class Shown(Protocol):
     def show(self, stage: Stage) -> None: ...
 
 
+@runtime_checkable
+class Played(Shown, Protocol):
+    """Something that a stage also plays when it is asked to."""
+
+    def play(self, stage: Stage, side: Side) -> None: ...
+
+
 @dataclass(frozen=True)
 class Replay:
     """One rollout, or two in one scene, with the names of their policies, and other paths beside them."""
@@ -41,9 +50,10 @@ class Replay:
 
 
 class ReplayStages:
-    """The replays that signed-in people opened."""
+    """The replays that signed-in people opened with this process. A token names the process that keeps its replay."""
 
-    def __init__(self) -> None:
+    def __init__(self, peers: Peers) -> None:
+        self._peers = peers
         self._granted: dict[str, tuple[float, Shown]] = {}
 
     def grant(self, shown: Shown) -> str:
@@ -52,7 +62,7 @@ class ReplayStages:
         self._granted = {token: entry for token, entry in self._granted.items() if now - entry[0] < GRANT_LASTS_S}
         while len(self._granted) >= MOST_GRANTS:
             del self._granted[next(iter(self._granted))]
-        token = secrets.token_urlsafe(32)
+        token = self._peers.mark(secrets.token_urlsafe(32))
         self._granted[token] = (now, shown)
         return token
 
@@ -66,6 +76,11 @@ class ReplayStages:
     def shown_by(self, token: str) -> Shown | None:
         """What the stage of a token shows, None if the token opens none (any more)."""
         return self._granted[token][1] if self.key_of(token) else None
+
+    def kept_at(self, token: str) -> str | None:
+        """Host and port of the other process that keeps the replay, None where it is this one's or nobody's."""
+        peer = self._peers.keeper_of(token)
+        return peer.address if peer is not None else None
 
     def show(self, stage: Stage, key: str) -> bool:
         """Show what belongs to the key on a stage that has just connected. False if the key is not one of ours."""

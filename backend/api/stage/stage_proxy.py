@@ -38,9 +38,11 @@ _POLICY_VIOLATION, _GOING_AWAY = 1008, 1001
 
 @dataclass(frozen=True)
 class StageGrant:
-    """Admission to one stage. key: which one, the same that `StageServer.on_connect` is told."""
+    """Admission to one stage. key: which one, the same that `StageServer.on_connect` is told. kept_at: host and port of
+    the other process that has it, None: this one."""
 
     key: str
+    kept_at: str | None = None
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class Origins:
     page: str
     stage: str
 
+
+INNER = Origins("http://inner", "http://inner")  # what processes of one installation say to each other's doors
 
 Admit = Callable[[str, Mapping[str, str], str | None], Awaitable[StageGrant | None]]
 OnRefused = Callable[[str, str], None]
@@ -185,9 +189,11 @@ class StageDoor:
             self._refused(reason, token)
             await socket.close(_POLICY_VIOLATION)
             return
+        inner = grant.kept_at and f"ws://{grant.kept_at}/stage/{token}"
         try:
             upstream = await websockets.connect(
-                self._upstream_url(grant.key),
+                inner or self._upstream_url(grant.key),
+                origin=websockets.Origin(INNER.stage) if inner else None,
                 subprotocols=[websockets.Subprotocol(viser_hooks.SUBPROTOCOL)],
                 compression=None,
                 max_size=None,

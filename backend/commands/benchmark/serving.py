@@ -24,12 +24,24 @@ def serve(
         ),
     ] = None,
     during_alignment: Annotated[bool, typer.Option(help="Let alignments run meanwhile.")] = False,
+    processes: Annotated[
+        int, typer.Option(min=1, help="Server processes; more than one on a PostgreSQL server of the benchmark's own.")
+    ] = 1,
+    postgresql: Annotated[bool, typer.Option("--postgresql", help="On PostgreSQL with one process, too.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Many participants at once, each with a real websocket to the stage: is every acknowledged answer stored?"""
     from backend.experiments.benchmarks.serving import benchmark_serve
 
-    say(benchmark_serve(sessions=sessions, answers=answers, pace_s=pace, during_alignment=during_alignment), as_json)
+    result = benchmark_serve(
+        sessions=sessions,
+        answers=answers,
+        pace_s=pace,
+        during_alignment=during_alignment,
+        processes=processes,
+        postgresql=postgresql,
+    )
+    say(result, as_json)
 
 
 @commands.command()

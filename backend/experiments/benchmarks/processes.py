@@ -1,8 +1,9 @@
-"""What a process of this machine has used so far: memory, processor time. Linux."""
+"""What a process of this machine, or it with all that it started, has used so far: memory, processor time. Linux."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 
@@ -17,3 +18,35 @@ def processor_s(pid: int) -> float:
     """Processor time that a process has used."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def family(pid: int) -> list[int]:
+    """The process and all that it started and that still live, and what they started."""
+    children: dict[int, list[int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text(encoding="utf-8").rpartition(")")[2].split()
+        except OSError:  # it has ended
+            continue
+        children.setdefault(int(fields[1]), []).append(int(stat.parent.name))
+    found = [pid]
+    for one in found:
+        found += children.get(one, [])
+    return found
+
+
+def family_mb(pid: int) -> float:
+    """Resident memory of a process and all that it started; what they share counts for each."""
+    return sum(_of_living(resident_mb, one) for one in family(pid))
+
+
+def family_s(pid: int) -> float:
+    """Processor time of a process and all that it started and that still live."""
+    return sum(_of_living(processor_s, one) for one in family(pid))
+
+
+def _of_living(what: Callable[[int], float], pid: int) -> float:
+    try:
+        return what(pid)
+    except (OSError, StopIteration):  # it has ended meanwhile
+        return 0.0

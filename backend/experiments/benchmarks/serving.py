@@ -17,15 +17,16 @@ from typing import Any
 
 import httpx
 import numpy as np
-from sqlalchemy import select
+from sqlalchemy import func, select, text
 
 from backend.experiments.benchmarks.open_browser import OpenBrowser, ServeBenchmarkError, Tally, beside
-from backend.experiments.benchmarks.processes import processor_s, resident_mb
+from backend.experiments.benchmarks.processes import family_mb, family_s
 from backend.experiments.loopback import loopback_server
+from backend.experiments.own_postgres import own_postgres, own_postgres_pid
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.models import Job, Response, Session, Study
+from backend.store.models import Base, Job, Response, ServerProcess, Session, Study
 from backend.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from backend.store.shipped_policies import register_shipped
 from backend.store.snapshots import take_snapshot
@@ -42,6 +43,7 @@ ALIGNMENTS = 3  # queued one behind the other, so that one runs for as long as t
 ALIGNMENT_BEGUN = 0.04  # progress past loading and fitting the reward model: the policy's training runs
 ALIGNMENT_PATIENCE_S = 180.0
 LOOK_S = 0.5
+PROCESSES_PATIENCE_S = 60.0
 MIN_PACE_S, MAX_PACE_S = 0.1, 120.0
 LOG_LINES = 12  # of the server's log, in an error
 
@@ -53,19 +55,28 @@ def usual_pace_s(sessions: int) -> float:
 
 
 def benchmark_serve(
-    *, sessions: int = 20, answers: int = 2, pace_s: float | None = None, during_alignment: bool = False
+    *,
+    sessions: int = 20,
+    answers: int = 2,
+    pace_s: float | None = None,
+    during_alignment: bool = False,
+    processes: int = 1,
+    postgresql: bool = False,
 ) -> dict[str, Any]:
     """Let `sessions` participants answer `answers` pairs each, all at once, and compare what was stored.
 
-    pace_s: between two answers of one participant; default `usual_pace_s`.
+    pace_s: between two answers of one participant; default `usual_pace_s`. processes: of the server; more than one on a
+    PostgreSQL server of the benchmark's own, and one as well with postgresql.
 
     Returns sessions, answers_sent, answers_acknowledged, answers_stored, p50_ack_ms and p95_ack_ms (from sending an
     answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a trajectory to the stage's
-    websocket hearing of it), rss_mb of the server process with everybody connected, rss_per_session_mb,
+    websocket hearing of it), rss_mb of the server's processes with everybody connected, rss_per_session_mb,
     server_ms_per_answer (processor time of everything that belongs to one, joining included), what came through the
     stages, and errors: what had to be tried again, connections that broke and requests that a busy server put off.
     during_alignment: the same again with fresh participants while alignments of one core run, under that key; only then
     does a worker run beside the server.
+    On PostgreSQL also database_ms_per_answer (processor time of its processes), and what one session left in it, its
+    answers and everything else: database_kb_per_session, rows_per_session.
     Raises ServeBenchmarkError if an acknowledged answer is not stored exactly once or a participant could not go on,
     ValueError for numbers that the quick protocol has no room for.
     """
@@ -81,9 +92,13 @@ def benchmark_serve(
     if not MIN_PACE_S <= pace <= MAX_PACE_S:
         raise ValueError(f"pace = {pace}: {MIN_PACE_S} to {MAX_PACE_S:.0f} s between two answers of one participant")
     began = time.monotonic()
-    with tempfile.TemporaryDirectory(prefix="desirepath-benchmark-") as folder:
+    postgresql = postgresql or processes > 1
+    with (
+        tempfile.TemporaryDirectory(prefix="desirepath-benchmark-") as folder,
+        own_postgres() if postgresql else contextlib.nullcontext() as server_url,
+    ):
         # Named here, so that no setting of the surroundings leads to an installation that is in use.
-        settings = Settings(data=Path(folder), database_url=None, artefacts_url=None)
+        settings = Settings(data=Path(folder), database_url=server_url, artefacts_url=None)
         database, files = Database(settings.database), ArtefactStore(settings.artefacts)
         database.migrate()
         with database.transaction() as s:
@@ -91,7 +106,10 @@ def benchmark_serve(
             study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark serve", created_by=None)
         log = Path(folder) / "server.log"
         try:
-            with loopback_server(settings, worker=during_alignment, log=log) as (url, server):
+            with loopback_server(
+                settings, worker=during_alignment, log=log, arguments=("--processes", str(processes))
+            ) as (url, server):
+                await_processes(database, processes)
                 result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers, pace)}
                 if during_alignment:
                     with _alignments(database, files, study) as running:
@@ -100,7 +118,13 @@ def benchmark_serve(
         except ServeBenchmarkError as problem:
             raise ServeBenchmarkError(f"{problem}\nThe server's log ends with:\n{_end_of_errors(log)}") from None
         database.close()
-    return {**result, "pace_s": pace, "cores": os.cpu_count(), "seconds": round(time.monotonic() - began, 1)}
+    return {
+        **result,
+        "processes": processes,
+        "pace_s": pace,
+        "cores": os.cpu_count(),
+        "seconds": round(time.monotonic() - began, 1),
+    }
 
 
 def _walk(
@@ -115,8 +139,9 @@ def _walk(
 ) -> dict[str, Any]:
     """One walk of everybody, checked against the database."""
     tally = Tally()
-    memory_before = resident_mb(server_pid)
-    processor_before = processor_s(server_pid)
+    memory_before = family_mb(server_pid)
+    processor_before = family_s(server_pid)
+    database_before = _database_state(database)
     memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, pace_s, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
@@ -132,12 +157,20 @@ def _walk(
         "p95_stage_ms": round(float(np.percentile(tally.stage_ms, 95)), 1),
         "rss_mb": round(memory, 1),
         "rss_per_session_mb": round((memory - memory_before) / sessions, 2),
-        "server_ms_per_answer": round((processor_s(server_pid) - processor_before) * 1000 / tally.sent, 1),
+        "server_ms_per_answer": round((family_s(server_pid) - processor_before) * 1000 / tally.sent, 1),
         "stage_messages": tally.stage_messages,
         "stage_mb": round(tally.stage_bytes / 2**20, 2),
         "stream_events": tally.stream_events,
         "errors": tally.errors,
     }
+    after = _database_state(database)
+    if database_before is not None and after is not None:
+        seconds, size, rows = (now - before for now, before in zip(after, database_before, strict=True))
+        result |= {
+            "database_ms_per_answer": round(seconds * 1000 / tally.sent, 1),
+            "database_kb_per_session": round(size / 1024 / sessions, 1),
+            "rows_per_session": round(rows / sessions, 1),
+        }
     if aligning is not None:
         share = sum(looks) / len(looks)
         if not share:
@@ -175,7 +208,7 @@ async def _walk_all(
         nonlocal memory
         while True:
             if ready.n_waiting == 0 and tally.sent:
-                memory = max(memory, resident_mb(server_pid))
+                memory = max(memory, family_mb(server_pid))
                 if aligning is not None:
                     looks.append(await asyncio.to_thread(aligning))
             await asyncio.sleep(LOOK_S)
@@ -185,6 +218,31 @@ async def _walk_all(
     problems = [problem for problem in ended if isinstance(problem, BaseException)]
     causes = [problem for problem in problems if not isinstance(problem, asyncio.BrokenBarrierError)] or problems
     return memory, looks, [f"{type(problem).__name__}: {problem}" for problem in causes]
+
+
+def await_processes(database: Database, processes: int) -> None:
+    """Until so many server processes have said that they live. Raises ServeBenchmarkError if they do not."""
+    if database.is_sqlite:
+        return
+    deadline = time.monotonic() + PROCESSES_PATIENCE_S
+    while True:
+        with database.session() as s:
+            living = s.scalar(select(func.count()).select_from(ServerProcess)) or 0
+        if living >= processes:
+            return
+        if time.monotonic() > deadline:
+            raise ServeBenchmarkError(f"of {processes} server processes {living} live after a minute")
+        time.sleep(LOOK_S)
+
+
+def _database_state(database: Database) -> tuple[float, int, int] | None:
+    """Seconds of processor of the benchmark's own PostgreSQL, bytes and rows in it; None on SQLite."""
+    if database.is_sqlite:
+        return None
+    with database.session() as s:
+        size = s.scalar(text("SELECT pg_database_size(current_database())"))
+        rows = sum(s.scalar(select(func.count()).select_from(table)) or 0 for table in Base.metadata.sorted_tables)
+    return family_s(own_postgres_pid(str(database.url.query["host"]))), size or 0, rows
 
 
 def answers_stored(database: Database, tally: Tally) -> int:

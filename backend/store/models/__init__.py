@@ -11,6 +11,7 @@ from backend.store.models.asked import MARKS, Event, ProblemReport, Response, St
 from backend.store.models.base import Base, UtcDateTime, new_id, utc_now
 from backend.store.models.lab import Audit, Note, Setting, SignIn, StudyRole, User
 from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobMetric
+from backend.store.models.server import RateWindow, ServerProcess
 from backend.store.models.studies import (
     Erasing,
     Participant,
@@ -37,8 +38,10 @@ __all__ = [
     "Participant",
     "ProblemReport",
     "ProtocolVersion",
+    "RateWindow",
     "RecruitingId",
     "Response",
+    "ServerProcess",
     "Session",
     "Setting",
     "SignIn",

@@ -1,0 +1,122 @@
+"""kill -9 of one server process after the other, while bots answer and a person watches: all go on in another one."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from pathlib import Path
+from uuid import uuid4
+
+import httpx
+import pytest
+from websockets.exceptions import ConnectionClosed
+
+from tests import postgres
+from tests.faults.installation import Installation, Visitor, hear
+from tests.faults.test_killed_benchmark import alive, children
+
+BOTS, PAIRS = 3, 4
+PATIENCE_S = 90.0
+
+
+class Bot:
+    """Answers pairs on a thread of its own; what was not acknowledged is sent again under the same request id."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self.visitor = visitor
+        self.acknowledged: dict[str, str] = {}
+        self.broken = 0
+
+    def walk(self) -> None:
+        step = self._again(self.visitor.walk_to_first_trial)["key"]
+        while len(self.acknowledged) < PAIRS:
+            self._again(lambda step=step: self._watch(step))
+            request_id = uuid4().hex
+            answered = self._again(
+                lambda step=step, request_id=request_id: self.visitor.answer(step, {"choice": "a"}, request_id)
+            )
+            assert answered.status_code == 200, answered.text
+            self.acknowledged[request_id] = step
+            step = answered.json()["step"]["key"]
+
+    def _watch(self, step: str) -> None:
+        if self.visitor.state()["step"]["trial"]["phase"] != "choosing":
+            self.visitor.watch(step)
+
+    def _again(self, ask):  # type: ignore[no-untyped-def]
+        deadline = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return ask()
+            except httpx.TransportError:
+                self.broken += 1
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
+
+
+def test_whoever_was_served_by_a_killed_process_goes_on_in_another(postgres_server: str, tmp_path: Path) -> None:
+    with postgres.holding(postgres_server, tmp_path / "none") as url:
+        installation = Installation(tmp_path / "data", url)
+        with installation.serving(processes=2) as (address, supervisor):
+            servers = both(supervisor.pid)
+            person = Visitor(address, installation.study)
+            step = person.walk_to_first_trial()["key"]
+            person.open_page()
+            bots = [Bot(Visitor(address, installation.study, bot=True)) for _ in range(BOTS)]
+            threads = [threading.Thread(target=bot.walk, daemon=True) for bot in bots]
+            with person.stage() as stage:
+                hear(stage, '"type": "show"')
+                before = person.post(f"trials/{step}/start").json()["step"]["trial"]
+                hear(stage, before["playback_id"])
+                for thread in threads:
+                    thread.start()
+                for server in servers:  # one of them has the person's stage
+                    until(lambda: sum(len(bot.acknowledged) for bot in bots) >= 1)
+                    os.kill(server, signal.SIGKILL)
+                    until(lambda killed=server: killed not in (living := both(supervisor.pid)) and len(living) == 2)
+                with pytest.raises(ConnectionClosed):
+                    hear(stage, "what nobody says any more")
+            for thread in threads:
+                thread.join(PATIENCE_S)
+                assert not thread.is_alive(), "a bot does not get on"
+            with fresh(person).stage() as stage:
+                hear(stage, '"type": "show"')
+                trial = person.state()["step"]["trial"]
+                assert (trial["phase"], trial["next_side"]) == ("ready", "a")
+                assert trial["restarts"] >= 1
+                playback = person.post(f"trials/{step}/start").json()["step"]["trial"]["playback_id"]
+                hear(stage, playback)
+            for bot in bots:
+                rows = installation.responses(bot.visitor.token)
+                assert {row.request_id: row.step_key for row in rows if row.kind == "preference"} == bot.acknowledged
+        until(lambda: not any(alive(one) for one in (supervisor.pid, *both(supervisor.pid))))
+        installation.database.close()
+
+
+def both(supervisor: int) -> list[int]:
+    """The server processes that listen already."""
+    deadline = time.monotonic() + PATIENCE_S
+    while len(found := [one for one in children(supervisor) if alive(one)]) < 2 and alive(supervisor):
+        if time.monotonic() > deadline:
+            break
+        time.sleep(0.05)
+    return found
+
+
+def fresh(person: Visitor) -> Visitor:
+    """The same browser with new connections: those to a killed process are gone."""
+    while True:
+        try:
+            person.open_page()
+            return person
+        except httpx.TransportError:
+            time.sleep(0.1)
+
+
+def until(what) -> None:  # type: ignore[no-untyped-def]
+    deadline = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
