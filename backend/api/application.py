@@ -18,7 +18,7 @@ from starlette.types import ASGIApp
 from backend.api.core.catalogues import Texts
 from backend.api.core.contract import Reply, trouble_in
 from backend.api.core.dependencies import Application, Services, route_of
-from backend.api.core.disk import is_full, room_left
+from backend.api.core.disk import room_left
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.monitoring import Monitoring
 from backend.api.core.prose import prose
@@ -38,7 +38,7 @@ from backend.api.stage.stage_proxy import INNER, StageDoor
 from backend.jobs.heartbeat import silent_s
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, DatabaseBusy, StorageError, check_writable
+from backend.store.database import Database, DatabaseBusy, StorageError, check_writable, is_full
 from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"

@@ -65,9 +65,9 @@ def own_postgres(*, waits_for_the_disk: bool = True, connections: int = 200) -> 
     assert keeper.stdin is not None  # noqa: S101  pipes were asked for
     assert keeper.stdout is not None  # noqa: S101
     try:
-        told = keeper.stdout.readline()
-        if told != "up\n":
-            raise NoPostgres(f"PostgreSQL did not start: {told}{keeper.communicate()[0]}")
+        answer = keeper.stdout.readline()
+        if answer != "up\n":
+            raise NoPostgres(f"PostgreSQL did not start: {answer}{keeper.communicate()[0]}")
         yield f"postgresql://desirepath@/postgres?host={folder}"
     finally:
         keeper.stdin.close()

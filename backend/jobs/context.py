@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
+from backend.store.database import Database, StorageError
 from backend.store.models import Job, JobMetric, utc_now
 
 WRITE_EVERY_S = 0.5  # progress is for eyes; every write is a transaction
@@ -21,7 +23,7 @@ class Progress:
 
     def __init__(self, database: Database, job_id: str) -> None:
         self._database, self._job_id = database, job_id
-        self._points: list[JobMetric] = []
+        self._points: list[dict[str, Any]] = []
         self._fraction, self._message = 0.0, ""
         self._calls = 0
         self._written = 0.0
@@ -36,7 +38,7 @@ class Progress:
         step = next((int(metrics.pop(name)) for name in STEP_NAMES if name in metrics), self._calls)
         for name, value in metrics.items():
             if math.isfinite(value):
-                self._points.append(JobMetric(job_id=self._job_id, step=step, name=name, value=float(value)))
+                self._points.append({"step": step, "name": name, "value": float(value)})
         if time.monotonic() - self._written >= WRITE_EVERY_S:
             self.flush()
 
@@ -45,14 +47,20 @@ class Progress:
         return Part(self, first, last)
 
     def flush(self) -> None:
-        """Write what has not been written."""
+        """Write what has not been written; where the database is away or busy, with the next."""
+        with contextlib.suppress(StorageError):
+            self.write()
+
+    def write(self) -> None:
+        """Write what has not been written. Raises StorageError; then it is still to be written."""
         self._written = time.monotonic()
-        points, self._points = self._points, []
+        points = [JobMetric(job_id=self._job_id, **point) for point in self._points]
         with self._database.transaction() as s:
             job = s.get(Job, self._job_id)
             if job is not None:
                 job.progress, job.message, job.heartbeat_at = self._fraction, self._message, utc_now()
                 s.add_all(points)
+        self._points = []
 
 
 @dataclass(frozen=True)

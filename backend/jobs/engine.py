@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import closing
 from enum import StrEnum
 
-from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID
+from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, WorkflowStatus
 from sqlalchemy import make_url
 
 # The shape of the workflow below, not the product's version: a job that an older release began is taken up by a newer
@@ -21,6 +21,8 @@ WORKFLOW_VERSION = "1"
 # Seconds between two looks of a queue; each costs 3 ms of processor time, also where nothing is ever queued.
 INSTANT_POLL_S = 0.25  # a participant is waiting for a policy that takes a second
 TRAINING_POLL_S = 0.5  # half a minute of training follows
+
+MOST_SUBMITTED = 3  # of one job, each after the engine ended it without a result
 
 Attempt = Callable[[str, int], str]
 Conclude = Callable[[str, str], None]
@@ -110,22 +112,47 @@ class Engine:
         with SetWorkflowID(job_id), SetEnqueueOptions(priority=max(1, priority)):
             DBOS.enqueue_workflow(queue.value, self._job, job_id)
 
+    def submit_again(self, job_id: str, *, queue: Queue, priority: int) -> bool:
+        """Queue a job anew that the engine ended without a result, as when its own tables were away for long. False
+        where that was done `MOST_SUBMITTED` times."""
+        for number in range(2, MOST_SUBMITTED + 1):
+            if DBOS.get_workflow_status(_workflow(job_id, number)) is None:
+                with SetWorkflowID(_workflow(job_id, number)), SetEnqueueOptions(priority=max(1, priority)):
+                    DBOS.enqueue_workflow(queue.value, self._job, job_id)
+                return True
+        return False
+
     def resume(self, job_id: str, *, queue: Queue) -> None:
         """Take up a job whose worker is gone for good."""
-        DBOS.resume_workflow(job_id, queue_name=queue.value)
+        DBOS.resume_workflow(self._newest(job_id)[0], queue_name=queue.value)
 
     def state(self, job_id: str) -> EngineState:
         """Where the engine has the job."""
-        status = DBOS.get_workflow_status(job_id)
+        status = self._newest(job_id)[1]
         if status is None:
             return EngineState.UNKNOWN
         if status.status in ("ENQUEUED", "DELAYED"):
             return EngineState.WAITING
         return EngineState.RUNNING if status.status == "PENDING" else EngineState.ENDED
 
+    def _newest(self, job_id: str) -> tuple[str, WorkflowStatus | None]:
+        """The job's latest workflow and how it stands."""
+        newest = _workflow(job_id, 1), DBOS.get_workflow_status(_workflow(job_id, 1))
+        for number in range(2, MOST_SUBMITTED + 1):
+            status = DBOS.get_workflow_status(_workflow(job_id, number)) if newest[1] is not None else None
+            if status is None:
+                break
+            newest = _workflow(job_id, number), status
+        return newest
+
     def stop(self) -> None:
         """Let go of everything; what runs is taken up by the next start."""
         DBOS.destroy(destroy_registry=True)
+
+
+def _workflow(job_id: str, number: int) -> str:
+    """The id of a job's workflow: the job's own for the first."""
+    return job_id if number == 1 else f"{job_id}.{number}"
 
 
 def _use_wal(url: str) -> None:

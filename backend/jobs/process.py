@@ -23,13 +23,15 @@ from typing import IO, Any, TypeVar
 import structlog
 
 from backend.settings import Settings
-from backend.store.database import Database, DatabaseBusy
+from backend.store.database import Database, StorageError
 from backend.store.models import Job, utc_now
 from backend.store.outbox import ENDED
 
 POLL_S = 0.2
 HEARTBEAT_S = 2.0
 WRITE_TRIES = 10  # at the start and the end of a job, each with the database's own patience
+WAIT_S = (0.2, 5.0)  # before the second of these tries, and the longest; each waits twice as long as the one before
+ATTEMPT_TRIES = 5  # of an attempt whose process found the database away or the disk full, with the same waits
 KILL_AFTER_S = 3.0  # from asking the group to end to killing it
 FINAL_STATES = ENDED
 LOG_TAIL_BYTES = 2_000
@@ -41,18 +43,21 @@ log = structlog.get_logger("desirepath.jobs")
 
 
 class Outcome(StrEnum):
-    """How an attempt ended. `crashed`: killed by a signal, so another attempt may work."""
+    """How an attempt ended. `crashed`: killed by a signal, so another attempt may work; `again`: it could not work
+    just now, which is no attempt."""
 
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     CANCELLED = "cancelled"
     CRASHED = "crashed"
+    AGAIN = "again"
 
 
 class ExitCode(IntEnum):
     """What the training process says by its exit code."""
 
     DONE = 0  # the row says succeeded or cancelled
+    AGAIN = 2  # the database was away or the disk full: the same once more may work
     FAILED = 3  # the row says why
     ORPHANED = 4  # its worker is gone
 
@@ -155,14 +160,22 @@ class Standing:
 
 
 def patiently(write: Callable[[], T]) -> T:
-    """What `write` returns, called again where others write for long: a training must not be lost for a line about it.
+    """What `write` returns, called again where others write for long, the database is away or the disk is full: a
+    training must not be lost for a line about it.
 
-    Raises DatabaseBusy when `WRITE_TRIES` turns were waited for in vain.
+    Raises StorageError when it was tried `WRITE_TRIES` times in vain, half a minute later.
     """
-    for _ in range(WRITE_TRIES - 1):
-        with contextlib.suppress(DatabaseBusy):
+    for wait_s in _waits(WRITE_TRIES):
+        try:
             return write()
+        except StorageError as problem:
+            log.warning("the database is waited for", problem=str(problem)[:200])
+            time.sleep(wait_s)
     return write()
+
+
+def _waits(tries: int) -> list[float]:
+    return [min(WAIT_S[0] * 2**number, WAIT_S[1]) for number in range(tries - 1)]
 
 
 def is_instant(job: Job) -> bool:
@@ -180,8 +193,26 @@ def run_attempt(
 ) -> Outcome:
     """Run attempt `number` (from 1) in a process until the job ends, is cancelled or the process dies.
 
-    The process stands in `running` under the job's id for as long as it works. Instant jobs get the standing one.
+    The process stands in `running` under the job's id for as long as it works. Instant jobs get the standing one. One
+    that found the database away or the disk full is followed by another, some times.
     """
+    for wait_s in [*_waits(ATTEMPT_TRIES), None]:
+        outcome = _run_process(database, settings, job_id, number, running, standing)
+        if outcome != Outcome.AGAIN:
+            return outcome
+        if wait_s is not None:
+            time.sleep(wait_s)
+    return patiently(lambda: _give_up_waiting(database, settings, job_id))
+
+
+def _run_process(
+    database: Database,
+    settings: Settings,
+    job_id: str,
+    number: int,
+    running: dict[str, subprocess.Popen[bytes]],
+    standing: Standing,
+) -> Outcome:
     instant = patiently(lambda: _begin(database, job_id, number))
     if isinstance(instant, Outcome):
         return instant
@@ -225,18 +256,21 @@ def watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> 
         code = ended(process, POLL_S)
         if code is not None:
             return code
-        with database.session() as s:
-            job = s.get(Job, job_id)
-            state = job.state if job else "cancelling"
-        if state == "cancelling":
+        if patiently(lambda: _is_cancelled(database, job_id)):
             return None
         if (utc_now() - beat).total_seconds() >= HEARTBEAT_S:
             beat = utc_now()
             # Where others write for long, the next sign of life will do; a training must not be lost for it.
-            with contextlib.suppress(DatabaseBusy), database.transaction() as s:
+            with contextlib.suppress(StorageError), database.transaction() as s:
                 job = s.get(Job, job_id)
                 if job is not None:
                     job.heartbeat_at = beat
+
+
+def _is_cancelled(database: Database, job_id: str) -> bool:
+    with database.session() as s:
+        job = s.get(Job, job_id)
+        return job is None or job.state == "cancelling"
 
 
 def ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
@@ -278,9 +312,22 @@ def _outcome(database: Database, settings: Settings, job_id: str, code: int) -> 
             job.error = f"The training process was killed by {name}. Out of memory is the usual cause; see the log."
             log.warning("job's process was killed", job=job_id, signal=name)
             return Outcome.CRASHED
+        if code == ExitCode.AGAIN:
+            log.warning("job's process found the database away or the disk full", job=job_id)
+            return Outcome.AGAIN
         job.error = f"The training process ended with exit code {code}:\n{read_log(settings, job_id)}".strip()
         finish(job, "failed")
         return Outcome.FAILED
+
+
+def _give_up_waiting(database: Database, settings: Settings, job_id: str) -> Outcome:
+    with database.transaction() as s:
+        job = s.get(Job, job_id)
+        if job is not None and job.state not in FINAL_STATES:
+            said = "The database was away or the disk full, several times in a row; start it again with retry."
+            job.error = f"{said}\n{read_log(settings, job_id)}".strip()
+            finish(job, "failed")
+    return Outcome.FAILED
 
 
 def conclude(database: Database, job_id: str, outcome: str) -> None:

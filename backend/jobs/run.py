@@ -27,7 +27,7 @@ from backend.jobs.kinds import get_kind
 from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
 from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
+from backend.store.database import Database, DatabaseBusy, is_full
 from backend.store.models import Job
 from backend.store.outbox import enqueue_job
 
@@ -54,7 +54,23 @@ def main(worker_pid: int, job_id: str | None = None) -> ExitCode:
 
 
 def do(settings: Settings, job_id: str) -> ExitCode:
-    """Do the job. Returns the exit code; the row holds the rest."""
+    """Do the job. Returns the exit code; the row holds the rest. What passes (a database that is away, a full disk)
+    ends no job."""
+    try:
+        return _do(settings, job_id)
+    except Exception as problem:
+        if not _passes(problem):
+            raise
+        with contextlib.suppress(OSError):  # the log's disk may be the full one
+            print(f"cannot work just now: {problem}", flush=True)
+        return ExitCode.AGAIN
+
+
+def _passes(problem: Exception) -> bool:
+    return isinstance(problem, DatabaseBusy) or is_full(problem)
+
+
+def _do(settings: Settings, job_id: str) -> ExitCode:
     database, files = Database(settings.database), ArtefactStore(settings.artefacts)
     with _only_one(settings, job_id):
         with database.session() as s:
@@ -68,10 +84,12 @@ def do(settings: Settings, job_id: str) -> ExitCode:
         try:
             result = _work(JobContext(settings, database, files, job, progress))
         except Exception as problem:
+            if _passes(problem):
+                raise
             traceback.print_exc()
-            progress.flush()
+            patiently(progress.write)
             return patiently(functools.partial(_fail, database, job_id, problem))
-        progress.flush()
+        patiently(progress.write)
         print(f"done in {time.monotonic() - began:.1f} s", flush=True)
         patiently(lambda: _keep(database, job_id, result))
         return ExitCode.DONE
@@ -162,4 +180,10 @@ def _only_one(settings: Settings, job_id: str) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1]), *sys.argv[2:3]))
+    ended = main(int(sys.argv[1]), *sys.argv[2:3])
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except OSError:  # on a full disk Python would end with a code of its own
+        os._exit(ended)
+    sys.exit(ended)

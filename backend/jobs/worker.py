@@ -16,19 +16,21 @@ from io import BufferedWriter
 
 import structlog
 from sqlalchemy import select
+from sqlalchemy.exc import SQLAlchemyError
 
 from backend.jobs.engine import Engine, EngineState, Queue
 from backend.jobs.heartbeat import beat
 from backend.jobs.process import FINAL_STATES, Standing, conclude, end_group, finish, is_instant, patiently, run_attempt
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, check_writable
+from backend.store.database import Database, StorageError, check_writable
 from backend.store.models import Job, utc_now
 from backend.store.shipped_policies import register_shipped
 
 OUTBOX_POLL_S = 0.25  # a participant is waiting
 STALE_CHECK_S = 5.0
 PARENT_POLL_S = 0.5
+DATABASE_AWAY_S = 1.0
 STALE_AFTER = timedelta(seconds=12)  # six missed heartbeats; taking up a job that still lives does no harm (run.py)
 
 log = structlog.get_logger("desirepath.worker")
@@ -71,12 +73,16 @@ class Worker:
         log.info("worker ready", processes=self._settings.training_processes)
         until_check = 0.0
         while not stopping.is_set():
-            self.submit_queued()
-            until_check -= OUTBOX_POLL_S
-            if until_check <= 0:
-                beat(self._settings.data)
-                self.revive_stale()
-                until_check = STALE_CHECK_S
+            try:
+                self.submit_queued()
+                until_check -= OUTBOX_POLL_S
+                if until_check <= 0:
+                    beat(self._settings.data)
+                    self.revive_stale()
+                    until_check = STALE_CHECK_S
+            except (StorageError, SQLAlchemyError) as problem:  # trainings go on meanwhile
+                log.warning("the worker waits for the database", problem=str(problem)[:200])
+                stopping.wait(DATABASE_AWAY_S)
             stopping.wait(OUTBOX_POLL_S)
         self._standing.end()
         for process in list(self._running.values()):
@@ -106,11 +112,15 @@ class Worker:
                     log.warning("job is taken up from a worker that is gone", job=job.id)
                     self._engine.resume(job.id, queue=queue_of(job))
                 case EngineState.ENDED:
-                    self._give_up(job.id)
+                    self._give_up(job)
                 case EngineState.WAITING:
                     pass
 
-    def _give_up(self, job_id: str) -> None:
+    def _give_up(self, waiting: Job) -> None:
+        job_id = waiting.id
+        if self._engine.submit_again(job_id, queue=queue_of(waiting), priority=waiting.priority):
+            log.warning("a job that the queue ended without a result is queued again", job=job_id)
+            return
         with self._database.transaction() as s:
             job = s.get(Job, job_id)
             if job is not None and job.state not in FINAL_STATES:

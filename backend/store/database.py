@@ -7,6 +7,7 @@ that returned is on disk. Who waited in vain gets DatabaseBusy: nothing was stor
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import shutil
 import sqlite3
@@ -32,6 +33,7 @@ BUSY_TIMEOUT_MS = 10_000  # how long a writer waits for other processes
 TURN_PATIENCE_S = 4.0  # ours: and before that for those of its own process; together less than a page waits (send.js)
 MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vacuum would fill the disk
 PROBE_BYTES = 64 * 1024
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
 COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
 COMPACT_TRIES_S = 15.0
@@ -47,6 +49,15 @@ class DatabaseBusy(StorageError):
 
 class DiskFull(StorageError):
     """There is no room left. Nothing of this change was stored; it may be asked for again once there is."""
+
+
+def is_full(problem: BaseException | None) -> bool:
+    """Whether an error comes of a disk without room, however deep that is buried."""
+    while problem is not None:
+        if isinstance(problem, DiskFull) or (isinstance(problem, OSError) and problem.errno in NO_ROOM):
+            return True
+        problem = problem.__cause__
+    return False
 
 
 class Turns:
@@ -301,7 +312,8 @@ class Database:
             elif "connection failed" in message or "could not translate host name" in message:
                 said = "no database server answers there; check DESIREPATH_DATABASE_URL and that the server runs"
             elif isinstance(problem, OperationalError) and problem.connection_invalidated:
-                said = "the connection was lost; nothing of this change was stored"
+                # Where it was lost at the commit itself nobody knows whether it was stored; requests may be repeated.
+                raise DatabaseBusy(f"database {where}: the connection was lost; ask again ({message})") from problem
             else:
                 raise
             raise StorageError(f"database {where}: {said} ({message})") from problem

@@ -5,17 +5,15 @@ What a full disk does to a request is the database's (`DiskFull`) and the guard'
 
 from __future__ import annotations
 
-import errno
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from backend.settings import Settings
-from backend.store.database import MIN_FREE_BYTES, DiskFull
+from backend.store.database import MIN_FREE_BYTES
 
 FULL_BYTES = 5 * 2**20  # ours: below this a database's log cannot grow by what a minute of many people brings
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
 
 @dataclass(frozen=True)
@@ -34,12 +32,3 @@ def room_left(settings: Settings) -> Room:
         "ok" if free >= MIN_FREE_BYTES else "disk_low" if free >= FULL_BYTES else "disk_full"
     )
     return Room(state, free // 2**20)
-
-
-def is_full(problem: BaseException | None) -> bool:
-    """Whether an error comes of a disk without room, however deep that is buried."""
-    while problem is not None:
-        if isinstance(problem, DiskFull) or (isinstance(problem, OSError) and problem.errno in NO_ROOM):
-            return True
-        problem = problem.__cause__
-    return False

@@ -129,10 +129,10 @@ class PostgresNotices(Notices):
                 thread.join(2 * LISTEN_S)
 
     def tell(self, topic: str, key: str, **data: Any) -> None:
-        told = json.dumps({"from": self.process_id, "topic": topic, "key": key, "data": data})
-        if len(told) > LARGEST_NOTICE:
-            raise ValueError(f"a notice of {len(told)} bytes: at most {LARGEST_NOTICE}")
-        self._orders.put(("tell", told, None))
+        payload = json.dumps({"from": self.process_id, "topic": topic, "key": key, "data": data})
+        if len(payload) > LARGEST_NOTICE:
+            raise ValueError(f"a notice of {len(payload)} bytes: at most {LARGEST_NOTICE}")
+        self._orders.put(("tell", payload, None))
 
     def hold(self, key: str) -> None:
         done: Future[None] = Future()
@@ -177,8 +177,8 @@ class PostgresNotices(Notices):
 
     def _take(self, payload: str) -> None:
         try:
-            told = json.loads(payload)
-            notice = Notice(told["topic"], told["key"], told["data"], own=told["from"] == self.process_id)
+            sent = json.loads(payload)
+            notice = Notice(sent["topic"], sent["key"], sent["data"], own=sent["from"] == self.process_id)
         except (ValueError, KeyError, TypeError):
             log.warning("something on our channel was no notice of ours", bytes=len(payload))
             return

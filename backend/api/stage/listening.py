@@ -45,7 +45,7 @@ class Listeners:
         self._listeners: dict[str, list[Listener]] = {}
         self._notices = notices
         self._windows = Claims(notices, "window", self._moved_elsewhere)
-        notices.hear("changed", self._told)
+        notices.hear("changed", self._heard)
         notices.when_missed(self._wake_all)
 
     def listen(self, session_id: str) -> Listener:
@@ -86,7 +86,7 @@ class Listeners:
         for session_id in sessions:
             self._wake(session_id)
 
-    def _told(self, notice: Notice) -> None:
+    def _heard(self, notice: Notice) -> None:
         if not notice.own:
             self._wake(notice.key)
 

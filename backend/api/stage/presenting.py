@@ -67,8 +67,8 @@ class Presenter:
         self._database, self._files, self._replays, self._listeners = database, files, replays, listeners
         self._notices = notices
         self._claims = Claims(notices, "stage", self._stands_elsewhere)
-        notices.hear("order", self._told)
-        notices.hear("replay", self._told_to_replay)
+        notices.hear("order", self._ordered)
+        notices.hear("replay", self._replay_ordered)
         notices.when_missed(self._missed)
         self._line = ThreadPoolExecutor(1, thread_name_prefix="stages")
         self._trajectory = lru_cache(maxsize=KEPT_TRAJECTORIES)(self._load)
@@ -142,7 +142,7 @@ class Presenter:
         self._notices.tell("replay", token, side=side)
         return True
 
-    def _told_to_replay(self, notice: Notice) -> None:
+    def _replay_ordered(self, notice: Notice) -> None:
         if not notice.own:
             self._play_replay(notice.key, notice.data["side"])
 
@@ -165,7 +165,7 @@ class Presenter:
         else:
             self._line.submit(self._carry_out, server, session_id, order)
 
-    def _told(self, notice: Notice) -> None:
+    def _ordered(self, notice: Notice) -> None:
         server = self.server
         if notice.own or server is None or server.stage(notice.key) is None:
             return

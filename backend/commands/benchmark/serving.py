@@ -46,6 +46,32 @@ def serve(
 
 @commands.command()
 @plain_errors
+def faults(
+    kills: Annotated[int, typer.Option(min=1, help="How often something is killed.")] = 20,
+    participants: Annotated[int, typer.Option(min=1, help="Who answer all the while.")] = 6,
+    processes: Annotated[int, typer.Option(min=1, help="Server processes.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Of the moments and of what is killed.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Kill servers, workers and connections at random moments under load, fill the disk: what was lost? On a PostgreSQL
+    server of its own."""
+    from backend.experiments.benchmarks.faults import benchmark_faults
+
+    result = benchmark_faults(
+        kills=kills,
+        participants=participants,
+        processes=processes,
+        seed=seed,
+        tell=lambda words: typer.echo(words, err=True),
+    )
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
+@commands.command()
+@plain_errors
 def pages(
     studies: Annotated[int, typer.Option(min=1, help="Studies in the installation.")] = 20,
     participants: Annotated[int, typer.Option(min=1, help="Simulated people in each of them.")] = 31,

@@ -50,3 +50,23 @@ def _of_living(what: Callable[[int], float], pid: int) -> float:
         return what(pid)
     except (OSError, StopIteration):  # it has ended meanwhile
         return 0.0
+
+
+def children_of(pid: int) -> list[int]:
+    """The living processes that it started itself."""
+    return [one for one in family(pid)[1:] if _parent_of(one) == pid]
+
+
+def command_of(pid: int) -> str:
+    """The command line of a process, empty when it is gone or only waits to be buried."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    except OSError:
+        return ""
+
+
+def _parent_of(pid: int) -> int | None:
+    try:
+        return int(Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
+    except OSError:
+        return None
