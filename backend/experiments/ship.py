@@ -17,6 +17,7 @@ from backend.experiments.shipping.policies import (
     ship_ensemble,
     ship_sharpened,
 )
+from backend.experiments.shipping.policy_libraries import ship_policy_library
 from backend.experiments.shipping.population_priors import ship_population_priors
 from backend.experiments.shipping.query_sets import (
     SHIPPED_QUERIES,
@@ -33,12 +34,13 @@ from backend.simulation.setups import EXPLAINED_ROOM, SETUPS
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
     kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "manner-queries")
-    more = ("triples", "stand-ins", "population-priors", "step-basis", "ranking-set", "added")
+    more = ("triples", "stand-ins", "population-priors", "step-basis", "policy-library", "ranking-set", "added")
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries, or scenes of triples")
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
+    parser.add_argument("--work", type=Path, help="folder in which a policy library's training is kept, to go on later")
     arguments = parser.parse_args()
 
     def show(fraction: float, metrics: dict[str, float]) -> None:
@@ -58,6 +60,8 @@ def main() -> None:
         ship_manner_queries(*given, count=arguments.count)
     elif arguments.what == "step-basis":
         ship_step_basis(*given)
+    elif arguments.what == "policy-library":
+        ship_policy_library(*given[:3], arguments.work, show)
     elif arguments.what == "varied-queries":
         ship_varied_queries(*given, count=arguments.count)
     elif arguments.what in ("queries", "triples"):

@@ -1,7 +1,8 @@
-"""A policy for somebody whom the nine objectives do not describe: trained on the reward that their answers speak for.
+"""A policy for somebody whom the nine objectives do not describe: the best of the setup's library by what their answers
+say, and behind it one that is fine-tuned from there.
 
 Only where the answers are more probably about something else, and only what is surely better for this very person: the
-verdict is given by the posterior that nothing here was trained on.
+verdict is given in scenes of its own.
 """
 
 from __future__ import annotations
@@ -11,20 +12,23 @@ from collections.abc import Sequence
 from backend.jobs.alignment_algorithms import Aligned, gate_rule
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import AlignParams
+from backend.learning.alignment.gate import at_gate
 from backend.learning.alignment.never_worse import PersonalVerdict, better_for_person
-from backend.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
+from backend.learning.alignment.own_policy import fine_tuned
+from backend.learning.alignment.own_reward import OwnRewardConfig
+from backend.learning.alignment.policy_library import best_of
 from backend.learning.cards import DEPARTURES
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_step_basis
+from backend.learning.policies.shipped import load_conditioned, load_policy_library, load_step_basis
 from backend.learning.preferences.free_posterior import FreePosterior
 from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.step_weights import fit_step_weights
+from backend.learning.rewards.step_weights import step_posterior_of
 from backend.learning.scene_sets import Purpose, describe
 
 SOMETHING_ELSE = 0.5
 """From this probability on, answers count as being about something that is not among the nine objectives."""
-UPDATES = {"instant": 1_500, "conditioning_search": 6_000}
-"""By what it stands in for: a few seconds of a core while somebody waits; half a minute of a shared one behind it."""
+UPDATES = {"instant": 0, "conditioning_search": 6_000}
+"""By what it stands in for: nothing is trained while somebody waits; half a minute of a shared core behind it."""
 FEWEST_ANSWERS = 8
 
 
@@ -32,32 +36,45 @@ def free_form(
     context: JobContext, params: AlignParams, base: Policy, believed: FreePosterior, preferences: Sequence[Preference]
 ) -> tuple[Aligned, PersonalVerdict] | None:
     """The policy with its verdict; None where the nine describe the answers, there are few, or the setup has no step
-    basis."""
+    basis or library."""
     updates = UPDATES.get(params.algorithm)
     if updates is None or len(preferences) < FEWEST_ANSWERS or believed.something_else() < SOMETHING_ELSE:
         return None
-    basis = load_step_basis(base.setup)
-    if basis is None:
+    basis, library = load_step_basis(base.setup), load_policy_library(base.setup)
+    if basis is None or library is None:
         return None
-    model = fit_step_weights(preferences, basis)
-    config = OwnRewardConfig(
-        seed=params.seed, updates=updates, checkpoints=max(3, updates // 1_000), gate=gate_rule(params)
-    )
-    tuned = tune_to_reward(base, model, config, context.progress.part(0.3, 0.9))
-    verdict = better_for_person(believed, tuned.policy, base, seed=params.seed, needed=params.surely_better)
+    steps = step_posterior_of(preferences, basis)
+    place = best_of(library, believed, steps)
+    policy = library.policy(place, load_conditioned(f"{base.setup}/conditioned"), base)
+    results: dict[str, object] = {"step_weights": [round(float(weight), 4) for weight in steps.mean]}
+    config: dict[str, object] = {"recipe": "own_policy_library", "place": place}
+    scenes = {}
+    if updates:
+        settings = OwnRewardConfig(
+            seed=params.seed, updates=updates, checkpoints=max(3, updates // 1_000), gate=gate_rule(params)
+        )
+        own = fine_tuned(policy, base, basis, (believed, steps), settings, context.progress.part(0.3, 0.9))
+        policy = own.policy
+        config = {**settings.as_dict(), "replay_sha256": own.tuned.replay_sha256, "begun_at_place": place}
+        results |= {
+            "chosen": own.chosen,
+            "expected": own.expected,
+            "chosen_checkpoint": own.tuned.chosen,
+            "gained": own.tuned.gained,
+            "history": own.tuned.history,
+        }
+        scenes = {"select": describe(Purpose.ALIGN_SELECT, settings.selection_scenes, params.seed)}
+    policy = policy.without_critic()
+    gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
+    verdict = better_for_person(believed, policy, base, seed=params.seed, needed=params.surely_better)
     made = Aligned(
-        policy=tuned.policy,
-        gate=tuned.gate,
-        may_be_shown=tuned.gate.passed,
-        config={**config.as_dict(), "replay_sha256": tuned.replay_sha256},
-        results={
-            "step_weights": [round(float(weight), 4) for weight in model.weights],
-            "chosen_checkpoint": tuned.chosen,
-            "gained": tuned.gained,
-            "history": tuned.history,
-        },
-        scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},
-        departures=[DEPARTURES["free_form"]],
+        policy=policy,
+        gate=gate,
+        may_be_shown=gate.passed,
+        config=config,
+        results=results,
+        scenes=scenes,
+        departures=[DEPARTURES["free_form"], DEPARTURES["policy_library"]],
         beside={"free_form": True},
     )
     return made, verdict

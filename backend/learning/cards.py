@@ -54,10 +54,12 @@ DEPARTURES = {
     "manners": "Pairs are trajectories of many policies, most of them driven in a drawn manner (slower, swerving, "
     "hesitating, keeping to free space, ...), chosen so that answers tell different people apart.",
     "free_form": "The answers are about something that is not among the nine objectives: weights of a step basis are "
-    "learned from them, and the base policy is trained on by that reward per step, less what its own trajectories "
-    "have reached, so that waiting pays nobody. It is shown only where another posterior finds it surely better.",
+    "learned from them, and of a library the policy that is expected to gain most by two posteriors is taken; behind "
+    "it, that one is trained on by the reward per step, less what it has reached, so that waiting pays nobody.",
     "step_basis": "Not in the thesis: numbers of a step of which weighted sums come near random rewards of observation "
     "and action; nobody's answers have a part in it.",
+    "policy_library": "Not in the thesis: policies that were trained on from the base policy by orthogonal weights of "
+    "a step basis, and the conditioned policy at settings; which one is somebody's is chosen by what they answer.",
     "fine_tuning": "Instead of the thesis's lambda: half of each batch is new experience, "
     "the preference's weight starts from what is at stake in an episode and follows success on the selection scenes, "
     "lost checkpoints are gone back from, and every step costs 0.1, so that waiting is not free.",

@@ -122,8 +122,7 @@ def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(ser
     assert not made.critic
 
 
-def test_who_wants_what_no_objective_names_gets_a_policy_trained_on_their_own_reward(services, monkeypatch):
-    monkeypatch.setitem(free_form.UPDATES, "instant", 30)
+def test_who_wants_what_no_objective_names_gets_a_policy_of_the_library_at_once(services):
     found = {}
     for oracle in ("min-human-distance", "network:31"):
         params = InstantParams(
@@ -140,6 +139,7 @@ def test_who_wants_what_no_objective_names_gets_a_policy_trained_on_their_own_re
     assert found["network:31"][0].something_else() >= 0.5
     made, verdict = found["network:31"][1]
     assert len(made.results["step_weights"]) == 24
+    assert made.config["recipe"] == "own_policy_library"
     assert 0 <= verdict.probability_better <= 1
     assert made.gate.success_rate > 0.9
     assert made.policy.recovery_policies

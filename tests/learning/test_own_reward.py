@@ -3,17 +3,31 @@ it."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from backend.experiments.benchmarks.people_policies import TrueReward
+from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
 from backend.learning.alignment.gate import GateRule
+from backend.learning.alignment.own_policy import fine_tuned
 from backend.learning.alignment.own_reward import OwnRewardConfig, means_of, tune_to_reward
+from backend.learning.alignment.policy_library import best_of
 from backend.learning.errors import LearningError
+from backend.learning.measures.pairs import PairDifferences
 from backend.learning.measures.step_basis import StepBasis
 from backend.learning.people.card import member
 from backend.learning.people.families.base import StepFamilyMember
-from backend.learning.policies.shipped import load_policy, load_shipped, load_step_basis
+from backend.learning.policies.shipped import (
+    load_conditioned,
+    load_policy,
+    load_policy_library,
+    load_shipped,
+    load_step_basis,
+)
+from backend.learning.preferences.free_posterior import FreePosterior
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.step_posterior import StepPosterior
 from backend.learning.queries.queries import QuerySet
@@ -98,3 +112,38 @@ def test_the_shipped_basis_is_what_its_card_says(basis: StepBasis) -> None:
     assert shipped.to_bytes() == basis.to_bytes()
     assert basis.size == 24
     assert load_step_basis("corridor") is None
+
+
+def test_a_training_that_spoiled_the_policy_does_not_take_over(basis: StepBasis, pairs: Pairs) -> None:
+    base, library = load_policy("study_room/base"), load_policy_library("study_room")
+    assert library is not None
+    chosen = answered("network:0", pairs[:10])
+    believed = FreePosterior.from_answers(PairDifferences.of("study_room", pairs[:10]), chosen)
+    steps = StepPosterior.from_answers(step_differences(basis, pairs[:10]), chosen)
+    start = library.policy(best_of(library, believed, steps), load_conditioned("study_room/conditioned"), base)
+    config = OwnRewardConfig(
+        updates=30,
+        checkpoints=1,
+        selection_scenes=20,
+        replay_transitions=2_000,
+        learning_rate=0.3,
+        final_learning_rate=0.3,
+        gate=GateRule(scenes=20),
+    )
+    own = fine_tuned(start, base, basis, (believed, steps), config)
+    assert own.tuned.history[-1]["success_rate"] < 0.9
+    assert own.chosen == "start"
+    assert own.policy.digest() == start.without_critic().digest()
+
+
+def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path: Path) -> None:
+    config = PeoplePoliciesConfig(families=("network",), people=2)
+    nobody = known_persons(tmp_path / "out.json", "study_room", config)
+    assert nobody == []
+    persons = [{"person": "network:0", "gain_at_once": 0.2}]
+    (tmp_path / "out.json").write_text(
+        json.dumps({"setup": "study_room", "config": asdict(config), "persons": persons})
+    )
+    assert known_persons(tmp_path / "out.json", "study_room", config) == persons
+    assert known_persons(tmp_path / "out.json", "open_field", config) == []
+    assert known_persons(tmp_path / "out.json", "study_room", replace(config, seed=1)) == []

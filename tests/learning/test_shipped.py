@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from backend.learning.alignment.policy_library import PolicyLibrary
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.errors import LearningError
 from backend.learning.measures.step_basis import StepBasis
@@ -34,9 +35,15 @@ EXPECTED = {
     "study_room/queries_triples_50",
     *(f"{setup}/queries_varied_200" for setup in ("open_field", "study_room")),
     "study_room/queries_manners_200",
-    "study_room/step_basis",
+    *(f"{setup}/{name}" for setup in ("open_field", "study_room") for name in ("step_basis", "policy_library")),
 }
-KINDS = {"policy": Policy, "conditioned_policy": ConditionedPolicy, "query_set": QuerySet, "step_basis": StepBasis}
+KINDS = {
+    "policy": Policy,
+    "conditioned_policy": ConditionedPolicy,
+    "query_set": QuerySet,
+    "step_basis": StepBasis,
+    "policy_library": PolicyLibrary,
+}
 
 
 def test_everything_promised_is_shipped() -> None:

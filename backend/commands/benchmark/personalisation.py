@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -128,26 +129,45 @@ def people(
 @commands.command()
 @plain_errors
 def people_policies(
-    setup: Annotated[str, typer.Option(help="study_room: a setup with a step basis.")] = "study_room",
+    setup: Annotated[str, typer.Option(help="study_room or open_field: with step basis and library.")] = "study_room",
     family: Annotated[str, typer.Option(help="Families of the card, comma-separated; tuning or held_out.")] = "tuning",
     number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family.")] = 4,
     first: Annotated[int, typer.Option(min=0, help="Number of the first person of each family.")] = 0,
     answers: Annotated[int, typer.Option(min=2, help="Right ones, each to the pair that tells most.")] = 15,
     seed: Annotated[int, typer.Option(min=0, help="Of pairs, scenes and trainings.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
+    at_once: Annotated[
+        bool, typer.Option("--at-once", help="Nothing is trained; the yardstick is the library's best.")
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Also write everything to this file, as JSON, after every person; a stopped run goes on."),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """What the robot of simulated people outside the nine objectives gains, at once and after fine-tuning, against
     training on their true reward."""
-    from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, benchmark_people_policies
+    from backend.experiments.benchmarks.people_policies import (
+        PeoplePoliciesConfig,
+        benchmark_people_policies,
+        known_persons,
+        result_of,
+    )
     from backend.learning.people.card import people_card
 
     card = people_card()
     families = {"tuning": card.tuning, "held_out": card.held_out}.get(family) or tuple(family.split(","))
     config = PeoplePoliciesConfig(families=families, people=number, first=first, answers=answers, seed=seed)
-    result = benchmark_people_policies(
-        setup, config, lambda one: typer.echo(f"{one['person']}: {one['gain_refined']:.2f}", err=True)
-    )
+    if at_once:
+        config = replace(config, tuned=0, trained=0)
+    persons = known_persons(out, setup, config) if out is not None else []
+
+    def keep(one: dict[str, Any]) -> None:
+        persons.append(one)
+        typer.echo(f"{one['person']}: {one['gain_at_once']:.2f}", err=True)
+        if out is not None:
+            write_result(out, result_of(setup, config, persons))
+
+    result = benchmark_people_policies(setup, config, keep, tuple(persons))
     if out is not None:
         write_result(out, result)
     say(result, as_json)

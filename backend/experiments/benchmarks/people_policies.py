@@ -1,13 +1,15 @@
 """`benchmark people-policies`: what the robot of somebody outside the list gains, at once and after fine-tuning.
 
-Everybody here is simulated. The yardstick is the same training on their true reward.
+Everybody here is simulated. The yardstick knows their true reward: the library's best by it, trained on by it.
 """
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,32 +19,40 @@ from backend.experiments.benchmarks.people_rooms import FIRST_SEED, AskedPairs, 
 from backend.jobs.free_form import UPDATES
 from backend.learning.alignment.gate import GateRule
 from backend.learning.alignment.never_worse import better_for_person
+from backend.learning.alignment.own_policy import fine_tuned
 from backend.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
+from backend.learning.alignment.policy_library import LEAST_SUCCESS, PolicyLibrary, best_of
 from backend.learning.errors import LearningError
-from backend.learning.measures.step_basis import seen_steps
+from backend.learning.measures.step_basis import StepBasis, seen_steps
 from backend.learning.people.card import member, people_card
 from backend.learning.people.families.base import FamilyMember, StepFamilyMember
 from backend.learning.people.families.changing import ChangingMember
 from backend.learning.people.families.thresholds import ThresholdsMember
+from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import wilson
 from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_policy, load_step_basis
+from backend.learning.policies.shipped import load_conditioned, load_policy, load_policy_library, load_step_basis
 from backend.learning.preferences.free_posterior import FreePosterior
 from backend.learning.preferences.step_posterior import StepPosterior
 from backend.learning.rewards.reward_model import Floats, RewardModel
-from backend.learning.rewards.step_weights import StepWeightsRewardModel, step_differences
+from backend.learning.rewards.step_weights import step_differences
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
+from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
+TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
+SELECT_SEED = 7_500  # of these, of no card
+SHOWN = ("at_once", "refined")
 
 
 @dataclass(frozen=True)
 class PeoplePoliciesConfig:
     """families: of the card; people: of each, from number `first` on. answers: asked, each the one that tells most.
-    scenes: fresh ones in which gains are measured. trained: updates of the yardstick's training."""
+    scenes: fresh ones in which gains are measured. tuned, trained: updates of the fine-tuning and of the yardstick's
+    training; 0: none."""
 
     families: tuple[str, ...]
     people: int = 4
@@ -52,6 +62,7 @@ class PeoplePoliciesConfig:
     pool: int = 200
     test: int = 200
     scenes: int = 400
+    tuned: int = UPDATES["conditioning_search"]
     trained: int = UPDATES["conditioning_search"]
 
 
@@ -81,41 +92,70 @@ def benchmark_people_policies(
     setup: str,
     config: PeoplePoliciesConfig,
     on_person: Callable[[dict[str, Any]], None] | None = None,
+    known: Sequence[dict[str, Any]] = (),
 ) -> dict[str, Any]:
-    """Result: {"simulated": True, "setup", "people", "persons"}, and for `at_once` and `refined`: "raised_at_once" and
-    "harmed_at_once" (shown and truly worse) with Wilson intervals, "share_at_once" (median over people whom the
-    yardstick helps), "success_at_once", "shown_at_once", "seconds_at_once" (of processor), ... A person's gains are in
-    typical differences of a pair, in fresh scenes in which both policies arrive; their share is null where they value
-    no steps: nothing can be trained on such a truth. Raises LearningError for unknown families, and where the setup has
-    no step basis."""
+    """Result: {"simulated": True, "setup", "people", "families", "persons"}, and for `at_once` and `refined`:
+    "raised_at_once" and "harmed_at_once" (shown and truly worse) with Wilson intervals, "share_at_once" (median over
+    people whom the yardstick helps), "success_at_once", "shown_at_once", "seconds_at_once" (of processor), ... A
+    person's gains are in typical differences of a pair, in fresh scenes in which both policies arrive. The yardstick is
+    the better of the library's best by their true score (`best`) and of that one trained on by their true reward
+    (`trained`; null where they value no steps). known: persons of a run of the same settings that was stopped; families
+    take turns, so that what there is then is of all of them. Raises LearningError for unknown families, and where the
+    setup has no step basis or no policy library."""
     card = people_card()
     unknown = [name for name in config.families if name not in card.families]
     if unknown:
         raise LearningError(f"family = {unknown[0]!r}: families are {', '.join(card.families)}")
     room = _Room.of(setup, config)
     persons = []
+    done = {one["person"]: one for one in known}
     for name in (
-        f"{family}:{k}" for family in config.families for k in range(config.first, config.first + config.people)
+        f"{family}:{k}" for k in range(config.first, config.first + config.people) for family in config.families
     ):
-        persons.append({"person": name} | _measured(member(name, setup), room, config))
-        if on_person:
+        persons.append(done.get(name) or {"person": name} | _measured(member(name, setup), room, config))
+        if on_person and name not in done:
             on_person(persons[-1])
-    return {"simulated": True, "setup": setup, "config": asdict(config), **summary_of(persons), "persons": persons}
+    return result_of(setup, config, persons)
+
+
+def result_of(setup: str, config: PeoplePoliciesConfig, persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Of so many persons; of a run that is not through, too."""
+    summary = {"simulated": True, "setup": setup, "config": asdict(config), **summary_of(persons)}
+    families = {
+        family: summary_of([one for one in persons if one["person"].startswith(f"{family}:")])
+        for family in config.families
+    }
+    return {**summary, "families": families, "persons": list(persons)}
+
+
+def known_persons(path: Path, setup: str, config: PeoplePoliciesConfig) -> list[dict[str, Any]]:
+    """Of a file that a run of the same settings left; none where there is no such file."""
+    if not path.is_file():
+        return []
+    found = json.loads(path.read_text())
+    same = found.get("setup") == setup and found.get("config") == json.loads(json.dumps(asdict(config)))
+    return list(found["persons"]) if same else []
 
 
 def summary_of(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Over all people."""
+    """Over all people; only how many there are where there is nobody."""
     found: dict[str, Any] = {"people": len(persons)}
-    for when in ("at_once", "refined"):
+    if not persons:
+        return found
+    for when in SHOWN:
+        if persons[0][f"gain_{when}"] is None:
+            continue
         raised = wilson(sum(one[f"gain_{when}"] > 0 for one in persons), len(persons))
         shares = [one[f"share_{when}"] for one in persons if one[f"share_{when}"] is not None]
         shown = [one for one in persons if one[f"shown_{when}"]]
         harmed = wilson(sum(one[f"gain_{when}"] < 0 for one in shown), len(persons))
+        middle = _median_interval(shares) if shares else (None, None)
         found |= {
             f"raised_{when}": raised.value,
             f"raised_{when}_interval": [raised.low, raised.high],
             f"gain_{when}": float(np.median([one[f"gain_{when}"] for one in persons])),
             f"share_{when}": float(np.median(shares)) if shares else None,
+            f"share_{when}_interval": middle,
             f"success_{when}": float(np.mean([one[f"success_{when}"] for one in persons])),
             f"shown_{when}": len(shown) / len(persons),
             f"harmed_{when}": harmed.value,
@@ -124,67 +164,111 @@ def summary_of(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
         }
     trained = [one["gain_trained"] for one in persons if one["gain_trained"] is not None]
     return found | {
+        "gain_best": float(np.median([one["gain_best"] for one in persons])),
         "gain_trained": float(np.median(trained)) if trained else None,
         "accuracy": float(np.mean([one["accuracy"] for one in persons])),
+        "claimed": float(np.mean([one["claimed"] for one in persons])),
     }
+
+
+def _median_interval(values: Sequence[float]) -> tuple[float, float]:
+    """95 % of the median over people, by resampling them."""
+    medians = np.median(np.random.default_rng(95).choice(np.asarray(values), (2_000, len(values))), axis=1)
+    return float(np.quantile(medians, 0.025)), float(np.quantile(medians, 0.975))
 
 
 @dataclass(frozen=True)
 class _Room:
-    """What all people share."""
+    """What all people share. by_policy: the library's rollouts, of the base policy first, in the same few scenes."""
 
     setup: str
     pairs: AskedPairs
     seen: Doubles
     base: Policy
+    basis: StepBasis
+    library: PolicyLibrary
+    conditioned: ConditionedPolicy
     rolled_out: tuple[Trajectory, ...]
+    by_policy: tuple[Trajectory, ...]
 
     @classmethod
     def of(cls, setup: str, config: PeoplePoliciesConfig) -> _Room:
-        basis = load_step_basis(setup)
-        if basis is None:
-            raise LearningError(f"setup = {setup!r}: no step basis is shipped for it")
-        base = load_policy(f"{setup}/base")
+        basis, library = load_step_basis(setup), load_policy_library(setup)
+        if basis is None or library is None:
+            raise LearningError(f"setup = {setup!r}: no step basis or no policy library is shipped for it")
+        base, conditioned = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned")
         scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_SEED + 50 + config.seed)
         pairs = asked_pairs(setup, config.seed, asked=config.pool, test=config.test)
         seen = step_differences(basis, pairs.trajectories)
-        return cls(setup, pairs, seen, base, tuple(rollout(get_setup(setup), base.rollout_policy, scenes)))
+        few = scene_set(setup, TRUE_SCENES, purpose=Purpose.ALIGN_SELECT, seed=SELECT_SEED + config.seed)
+        policies = [base, *(library.policy(place, conditioned, base) for place in range(len(library)))]
+        by_policy = tuple(one for policy in policies for one in _rolled_out(policy, few))
+        usual = tuple(_rolled_out(base, scenes))
+        return cls(setup, pairs, seen, base, basis, library, conditioned, usual, by_policy)
+
+    def policy(self, place: int) -> Policy:
+        return self.library.policy(place, self.conditioned, self.base)
+
+
+def _rolled_out(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
+    return list(rollout(get_setup(policy.setup), policy.rollout_policy, list(scenes)))
 
 
 def _measured(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -> dict[str, Any]:
     person = person.after(config.answers)  # who it is when all is answered
     better = room.pairs.better(person.scores(room.pairs.in_turn)) > 0
     posterior, asked = _asked(better, room, config)
-    basis = load_step_basis(room.setup)
-    assert basis is not None  # noqa: S101  the room has seen it
-    model = StepWeightsRewardModel(room.setup, basis, posterior.mean.astype(np.float32))
     believed = FreePosterior.from_answers(room.pairs.differences[asked], better[asked])
     test = room.pairs.test
+    claimed = posterior.predict(room.seen[test])
     result: dict[str, Any] = {
-        "accuracy": float(((posterior.predict(room.seen[test]) > 0.5) == better[test]).mean()),
+        "accuracy": float(((claimed > 0.5) == better[test]).mean()),
+        "claimed": float(np.maximum(claimed, 1 - claimed).mean()),
         "something_else": believed.something_else(),
     }
-    rewards: list[tuple[str, RewardModel | None, int]] = [
-        ("at_once", model, UPDATES["instant"]),
-        ("refined", model, UPDATES["conditioning_search"]),
-        ("trained", _true_reward(person, room.setup), config.trained),
-    ]
-    for when, reward, updates in rewards:
-        if reward is None:
+    began = time.process_time()
+    place = best_of(room.library, believed, posterior)
+    policies = {"at_once": room.policy(place)}
+    result |= {"place": place, "seconds_at_once": round(time.process_time() - began, 1)}
+    if config.tuned:
+        began = time.process_time()
+        settings = _settings(config, config.tuned)
+        own = fine_tuned(policies["at_once"], room.base, room.basis, (believed, posterior), settings)
+        policies["refined"] = own.policy
+        result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
+    policies["best"] = _best_by_the_truth(person, room)
+    reward = _true_reward(person, room.setup)
+    if reward is not None and config.trained:
+        tuned = tune_to_reward(room.base, reward, _settings(config, config.trained), start=policies["best"])
+        policies["trained"] = tuned.policy
+    for when in ("at_once", "refined", "best", "trained"):
+        if when not in policies:
             result |= {f"gain_{when}": None}
             continue
-        began = time.process_time()
-        settings = OwnRewardConfig(updates=updates, checkpoints=max(3, updates // 1_000), seed=config.seed)
-        policy = tune_to_reward(room.base, reward, replace(settings, gate=GateRule(scenes=100))).policy
-        result |= {f"seconds_{when}": round(time.process_time() - began, 1)}
-        result |= {f"{key}_{when}": value for key, value in _gained(person, policy, room).items()}
-        if when != "trained":
-            verdict = better_for_person(believed, policy, room.base, seed=config.seed)
+        result |= {f"{key}_{when}": value for key, value in _gained(person, policies[when], room).items()}
+        if when in SHOWN:
+            verdict = better_for_person(believed, policies[when], room.base, seed=config.seed)
             result |= {f"probability_{when}": verdict.probability_better, f"shown_{when}": verdict.passed}
-    whole = result["gain_trained"]
-    for when in ("at_once", "refined"):
-        result[f"share_{when}"] = result[f"gain_{when}"] / whole if whole is not None and whole > 0.05 else None
+    whole = max(one for one in (result["gain_best"], result["gain_trained"]) if one is not None)
+    for when in SHOWN:
+        gain = result[f"gain_{when}"]
+        result[f"share_{when}"] = gain / whole if gain is not None and whole > 0.05 else None
     return result
+
+
+def _settings(config: PeoplePoliciesConfig, updates: int) -> OwnRewardConfig:
+    return OwnRewardConfig(
+        updates=updates, checkpoints=max(3, updates // 1_000), seed=config.seed, gate=GateRule(scenes=50)
+    )
+
+
+def _best_by_the_truth(person: FamilyMember, room: _Room) -> Policy:
+    """Of the library, of those that arrive nearly as often as asked."""
+    scores = person.scores(room.by_policy).reshape(-1, TRUE_SCENES)
+    arrived = np.array([one.outcome == Outcome.SUCCESS for one in room.by_policy]).reshape(-1, TRUE_SCENES)
+    both = arrived[1:] & arrived[0]
+    gains = np.where(both, scores[1:] - scores[0], 0.0).sum(1) / np.maximum(both.sum(1), 1)
+    return room.policy(int(np.where(room.library.measures.success >= LEAST_SUCCESS, gains, -np.inf).argmax()))
 
 
 def _asked(better: NDArray[np.bool_], room: _Room, config: PeoplePoliciesConfig) -> tuple[StepPosterior, list[int]]:
@@ -207,10 +291,15 @@ def _true_reward(person: FamilyMember, setup: str) -> TrueReward | None:
 
 
 def _gained(person: FamilyMember, policy: Policy, room: _Room) -> dict[str, float]:
-    own = rollout(get_setup(room.setup), policy.rollout_policy, [one.scene for one in room.rolled_out])
+    return _compared(person, policy, room.rolled_out)
+
+
+def _compared(person: FamilyMember, policy: Policy, usual: Sequence[Trajectory]) -> dict[str, float]:
+    """In typical differences of a pair, against what the base policy did in the same scenes."""
+    own = _rolled_out(policy, [one.scene for one in usual])
     arrived = np.array([one.outcome == Outcome.SUCCESS for one in own])
-    both = arrived & np.array([one.outcome == Outcome.SUCCESS for one in room.rolled_out])
-    gained = (person.scores(own) - person.scores(room.rolled_out))[both] / person.unit(room.setup)
+    both = arrived & np.array([one.outcome == Outcome.SUCCESS for one in usual])
+    gained = (person.scores(own) - person.scores(usual))[both] / person.unit(policy.setup)
     return {
         "gain": float(gained.mean()) if len(gained) else -1.0,
         "preferred": float(((gained > 0) + 0.5 * (gained == 0)).mean()) if len(gained) else 0.0,

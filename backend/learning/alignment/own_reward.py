@@ -155,7 +155,7 @@ def tune_to_reward(
     setup = get_setup(require_same(policy=base.setup, reward_model=model.setup, start=start.setup))
     replay = collect(start, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
     replay_sha256 = replay.digest()
-    reward = config.reward(model, replay.filled(), base)
+    reward = config.reward(model, replay.filled(), start)
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
     usual = rollout(setup, base.rollout_policy, scenes)
     before = float(reward.means(usual).mean()) / reward.spread

@@ -19,6 +19,8 @@ from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
+Measured = tuple[Doubles, Doubles]
+"""Named measures (n, measures) and embedding (n, features) of trajectories."""
 LARGEST = 4.0  # typical differences: a larger one says no more
 
 
@@ -39,18 +41,22 @@ class PairDifferences:
         """left_right_symmetry: of what a pair and its mirror image have in common, for people who would answer both
         alike. Raises SetupError for trajectories of several setups, ValueError for none."""
         trajectories = [trajectory for pair in pairs for trajectory in pair]
-        units = _units(setup)
-        named, features = _both(trajectories)
-        if left_right_symmetry:
-            mirror = mirror_of(get_setup(setup))
-            mirrored = _both([mirror.seen_in(trajectory) for trajectory in trajectories])
-            named, features = (named + mirrored[0]) / 2, (features + mirrored[1]) / 2
-        return cls(
-            setup,
-            seen_differences(pairs),
-            units[0].scaled(named),
-            units[1].scaled(features),
+        return cls._of(setup, pairs, measured(setup, trajectories, left_right_symmetry=left_right_symmetry))
+
+    @classmethod
+    def between(
+        cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]], first: Measured, second: Measured
+    ) -> PairDifferences:
+        """As `of`, where what all firsts and all seconds measure is known already."""
+        in_turn = tuple(
+            np.stack(both, axis=1).reshape(-1, both[0].shape[1]) for both in zip(first, second, strict=True)
         )
+        return cls._of(setup, pairs, (in_turn[0], in_turn[1]))
+
+    @classmethod
+    def _of(cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]], in_turn: Measured) -> PairDifferences:
+        units = _units(setup)
+        return cls(setup, seen_differences(pairs), units[0].scaled(in_turn[0]), units[1].scaled(in_turn[1]))
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -81,7 +87,17 @@ class _Unit:
         return found
 
 
-def _both(trajectories: Sequence[Trajectory]) -> tuple[Doubles, Doubles]:
+def measured(setup: str, trajectories: Sequence[Trajectory], *, left_right_symmetry: bool = False) -> Measured:
+    """Of each; with symmetry what a trajectory and its mirror image have in common."""
+    named, features = _both(trajectories)
+    if left_right_symmetry:
+        mirror = mirror_of(get_setup(setup))
+        mirrored = _both([mirror.seen_in(trajectory) for trajectory in trajectories])
+        named, features = (named + mirrored[0]) / 2, (features + mirrored[1]) / 2
+    return named, features
+
+
+def _both(trajectories: Sequence[Trajectory]) -> Measured:
     return named_measures(trajectories), embedded(trajectories)
 
 

@@ -18,6 +18,7 @@ from backend.learning.queries.queries import QuerySet
 from backend.learning.shipped_files import load_card, resolve, shipped_names
 
 if TYPE_CHECKING:
+    from backend.learning.alignment.policy_library import PolicyLibrary
     from backend.learning.measures.step_basis import StepBasis
 
 
@@ -76,20 +77,30 @@ def load_step_basis(setup: str) -> StepBasis | None:
     return StepBasis.load(resolve(name)) if name in shipped_names() else None
 
 
-def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet | StepBasis:
+def load_policy_library(setup: str) -> PolicyLibrary | None:
+    """The shipped library of a setup, None where there is none. Raises LearningError for a damaged file."""
+    from backend.learning.alignment.policy_library import PolicyLibrary
+
+    name = f"{setup}/policy_library"
+    return PolicyLibrary.load(resolve(name)) if name in shipped_names() else None
+
+
+def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary:
     """The shipped artefact of that name, its bytes checked against its card.
 
     Raises LearningError if the name is unknown or file and card disagree.
     """
+    from backend.learning.alignment.policy_library import PolicyLibrary
     from backend.learning.measures.step_basis import StepBasis
 
     path, card = resolve(name), load_card(name)
     if file_sha256(path) != card.sha256:
         raise LearningError(f"{name}: file and card disagree (sha256); restore both from the repository")
-    kinds: dict[str, type[Policy] | type[ConditionedPolicy] | type[QuerySet] | type[StepBasis]] = {
+    kinds: dict[str, type[Policy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary]] = {
         "policy": Policy,
         "conditioned_policy": ConditionedPolicy,
         "query_set": QuerySet,
         "step_basis": StepBasis,
+        "policy_library": PolicyLibrary,
     }
     return kinds[card.kind].load(path)

@@ -136,6 +136,17 @@ class FreePosterior:
             probable.append(float(ndtr(mean / math.sqrt(variance + of_scenes + 1e-12))))
         return float(self._masses @ np.array(probable))
 
+    def advantages(self, differences: PairDifferences) -> tuple[Doubles, Doubles]:
+        """(n,) how much better the first of each pair is expected to be, in log odds, and its standard deviation."""
+        nine = self._few.weights @ gains(differences.seen[:, 0] / typical_differences(self.setup)).T.astype(np.float32)
+        means, squares = [nine.mean(0)], [np.square(nine).mean(0)]
+        for way, seen in self._of(differences):
+            mean, variance = way.process.advantages(seen)
+            means.append(mean)
+            squares.append(np.square(mean) + variance)
+        expected: Doubles = self._masses @ np.stack(means)
+        return expected, np.sqrt(np.maximum(self._masses @ np.stack(squares) - np.square(expected), 1e-12))
+
     def each_better(self, differences: PairDifferences) -> Doubles:
         """(n,) probability that the first of each pair is the one preferred, whatever would be answered."""
         advantages = self._few.weights @ gains(differences.seen[:, 0] / typical_differences(self.setup)).T.astype(

@@ -62,6 +62,12 @@ class StepPosterior:
         )
         return found
 
+    def advantages(self, differences: Doubles) -> tuple[Doubles, Doubles]:
+        """(n,) how much better the first of each pair is expected to be, in log odds, and its standard deviation."""
+        masses, means, variances = (np.array(part) for part in zip(*self._of(differences), strict=True))
+        expected: Doubles = masses @ means
+        return expected, np.sqrt(masses @ (variances + np.square(means - expected)))
+
     def probability_better(self, differences: Doubles) -> float:
         """That the first of these pairs are on average preferred to the second; that scenes are a sample is counted."""
         if not len(differences):

@@ -59,8 +59,14 @@ def step_differences(basis: StepBasis, pairs: Sequence[tuple[Trajectory, Traject
     return found
 
 
+def step_posterior_of(preferences: Sequence[Preference], basis: StepBasis) -> StepPosterior:
+    """What preferences say. Raises LearningError without answers about two different trajectories of one setup."""
+    _, kept = usable(preferences)
+    return step_posterior(basis, [(one.chosen, one.rejected) for one in kept], [True] * len(kept))
+
+
 def fit_step_weights(preferences: Sequence[Preference], basis: StepBasis) -> StepWeightsRewardModel:
     """The posterior mean. Raises LearningError without answers about two different trajectories of one setup."""
-    setup, kept = usable(preferences)
-    posterior = step_posterior(basis, [(one.chosen, one.rejected) for one in kept], [True] * len(kept))
-    return StepWeightsRewardModel(setup.name, basis, posterior.mean.astype(np.float32))
+    setup, _ = usable(preferences)
+    mean = step_posterior_of(preferences, basis).mean
+    return StepWeightsRewardModel(setup.name, basis, mean.astype(np.float32))

@@ -1,0 +1,129 @@
+"""Policies made before anybody came, and which of them is somebody's own by what their answers say: no training at all.
+
+Half of them are the conditioned policy at settings, half were trained on from the base policy by weights of the step
+basis, in directions that are orthogonal to each other, so that no reward is far from all. How each differs from the
+base policy is stored beside it. Making one is `experiments/shipping/policy_libraries.py`'s. All ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.errors import LearningError
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.measures.step_basis import Doubles, Floats
+from backend.learning.policies.conditioned import ConditionedPolicy
+from backend.learning.policies.policy import Policy
+from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.preferences.step_posterior import StepPosterior
+from backend.simulation.npz import NpzError, from_npz, to_npz
+
+FORMAT = "desirepath-policy-library-1"
+DOUBT = 0.1
+"""Standard deviations that are taken off what a policy is expected to gain; chosen on tuning families."""
+
+LEAST_SUCCESS = 0.96
+
+
+@dataclass(frozen=True)
+class LibraryMeasures:
+    """How each of n policies differs from the base policy, on average over the scenes in which both arrive. pairs,
+    mirrored: without and with left-right symmetry; steps (n, K): as `step_differences`; success (n,)."""
+
+    pairs: PairDifferences
+    mirrored: PairDifferences
+    steps: Doubles
+    success: Doubles
+
+    def __getitem__(self, rows: NDArray[np.int64]) -> LibraryMeasures:
+        return LibraryMeasures(self.pairs[rows], self.mirrored[rows], self.steps[rows], self.success[rows])
+
+
+@dataclass(frozen=True)
+class PolicyLibrary:
+    """settings (m, 9): of the conditioned policy. weights (k, K): that the others were trained on; actors: theirs, in
+    half precision. measures: of the m, then of the k."""
+
+    setup: str
+    settings: Floats
+    weights: Floats
+    actors: tuple[tuple[NDArray[np.float16], ...], ...]
+    measures: LibraryMeasures
+
+    def __len__(self) -> int:
+        return len(self.settings) + len(self.actors)
+
+    def policy(self, place: int, conditioned: ConditionedPolicy, base: Policy) -> Policy:
+        """The one at this place, with a critic to go on training from; freed by the base policy where it is stuck."""
+        if place < len(self.settings):
+            return conditioned.as_trained().at(self.settings[place])
+        actor = tuple(layer.astype(np.float32) for layer in self.actors[place - len(self.settings)])
+        return Policy(base.setup, base.shape, actor, base.critic, (base.actor,))
+
+    def to_bytes(self) -> bytes:
+        """NPZ without pickled objects; the same library always gives the same bytes."""
+        of, mirrored = self.measures.pairs, self.measures.mirrored
+        arrays: dict[str, NDArray[np.floating[Any]]] = {
+            "settings": self.settings,
+            "weights": self.weights,
+            "seen": of.seen.astype(np.float32),
+            "named": of.named.astype(np.float32),
+            "embedding": of.embedding.astype(np.float32),
+            "mirrored_named": mirrored.named.astype(np.float32),
+            "mirrored_embedding": mirrored.embedding.astype(np.float32),
+            "steps": self.measures.steps.astype(np.float32),
+            "success": self.measures.success.astype(np.float32),
+        }
+        for place, actor in enumerate(self.actors):
+            arrays |= {f"actor{place:03d}_{k:02d}": layer for k, layer in enumerate(actor)}
+        return to_npz({"format": FORMAT, "setup": self.setup}, arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> PolicyLibrary:
+        """Raises LearningError if the file is missing or no library; nothing in it is run."""
+        try:
+            meta, arrays = from_npz(path.read_bytes())
+            if meta["format"] != FORMAT:
+                raise LearningError(f"{path.name}: format {meta['format']!r}; what is read here is {FORMAT!r}")
+            setup = str(meta["setup"])
+            named, embedding, seen = (arrays[key].astype(np.float64) for key in ("named", "embedding", "seen"))
+            mirrored = (arrays[f"mirrored_{key}"].astype(np.float64) for key in ("named", "embedding"))
+            layers: dict[str, list[NDArray[np.float16]]] = {}
+            for key in sorted(key for key in arrays if key.startswith("actor")):
+                layers.setdefault(key.partition("_")[0], []).append(arrays[key])
+            measures = LibraryMeasures(
+                PairDifferences(setup, seen, named, embedding),
+                PairDifferences(setup, seen, *mirrored),
+                arrays["steps"].astype(np.float64),
+                arrays["success"].astype(np.float64),
+            )
+            actors = tuple(tuple(of) for of in layers.values())
+            return cls(setup, arrays["settings"], arrays["weights"], actors, measures)
+        except OSError as problem:
+            raise LearningError(f"cannot read policy library {path}: {problem.strerror}") from None
+        except (NpzError, KeyError) as problem:
+            raise LearningError(f"{path.name} is no policy library: {problem}") from None
+
+
+def expected_gains(measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior) -> Doubles:
+    """(n,) what each is expected to gain over the base policy, by both posteriors, each in its own largest gain, less
+    doubt."""
+    mirrored = believed.config.posterior.left_right_symmetry
+    found = np.zeros(len(measures.steps))
+    for mean, deviation in (
+        believed.advantages(measures.mirrored if mirrored else measures.pairs),
+        steps.advantages(measures.steps),
+    ):
+        found += (mean - DOUBT * deviation) / max(float(np.abs(mean).max()), 1e-9)
+    return found
+
+
+def best_of(library: PolicyLibrary, believed: FreePosterior, steps: StepPosterior) -> int:
+    """The place of the policy that is expected to gain most, of those that arrive often enough."""
+    arrives = library.measures.success >= LEAST_SUCCESS
+    return int(np.where(arrives, expected_gains(library.measures, believed, steps), -np.inf).argmax())

@@ -1,0 +1,110 @@
+"""A library of policies made before anybody came: somebody whom the nine objectives do not describe has theirs at once,
+and never has to wait for a training."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from backend.experiments.shipping.policy_libraries import directions, library_settings
+from backend.learning.alignment.library_measures import measured_against
+from backend.learning.alignment.policy_library import PolicyLibrary, best_of, expected_gains
+from backend.learning.errors import LearningError
+from backend.learning.measures.pairs import PairDifferences
+from backend.learning.people.card import member
+from backend.learning.policies.shipped import (
+    load_conditioned,
+    load_policy,
+    load_policy_library,
+    load_shipped,
+    load_step_basis,
+)
+from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.preferences.step_posterior import StepPosterior
+from backend.learning.queries.queries import QuerySet
+from backend.learning.rewards.step_weights import step_differences
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.simulation.fast import rollout
+from backend.simulation.setups import get_setup
+from backend.simulation.trajectory import Outcome
+
+SETUPS = ("study_room", "open_field")
+
+
+@pytest.fixture(scope="module", params=SETUPS)
+def library(request: pytest.FixtureRequest) -> PolicyLibrary:
+    found = load_policy_library(request.param)
+    assert found is not None
+    return found
+
+
+def test_the_shipped_library_is_what_its_card_says(library: PolicyLibrary) -> None:
+    assert isinstance(load_shipped(f"{library.setup}/policy_library"), PolicyLibrary)
+    assert len(library.actors) >= 10
+    assert len(library) == len(library.measures.steps)
+    assert library.measures.success.min() >= 0.949  # as single precision has it
+    assert load_policy_library("corridor") is None
+
+
+def test_what_is_stored_of_a_policy_is_what_it_does(library: PolicyLibrary) -> None:
+    setup = library.setup
+    base, conditioned, basis = (
+        load_policy(f"{setup}/base"),
+        load_conditioned(f"{setup}/conditioned"),
+        load_step_basis(setup),
+    )
+    assert basis is not None
+    places = np.array([3, len(library) - 1])
+    scenes = scene_set(setup, 80, purpose=Purpose.ALIGN_SELECT, seed=7_100)
+    again = measured_against(base, [library.policy(int(k), conditioned, base) for k in places], basis, scenes)
+    stored = library.measures[places]
+    np.testing.assert_allclose(again.pairs.named, stored.pairs.named, atol=2e-3)
+    np.testing.assert_allclose(again.mirrored.embedding, stored.mirrored.embedding, atol=2e-3)
+    np.testing.assert_allclose(again.steps, stored.steps, atol=2e-3)
+    np.testing.assert_allclose(again.success, stored.success, atol=0.02)
+
+
+def test_fifteen_answers_find_a_policy_that_somebody_outside_the_nine_prefers(study_queries: QuerySet) -> None:
+    pairs = [(query.trajectory_a, query.trajectory_b) for query in study_queries.queries[:15]]
+    library, basis = load_policy_library("study_room"), load_step_basis("study_room")
+    base, conditioned = load_policy("study_room/base"), load_conditioned("study_room/conditioned")
+    assert library is not None
+    assert basis is not None
+    scenes = scene_set("study_room", 60, purpose=Purpose.REPORT, seed=71)
+    usual = rollout(get_setup("study_room"), base.rollout_policy, scenes)
+    raised = []
+    for name in ("network:1003", "network:1005", "thresholds:1000", "mixture:1001"):
+        person = member(name, "study_room")
+        chosen = np.array([person.score(a) > person.score(b) for a, b in pairs])
+        believed = FreePosterior.from_answers(PairDifferences.of("study_room", pairs), chosen)
+        place = best_of(library, believed, StepPosterior.from_answers(step_differences(basis, pairs), chosen))
+        own = rollout(get_setup("study_room"), library.policy(place, conditioned, base).rollout_policy, scenes)
+        both = [k for k in range(60) if own[k].outcome == usual[k].outcome == Outcome.SUCCESS]
+        raised.append((person.scores([own[k] for k in both]) - person.scores([usual[k] for k in both])).mean() > 0)
+        assert len(both) >= 55
+    assert sum(raised) >= 3
+
+
+def test_before_any_answer_nobody_is_expected_to_gain_from_a_library(library: PolicyLibrary) -> None:
+    nobody = StepPosterior.from_answers(library.measures.steps[:0], [])
+    expected, deviation = nobody.advantages(library.measures.steps)
+    np.testing.assert_allclose(expected, 0)
+    assert (deviation > 0).all()
+    assert np.isfinite(expected_gains(library.measures, FreePosterior.prior(library.setup), nobody)).all()
+
+
+def test_a_damaged_library_is_named(tmp_path: Path) -> None:
+    (tmp_path / "policy_library.npz").write_bytes(b"no library")
+    with pytest.raises(LearningError, match=r"policy_library\.npz is no policy library"):
+        PolicyLibrary.load(tmp_path / "policy_library.npz")
+    with pytest.raises(LearningError, match="cannot read policy library"):
+        PolicyLibrary.load(tmp_path / "none.npz")
+
+
+def test_directions_are_opposite_and_orthogonal() -> None:
+    found = directions(24, 48)
+    np.testing.assert_allclose(found[0::2], -found[1::2])
+    np.testing.assert_allclose(found[0::2] @ found[0::2].T, 24 * np.eye(24), atol=1e-3)
+    assert len(library_settings(51)) == 69
