@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
+import yaml
 from sqlalchemy import select
 
+from backend.learning.measures.named import NAMED
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import analyse
 from backend.report.meeting_findings import met as met_of
@@ -17,6 +20,7 @@ from backend.store.models import Job, Study
 from backend.store.snapshots import take_snapshot
 from backend.study.grammar.source import ProtocolError
 from backend.study.kinds.live import distance
+from backend.study.personalising.believed import beyond_nine
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.studies import queries_of_study
@@ -74,6 +78,38 @@ def test_people_are_told_what_was_learned_and_how_sure_it_is(taught):
     assert payload["believed"]["answers"] == 3
     assert 0 < payload["believed"]["rather_sure"] <= 1
     assert payload["believed"]["foremost"] != payload["believed"]["rather_than"]
+
+
+CHECK = {"something_else": 0.83, "words": {"turning_on_the_spot": -1.0, "free_range_ahead": 0.7, "jerk": -0.2}}
+
+
+def test_who_was_shown_a_free_form_robot_is_told_of_something_else_and_where_it_shows(taught):
+    learned(taught, free_form=True, check=CHECK)
+    met(taught)
+    beyond = taught.view.payload["believed"]["beyond"]
+    assert beyond["sure"] == 0.83
+    assert [list(one) for one in beyond["words"]] == [["turning_on_the_spot", "less"], ["free_range_ahead", "more"]]
+    taught.submit("meet_your_robot", {"agreement": 4, "weights": taught.view.payload["start"]})
+    assert answer(taught, "meet_your_robot").value["something_else"] == 0.83
+
+
+@pytest.mark.parametrize(
+    ("check", "shown", "told"),
+    [
+        (CHECK, {}, True),
+        ({**CHECK, "something_else": 0.3}, {}, False),
+        ({**CHECK, "something_else": 0.3}, {"free_form": True}, True),
+        (None, {"free_form": True}, False),
+    ],
+)
+def test_something_else_is_told_where_it_is_more_probable_or_was_shown(check, shown, told):
+    assert (beyond_nine(check, shown) is not None) == told
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_every_measure_that_may_be_told_has_plain_words(language):
+    words = yaml.safe_load(Path(f"frontend/locales/{language}/live.yaml").read_text())["seen"]
+    assert sorted(words) == sorted(NAMED)
 
 
 def test_agreement_correction_and_the_distance_between_are_the_answer(taught):

@@ -10,7 +10,7 @@ import pytest
 from backend.learning.preferences.objectives import NAMES, OPPOSITES
 from backend.store.dataset.writing import export_study
 from backend.study.grammar.source import ProtocolError
-from backend.study.kinds.live import CONTROLS, OBJECTIVES, distance, replayed
+from backend.study.kinds.live import CONTROLS, OBJECTIVES, distance, in_triangle, replayed
 from backend.study.kinds.tuning import STARTED_RANDOMLY
 from backend.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of
 from backend.study.refusals import Refused
@@ -76,6 +76,57 @@ def test_what_no_slider_can_say_is_refused_by_its_field(walk, value, said):
     assert re.search(said, f"{refused.value.field}: {refused.value}")
 
 
+CORNERS = ["farther", "shorter", "smoother"]
+TRIANGLE = {"tuning": {"scenes": 2, "objectives": CORNERS}}
+
+
+def test_a_triangle_of_three_weights_that_the_protocol_names_begins_in_its_middle(walk):
+    walker = walk(TRIANGLE, BLOCK)
+    payload = walker.view.payload
+    assert payload["triangle"] == CORNERS
+    assert payload["start"] == pytest.approx({"farther": 0.34, "shorter": 0.33, "smoother": 0.33}, abs=0.011)
+    moved = {"farther": 0.7, "shorter": 0.1, "smoother": 0.2}
+    history = [change(name, weight, by="touch") for name, weight in moved.items()]
+    walker.submit("tuning", {"weights": moved, "history": history})
+    assert answer(walker, "tuning").value["weights"] == moved
+
+
+@pytest.mark.parametrize(
+    ("weights", "said"),
+    [
+        ({"farther": 0.7, "shorter": 0.1}, "value.weights.*must sum to 1"),
+        ({"farther": 0.7, "faster": 0.3}, "value.weights.faster.*no corner"),
+    ],
+)
+def test_what_no_place_in_the_triangle_says_is_refused(walk, weights, said):
+    walker = walk(TRIANGLE, BLOCK)
+    with pytest.raises(Refused) as refused:
+        walker.submit("tuning", {"weights": weights})
+    assert re.search(said, f"{refused.value.field}: {refused.value}")
+
+
+def test_shares_of_a_triangle_are_whole_percent_and_together_all():
+    for weights in (
+        {},
+        {"farther": 0.1, "smoother": 0.2},
+        {"closer": 1.0},
+        {"shorter": 1, "farther": 1, "smoother": 1},
+    ):
+        found = in_triangle(weights, CORNERS)
+        assert sum(found.values()) == pytest.approx(1)
+        assert all(round(100 * share) == pytest.approx(100 * share) for share in found.values())
+    assert in_triangle({"farther": 0.1, "smoother": 0.1}, CORNERS) == {"farther": 0.5, "smoother": 0.5}
+
+
+def test_a_random_place_in_the_triangle_is_kept_and_bots_set_what_they_would_of_the_three(walk):
+    walker = walk({"tuning": {"start": "random", "objectives": CORNERS}}, BLOCK)
+    start = walker.view.payload["start"]
+    assert set(start) <= set(CORNERS)
+    assert sum(start.values()) == pytest.approx(1)
+    walker.submit("tuning", {"weights": start})
+    assert answer(walker, "tuning").value["start"] == start
+
+
 def test_a_random_start_is_drawn_once_and_kept_with_the_answer(walk):
     walker = walk({"tuning": {"start": "random"}}, BLOCK)
     start = walker.view.payload["start"]
@@ -103,6 +154,9 @@ def test_a_learned_start_is_what_the_answers_before_it_taught(walk):
         ([BLOCK, {"tuning": {"start": "learned"}}, *COMPARED], "before the blind comparison"),
         ([BLOCK, {"tuning": {"start": "learned", "setup": "open_field"}}], "must be study_room"),
         ([BLOCK, {"tuning": {"scenes": 7}}], "6"),
+        ([BLOCK, {"tuning": {"objectives": ["farther", "shorter"]}}], "names 2 objectives; a triangle has three"),
+        ([BLOCK, {"tuning": {"objectives": ["farther", "closer", "faster"]}}], "of which only one may be above 0"),
+        ([BLOCK, {"tuning": {"objectives": ["farther", "kinder", "faster"]}}], "'kinder' is no objective"),
     ],
 )
 def test_a_protocol_whose_learned_start_cannot_be_is_refused(tmp_path, stages, said):
@@ -113,7 +167,8 @@ def test_a_protocol_whose_learned_start_cannot_be_is_refused(tmp_path, stages, s
 def test_simulated_people_set_their_own_weights_and_the_export_has_every_change(
     database, files, tmp_path, twenty_queries
 ):
-    frozen = small_protocol(tmp_path, [{"tuning": {"start": "random"}}, BLOCK], query_set=str(twenty_queries))
+    stages = [{"tuning": {"start": "random"}}, TRIANGLE, BLOCK]
+    frozen = small_protocol(tmp_path, stages, query_set=str(twenty_queries))
     with database.transaction() as s:
         study = create_study(s, files, frozen, name="Tuned", created_by=None)
     said = walk_in_process(database, files, study, 2, Character(oracle="shortest,min-human-distance"))
@@ -123,6 +178,8 @@ def test_simulated_people_set_their_own_weights_and_the_export_has_every_change(
         rows = list(csv.DictReader(file))
     assert {row["by"] for row in rows} == {"bot"}
     assert {("shorter", "1.0"), ("farther", "1.0")} <= {(row["objective"], row["weight"]) for row in rows}
+    in_triangle_alone = [row for row in rows if row["step"] == "tuning_2"]
+    assert {"smoother"} < {row["objective"] for row in in_triangle_alone} <= set(CORNERS)
 
 
 def test_distance_is_of_whole_vectors():

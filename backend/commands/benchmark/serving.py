@@ -128,3 +128,19 @@ def study_command(
     if out is not None:
         write_result(out, result)
     say(result, as_json)
+
+
+@commands.command()
+@plain_errors
+def live(
+    inputs: Annotated[int, typer.Option(min=20, help="Inputs per control and hand.")] = 120,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """From the hand on a weight to the robot's new way in the picture, in Chromium: sliders and triangle, milliseconds."""
+    from backend.experiments.benchmarks.live_controls import benchmark_live
+
+    result = benchmark_live(inputs=inputs, tell=lambda words: typer.echo(words, err=True))
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)

@@ -202,6 +202,7 @@ class BrowserSessionClient:
         """Let both robots drive to their ends, say whether that is them, and correct it where the bot does."""
         page = self._page
         page.locator("[data-drive][aria-disabled=false]").click()
+        page.locator("[data-drive][data-driving]").wait_for()
         self._picture("meet_driving")
         page.locator("[data-drive]:not([data-driving])").wait_for()
         page.locator(f"label:has([data-agreement][value='{value['agreement']}'])").click()

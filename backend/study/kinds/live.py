@@ -6,17 +6,17 @@ The rollouts are `personalising/live_rollouts.py`'s; the requests for them `api/
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from sqlalchemy import select
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Event
 from backend.study.grammar.parts import Part
 from backend.study.grammar.words import View
-from backend.study.kinds.base import Kind, Moment, Page, Step
+from backend.study.kinds.base import Kind, Moment, Page, Simulated, Step
 from backend.study.kinds.wire import Answer, BadValue, Besides
 from backend.study.personalising.live_rollouts import MOST_PLACES, conditioned_on
 
@@ -40,23 +40,55 @@ CONTROLS: tuple[tuple[str, ...], ...] = (
 OBJECTIVES = tuple(name for control in CONTROLS for name in control)
 Setup = Literal["study_room", "open_field"]
 SETUPS: tuple[str, ...] = get_args(Setup)
+CORNERS = 3
 Weights = dict[str, float]
 
 
+def _three(names: list[str]) -> list[str]:
+    """Raises ValueError unless they can be the corners of a triangle."""
+    known = ", ".join(OBJECTIVES)
+    for name in names:
+        if name not in OBJECTIVES:
+            raise ValueError(f"{name[:40]!r} is no objective; known are {known}")
+        if names.count(name) > 1:
+            raise ValueError(f"names {name} twice; needed are three different objectives")
+    if len(names) != CORNERS:
+        raise ValueError(f"names {len(names)} objectives; a triangle has three corners, of {known}")
+    for pair in CONTROLS:
+        if len(pair) == 2 and set(pair) <= set(names):
+            raise ValueError(f"names {pair[0]} and {pair[1]}, of which only one may be above 0")
+    return names
+
+
+Corners = Annotated[list[str], AfterValidator(_three)]
+
+
 class LiveStage(Part):
-    """Where weights are changed: in `scenes` scenes of `setup`, in which its conditioned policy drives."""
+    """Where weights are changed: in `scenes` scenes of `setup`, in which its conditioned policy drives. objectives:
+    three of the nine, weighed against each other in a triangle; None: all nine, by sliders.
+    """
 
     setup: Setup = "study_room"
     scenes: int = Field(3, ge=1, le=MOST_PLACES)
     view: View = "top_down"
+    objectives: Corners | None = None
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """What its step says of it."""
+        own = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
+        return own | ({"objectives": self.objectives} if self.objectives else {})
 
 
 class LiveStep(Step):
-    """setup: whose conditioned policy drives; scenes: how many of the setup's places there are to try it in."""
+    """setup: whose conditioned policy drives; scenes: how many of the setup's places there are to try it in;
+    objectives: the corners of the triangle, None: sliders for all.
+    """
 
     setup: str
     scenes: int
     view: View
+    objectives: list[str] | None = None
 
 
 def _numbers(given: object) -> object:
@@ -89,6 +121,9 @@ class LiveAnswer(Answer):
 
 class AboutLive(Besides):
     start: Weights | None = Field(None, description="the weights that the controls stand at in the beginning")
+    objectives: list[str] | None = Field(
+        None, description="those that are weighed in a triangle; null: all, by sliders"
+    )
 
 
 def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weights:
@@ -103,6 +138,23 @@ def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weigh
         if len(pair) == 2 and set(pair) <= set(kept):
             raise BadValue(f"{field}.{pair[1]}", kept[pair[1]], f"cannot be above 0 beside {pair[0]}, its opposite")
     return kept
+
+
+def in_triangle(weights: Mapping[str, float], corners: Sequence[str]) -> Weights:
+    """What those weights say of the corners alone, in whole percent that sum to 1; the middle where they say nothing."""
+    shares = [max(0.0, weights.get(name, 0.0)) for name in corners]
+    together = sum(shares)
+    exact = [100 * share / together if together > 0 else 100 / len(corners) for share in shares]
+    percent = [math.floor(share) for share in exact]
+    missing = sorted(range(len(corners)), key=lambda k: percent[k] - exact[k])[: 100 - sum(percent)]
+    whole = [share + (k in missing) for k, share in enumerate(percent)]
+    found = dict(zip(corners, whole, strict=True))
+    return {name: found[name] / 100 for name in OBJECTIVES if found.get(name, 0) > 0}
+
+
+def startable(step: LiveStep, weights: Mapping[str, float]) -> Weights:
+    """Those weights as the step's controls can stand at them."""
+    return in_triangle(weights, step.objectives) if step.objectives else dict(weights)
 
 
 def replayed(start: Mapping[str, float], history: Iterable[Mapping[str, Any]]) -> Weights:
@@ -148,17 +200,30 @@ class LiveKind(Kind[S, A]):
         return [conditioned_on(step.setup, weights or {})]
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
-        return {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": CONTROLS}
+        said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": CONTROLS}
+        return said | {"triangle": step.objectives}
 
     def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
         for number, change in enumerate(answer.history):
             if change.objective not in OBJECTIVES:
                 message = f"is no objective; known are {', '.join(OBJECTIVES)}"
                 raise BadValue(f"value.history.{number}.objective", change.objective, message)
+        weights = cleaned(answer.weights)
+        if step.objectives:
+            _require_triangle(weights, step.objectives)
         return {
-            "weights": cleaned(answer.weights),
+            "weights": weights,
             "history": [change.model_dump(mode="json") for change in answer.history],
         }
+
+
+def _require_triangle(weights: Weights, corners: Sequence[str]) -> None:
+    for name, weight in weights.items():
+        if name not in corners:
+            raise BadValue(f"value.weights.{name}", weight, f"is no corner of the triangle: {', '.join(corners)}")
+    together = sum(weights.values())
+    if abs(together - 1) > 2 * SAME:
+        raise BadValue("value.weights", round(together, ROUNDED), "must sum to 1, as in a triangle")
 
 
 def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> None:
@@ -169,6 +234,12 @@ def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> No
         if abs(ends.get(name, 0.0) - wanted) > SAME:
             message = f"says {wanted:g}, but the changes in value.history lead to {ends.get(name, 0.0):g}"
             raise BadValue(f"value.weights.{name}", wanted, message)
+
+
+def wanted_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
+    """What a program would set with the controls of that step; {}: it has no preference that they know."""
+    wanted = participant.preferred_weights(step)
+    return in_triangle(wanted, step["objectives"]) if wanted and step.get("objectives") else wanted
 
 
 def slid(start: Mapping[str, float], to: Mapping[str, float]) -> list[dict[str, Any]]:

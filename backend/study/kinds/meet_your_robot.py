@@ -30,6 +30,8 @@ from backend.study.kinds.live import (
     checked_history,
     distance,
     slid,
+    startable,
+    wanted_weights,
 )
 from backend.study.kinds.questionnaire import within
 from backend.study.kinds.wait import TrainStage
@@ -56,8 +58,8 @@ class MeetYourRobotStage(LiveStage, Stage):
     for_everybody = True
 
     def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
-        said = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
-        return [MeetYourRobotStep.model_validate({"kind": "meet_your_robot", "key": at.key, "stage": at.key, **said})]
+        own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key}
+        return [MeetYourRobotStep.model_validate(own | self.said)]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         return TAKES_S
@@ -101,6 +103,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         "verdict": "whether an own robot was shown: shown, or why not (sessions.personalisation)",
         "learned": "objective -> weight: what their answers taught",
         "sure": "probability that what was named first matters most to them",
+        "something_else": "probability that their answers are about none of the nine objectives, where they were told so; "
+        "else null",
         "corrected": "whether any weight was changed",
         "start": "the weights that the controls began with: the learned ones, none where no own robot was shown",
         "weights": "the weights at the end",
@@ -121,7 +125,12 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return [_own(moment, files) or conditioned_on(step.setup, {}), base]
 
     def payload(self, step: MeetYourRobotStep, page: Page) -> dict[str, Any]:
-        return super().payload(step, page) | {"start": {}, "verdict": "shown", "believed": None, "points": POINTS}
+        return super().payload(step, page) | {
+            "start": startable(step, {}),
+            "verdict": "shown",
+            "believed": None,
+            "points": POINTS,
+        }
 
     def payload_now(self, step: MeetYourRobotStep, moment: Moment) -> dict[str, Any]:
         noted = began_with(moment, step, BEGAN)
@@ -137,7 +146,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         verdict = str(acting.session.personalisation)
         job = ready_job(acting.s, acting.session) if verdict == "shown" else None
         found = believed_of(acting.s, acting.files, acting.session, job)
-        start = found.weights if found is not None and verdict == "shown" else {}
+        start = startable(step, found.weights if found is not None and verdict == "shown" else {})
         believed = found.as_dict() if found is not None else None
         said: dict[str, Any] = {"step": step.key, "verdict": verdict, "believed": believed, "start": start}
         log_event(acting.s, BEGAN, session_id=acting.session.id, **said)
@@ -153,22 +162,24 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         checked_history(start, stored)
         learned, shown = believed.get("weights", {}), noted.get("verdict") == "shown"
         corrected = bool(stored["history"]) and distance(start, stored["weights"]) > 0
-        apart = distance(learned, stored["weights"]) if corrected else 0.0 if shown else None
+        apart = distance(startable(step, learned), stored["weights"]) if corrected else 0.0 if shown else None
         return {
             "verdict": noted.get("verdict"),
             "learned": learned,
             "sure": believed.get("sure"),
+            "something_else": (believed.get("beyond") or {}).get("sure"),
             "start": start,
             "corrected": corrected,
             "distance": apart,
         }
 
     def known_to_simulated(self, step: MeetYourRobotStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
-        return {"start": payload["start"], "learned": (payload["believed"] or {}).get("weights", {})}
+        learned = (payload["believed"] or {}).get("weights", {})
+        return {"start": payload["start"], "objectives": step.objectives, "learned": startable(step, learned)}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """Who is not met well corrects it."""
-        own = participant.preferred_weights(step)
+        own = wanted_weights(step, participant)
         apart = distance(step["learned"], own)
         agreement = max(1, POINTS - round(4 * min(apart, 1.0)))
         if agreement == POINTS or not own:

@@ -1,4 +1,4 @@
-"""Kind of step `tuning`: the nine preference weights by hand, while the robot's way is redrawn at once.
+"""Kind of step `tuning`: the preference weights by hand, while the robot's way is redrawn at once.
 
 The answer is where the weights end, with every change on the way there.
 """
@@ -26,7 +26,10 @@ from backend.study.kinds.live import (
     Weights,
     began_with,
     checked_history,
+    in_triangle,
     slid,
+    startable,
+    wanted_weights,
 )
 from backend.study.personalising.believed import believed_of
 
@@ -36,8 +39,8 @@ BEGAN = "tuning_began"
 
 
 class TuningStage(LiveStage, Stage):
-    """The participant sets the preference weights by sliders. start: none (`neutral`), what the answers before it
-    taught (`learned`), or three sliders drawn by lot (`random`).
+    """The participant sets the preference weights by sliders, or three of them in a triangle. start: none, or the
+    triangle's middle (`neutral`), what the answers before it taught (`learned`), or drawn by lot (`random`).
     """
 
     asks = True
@@ -46,8 +49,10 @@ class TuningStage(LiveStage, Stage):
     question: Localized | None = None
 
     def plan(self, at: Planning) -> list[TuningStep]:  # type: ignore[override]  # a list of steps
-        drawn = {"begins": _by_lot(at.random)} if self.start == "random" else {}
-        said = {"setup": self.setup, "scenes": self.scenes, "view": self.view, "start": self.start, **drawn}
+        begins = _by_lot(at.random, self.objectives) if self.start == "random" else {}
+        if self.objectives and self.start == "neutral":
+            begins = in_triangle({}, self.objectives)
+        said = self.said | {"start": self.start} | ({"begins": begins} if begins else {})
         return [TuningStep.model_validate({"kind": "tuning", "key": at.key, "stage": at.key, **said})]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
@@ -68,14 +73,16 @@ class TuningStage(LiveStage, Stage):
             yield source.problem((*here, "start"), "needs a block or rating before it; there is nothing learned yet")
 
 
-def _by_lot(random: np.random.Generator) -> Weights:
+def _by_lot(random: np.random.Generator, corners: Sequence[str] | None) -> Weights:
+    if corners:  # evenly over the triangle
+        return in_triangle(dict(zip(corners, random.dirichlet(np.ones(len(corners))).tolist(), strict=True)), corners)
     chosen = random.choice(len(CONTROLS), size=STARTED_RANDOMLY, replace=False)
     ends = [CONTROLS[int(k)] for k in chosen]
     return {end[int(random.integers(len(end)))]: round(0.05 * int(random.integers(6, 21)), 2) for end in ends}
 
 
 class TuningStep(LiveStep):
-    """begins: the weights that it starts with, where they are drawn by lot."""
+    """begins: the weights that it starts with, where they are known before the session."""
 
     kind: Literal["tuning"]
     start: Literal["neutral", "learned", "random"]
@@ -108,7 +115,7 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         start = step.begins
         if step.start == "learned":
             found = believed_of(acting.s, acting.files, acting.session)
-            start = found.weights if found is not None else {}
+            start = startable(step, found.weights if found is not None else {})
         log_event(acting.s, BEGAN, session_id=acting.session.id, step=step.key, start=start)
 
     def keep(self, step: TuningStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
@@ -117,10 +124,10 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         return {"start": start}
 
     def known_to_simulated(self, step: TuningStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
-        return {"start": payload["start"]}
+        return {"start": payload["start"], "objectives": step.objectives}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        wanted = participant.preferred_weights(step)
+        wanted = wanted_weights(step, participant) or (step["start"] if step.get("objectives") else {})
         return {"weights": wanted, "history": slid(step["start"], wanted)}
 
 

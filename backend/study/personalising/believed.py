@@ -5,21 +5,36 @@ Words are the catalogues', the page `kinds/meet_your_robot.py`'s. What experimen
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Artefact, Job, Session
-from backend.study.personalising import next_query
+from backend.study.personalising import alignment_jobs, next_query
+
+SOMETHING_ELSE = 0.5  # from this probability on, as in `jobs/free_form.py`
+TOLD = 2  # ours: more measures than that nobody keeps in mind
+
+
+@dataclass(frozen=True)
+class Beyond:
+    """That answers are about something that is none of the nine objectives: sure: how probably; words: named measures
+    that show it best, at most two, each with whether more or less of it is preferred.
+    """
+
+    sure: float
+    words: list[tuple[str, Literal["more", "less"]]]
 
 
 @dataclass(frozen=True)
 class Believed:
     """weights: preference weights above 0, by objective. foremost: what most probably matters most, with that
     probability `sure`; rather_than: what matters least of what does not exclude it, and how probable it is that it
-    matters less (`rather_sure`). answers: from how many.
+    matters less (`rather_sure`). answers: from how many. beyond: where the nine objectives do not describe them; weights
+    are then what comes closest.
     """
 
     weights: dict[str, float]
@@ -28,6 +43,7 @@ class Believed:
     rather_than: str
     rather_sure: float
     answers: int
+    beyond: Beyond | None = None
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -61,7 +77,18 @@ def believed_of(
         rather_than=NAMES[least],
         rather_sure=round(float(np.sum(posterior.masses() * (1 + apart) / 2)), 3),
         answers=len(answers),
+        beyond=beyond_nine(alignment_jobs.check_of(s, session), (shown.result or {}) if shown is not None else {}),
     )
+
+
+def beyond_nine(check: Mapping[str, Any] | None, shown: Mapping[str, Any]) -> Beyond | None:
+    """What the predictive check says where a free-form policy is shown, or where something else is more probable."""
+    words = (check or {}).get("words") or {}
+    sure = float((check or {}).get("something_else") or 0.0)
+    if not words or not (shown.get("free_form") or sure >= SOMETHING_ELSE):
+        return None
+    most = sorted(words, key=lambda name: -abs(words[name]))[:TOLD]
+    return Beyond(round(sure, 3), [(name, "more" if words[name] > 0 else "less") for name in most])
 
 
 def _weights_of(s: DatabaseSession, shown: Job | None) -> dict[str, float] | None:

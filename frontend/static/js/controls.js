@@ -1,8 +1,11 @@
 // @ts-check
 /**
- * Sliders for preference weights: what they stand at, and every change with its time, place and hand. Two weights that
- * exclude each other are the two ends of one slider. What a change means is told to whoever listens.
+ * Controls for preference weights: what they stand at, and every change with its time, place and hand. Sliders, of
+ * which two weights that exclude each other are the two ends, or a triangle of three (triangle.js). What a change means
+ * is told to whoever listens.
  */
+
+import { Triangle } from "./triangle.js";
 
 /** @typedef {{[objective: string]: number}} Weights objective to weight, only those above 0 */
 /** @typedef {import("./contract.js").Change} Change */
@@ -10,6 +13,8 @@
 const MOST_CHANGES = 3900;
 /** Positions of a slider under the hand that follow each other so quickly are one change. */
 const ONE_CHANGE_S = 0.04;
+/** Of a triangle, each of whose changes is one of up to three weights. */
+const ONE_PULL_S = 0.1;
 
 export class Controls {
   /**
@@ -33,10 +38,21 @@ export class Controls {
     /** @type {Change["by"]} */
     this.by = "mouse";
     this.sliders = /** @type {HTMLInputElement[]} */ ([...root.querySelectorAll("input[data-ends]")]);
+    const triangle = /** @type {HTMLElement | null} */ (root.querySelector("[data-triangle]"));
+    /** @type {Triangle | null} */
+    this.triangle = null;
     for (const type of ["pointerdown", "keydown"]) {
-      root.addEventListener(type, (event) => {
-        this.by = event instanceof PointerEvent ? hand(event.pointerType) : "keys";
-      });
+      root.addEventListener(
+        type,
+        (event) => {
+          this.by = event instanceof PointerEvent ? hand(event.pointerType) : "keys";
+        },
+        { capture: true },
+      );
+    }
+    if (triangle) {
+      this.triangle = new Triangle(triangle, { moved: (weights) => this.pulled(weights, this.by), settled });
+      if (!Object.keys(start).length) this.weights = this.triangle.put(start);
     }
     for (const slider of this.sliders) {
       slider.addEventListener("input", () => this.slid(slider));
@@ -66,6 +82,26 @@ export class Controls {
     const objective = ends.length === 1 ? ends[0] : value < 0 ? ends[0] : value > 0 ? ends[1] : this.of(ends) ?? ends[1];
     this.set(objective, Math.abs(value), this.by);
     this.say(slider);
+  }
+
+  /** The triangle stands elsewhere. @param {Weights} to @param {Change["by"]} by */
+  pulled(to, by) {
+    const names = this.triangle?.names ?? [];
+    const changed = names.filter((one) => (this.weights[one] ?? 0) !== (to[one] ?? 0));
+    if (!changed.length) return;
+    const now = Math.round(performance.now() - this.opened) / 1000;
+    const last = this.history[this.history.length - 1];
+    const same = last && now - last.seconds < ONE_PULL_S && names.includes(last.objective) && last.by === by;
+    const seconds = same ? last.seconds : now;
+    for (const objective of changed) {
+      if (to[objective] > 0) this.weights[objective] = to[objective];
+      else delete this.weights[objective];
+      const known = this.history.findIndex((one) => one.seconds === seconds && one.objective === objective);
+      if (same && known >= 0) this.history.splice(known, 1);
+      this.history.push({ seconds, place: this.place(), by, objective, weight: to[objective] ?? 0 });
+      if (this.history.length > MOST_CHANGES) this.forget();
+    }
+    this.moved(changed[0]);
   }
 
   /** Which of these weighs something now. @param {string[]} ends */
@@ -99,6 +135,7 @@ export class Controls {
 
   /** All of them at once. @param {Weights} to @param {Change["by"]} by */
   put(to, by) {
+    if (this.triangle) this.pulled(this.triangle.put(to), by);
     for (const slider of this.sliders) {
       const ends = this.ends(slider);
       const wanted = ends.find((one) => to[one] > 0);
@@ -112,6 +149,7 @@ export class Controls {
   }
 
   show() {
+    if (this.triangle) this.triangle.put(this.weights);
     for (const slider of this.sliders) {
       const ends = this.ends(slider);
       const one = this.of(ends);

@@ -43,6 +43,8 @@ export class LivePanel extends StageBar {
     this.places = Number(root.dataset.scenes ?? 1);
     /** Which place the stage shows, as far as it was told. */
     this.stagePlace = 0;
+    /** The ways that are drawn. @type {(LivePaths["paths"][number] & {colour: number[], hollow: boolean})[] | null} */
+    this.found = null;
     /** Where the robots are, while they are under way. @type {number[][] | null} */
     this.poses = null;
     this.driving = false;
@@ -127,6 +129,7 @@ export class LivePanel extends StageBar {
     const order = { do: "paths", id: String(this.orders), onward, paths, legend: this.legend(colours) };
     this.tell({ type: "steer", ...order });
     this.tellWay();
+    if (!this.busy) this.show();
   }
 
   /** @param {number[][]} _colours @returns {import("./contract.js").LegendEntry[]} */
@@ -167,9 +170,8 @@ export class LivePanel extends StageBar {
 
   show() {
     this.part("live");
-    for (const button of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-drive], [data-place]"))) {
-      button.setAttribute("aria-disabled", String(!this.stageReady));
-    }
+    const may = { "[data-place]": this.stageReady, "[data-drive]": this.stageReady && Boolean(this.found) };
+    for (const [button, now] of Object.entries(may)) this.root.querySelector(button)?.setAttribute("aria-disabled", String(!now));
     this.root.querySelector("[data-drive]")?.toggleAttribute("data-driving", this.driving);
     this.text("[data-drive]", this.own(this.driving ? "stop" : "drive"));
   }
@@ -199,6 +201,7 @@ export class LivePanel extends StageBar {
   async goTo(place) {
     this.place = place;
     this.driving = false;
+    this.found = null; // nothing to drive along until its way is there
     this.text("#live-place", this.own("place", { number: place + 1, of: this.places }));
     this.note();
     this.stageReady = false;
