@@ -46,10 +46,16 @@
     return best;
   }
 
+  /** Where the robots were put, so that the room is not drawn anew for a robot that stands where it stood. */
+  let stand = "";
   function place() {
     const first = along.findIndex((t, i) => t < ends(paths[i]));
     const watched = inTurn ? first : 0;
-    paths.forEach((path, i) => window.desirePath.player.place(i, at(path, along[i]), i === watched));
+    const poses = paths.map((path, i) => at(path, along[i]));
+    const now = JSON.stringify([poses, watched]);
+    if (now === stand) return;
+    stand = now;
+    poses.forEach((pose, i) => window.desirePath.player.place(i, pose, i === watched));
   }
 
   /** @param {boolean} over whether all robots have come to their ends */
@@ -171,6 +177,7 @@
     stop() {
       running = driving = false;
       [paths, along, fresh] = [[], [], null];
+      stand = painted = "";
       canvas.remove();
     },
   };

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from backend.jobs.context import JobContext
-from backend.jobs.kept_artefacts import keep, keep_trajectory, load_policy
-from backend.jobs.kinds import CompareParams, EvaluateParams
+from backend.jobs.kept_artefacts import keep, keep_trajectory, load_any_policy, load_policy
+from backend.jobs.kinds import CONDITIONED, CompareParams, EvaluateParams
 from backend.learning.policies.evaluate import compare_tables, describe_table, episode_columns, episodes
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, describe, scene_set
@@ -50,8 +50,10 @@ def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
 
 def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     """Two policies on the same fresh scenes; keeps rows, paired differences, and some trajectories to look at."""
-    artefact_a, policy_a = load_policy(context, params.policy_a)
-    artefact_b, policy_b = load_policy(context, params.policy_b)
+    artefact_a, policy_a = load_any_policy(context, params.policy_a, params.weights_a)
+    artefact_b, policy_b = load_any_policy(context, params.policy_b, params.weights_b)
+    weights = (params.weights_a, params.weights_b)
+    names = [f"{one.name}@{of}" if of else one.name for one, of in zip((artefact_a, artefact_b), weights, strict=True)]
     setup = require_same(policy_a=policy_a.setup, policy_b=policy_b.setup)
     scenes = _scenes(setup, params.scenes, params.seed)
     a = _rolled_out(context, policy_a, scenes, 0.0, 0.45)
@@ -66,8 +68,13 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
         "seed": params.seed,
         "engine": "fast",
         "policies": [
-            {"id": artefact.id, "name": artefact.name, "measured": describe_table(setup, table)}
-            for artefact, _, table in sides
+            {
+                "id": artefact.id,
+                "name": name,
+                **({"weights": of} if artefact.kind == CONDITIONED else {}),
+                "measured": describe_table(setup, table),
+            }
+            for (artefact, _, table), name, of in zip(sides, names, weights, strict=True)
         ],
         "compared": compared,
         "scenes": _rows(scenes, [a, b]),
@@ -86,11 +93,11 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     kept = keep(
         context,
         kind="evaluation",
-        name=f"{artefact_b.name} against {artefact_a.name}, {params.scenes} scenes, seed {params.seed}",
+        name=f"{names[1]} against {names[0]}, {params.scenes} scenes, seed {params.seed}",
         setup=setup,
         content=_json(content),
         params=params,
-        config=params.model_dump(mode="json"),
+        config={k: v for k, v in params.model_dump(mode="json").items() if v or not k.startswith("weights")},
         results=compared,
         parents=[(artefact_a, "policy_a"), (artefact_b, "policy_b")],
         scenes={"report": describe(Purpose.REPORT, params.scenes, params.seed)},

@@ -11,7 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DbSession
 
 from backend.jobs.context import JobContext
-from backend.jobs.kinds import Params
+from backend.jobs.kinds import ANY_POLICY, Params
 from backend.learning.cards import source_commit
 from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Trajectory
@@ -27,17 +27,19 @@ Parent = tuple[Artefact, str]  # the artefact and its role in what is made from 
 
 
 def find_artefact(s: DbSession, reference: str, kind: str) -> Artefact:
-    """The artefact with that id, or the shipped policy of that name (`study_room/base`).
+    """The artefact with that id, or the shipped policy of that name (`study_room/base`). kind: or any of several,
+    with `|` between them.
 
     Raises ArtefactError: unknown, another kind, or quarantined because somebody's answers behind it were erased.
     """
+    words = kind.replace("|", " or ").replace("_", " ")
     found = policy_artefact(s, reference) if "/" in reference else s.get(Artefact, reference)
     if found is None:
-        raise ArtefactError(f"no {kind} {reference!r}; it needs an id from the lists, or a shipped name")
-    if found.kind != kind:
-        raise ArtefactError(f"{reference!r} is a {found.kind}, needed is a {kind}")
+        raise ArtefactError(f"no {words} {reference!r}; it needs an id from the lists, or a shipped name")
+    if found.kind not in kind.split("|"):
+        raise ArtefactError(f"{reference!r} is a {found.kind}, needed is a {words}")
     if found.quarantined_at is not None:
-        raise ArtefactError(f"{kind} {reference!r} is quarantined: {QUARANTINED}")
+        raise ArtefactError(f"{words} {reference!r} is quarantined: {QUARANTINED}")
     return found
 
 
@@ -72,6 +74,19 @@ def load_conditioned(context: JobContext, reference: str) -> tuple[Artefact, Con
     with context.database.session() as s:
         artefact = find_artefact(s, reference, "conditioned_policy")
     return artefact, ConditionedPolicy.from_bytes(context.files.get(artefact.id))
+
+
+def load_any_policy(context: JobContext, reference: str, weights: str = "") -> tuple[Artefact, Policy]:
+    """A policy and its artefact, a conditioned one at these weights (`farther=1`).
+
+    Raises ArtefactError as `find_artefact` does, LearningError for weights that it does not take.
+    """
+    from backend.learning.policies.shipped import policy_conditioned_on
+
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, ANY_POLICY)
+    named = f"{artefact.name}@{weights}" if weights else artefact.name
+    return artefact, policy_conditioned_on(context.files.get(artefact.id), named)
 
 
 def keep(

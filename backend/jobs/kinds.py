@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticUndefined
 
 SetupName = Literal["study_room", "open_field"]
@@ -61,8 +61,30 @@ def _from(source: str, default: Any = PydanticUndefined, *, advanced: bool = Fal
 
 
 def _artefact(kind: str, default: Any = PydanticUndefined) -> Any:
-    """A parameter that names an artefact: its id, or the name of a shipped one such as `study_room/base`."""
+    """A parameter that names an artefact: its id, or the name of a shipped one such as `study_room/base`. kind: several
+    with `|` between them."""
     return Field(default, min_length=1, json_schema_extra={"source": "yours", "artefact": kind})
+
+
+CONDITIONED = "conditioned_policy"
+ANY_POLICY = f"policy|{CONDITIONED}"
+
+
+def _checked_weights(words: str) -> str:
+    """Raises ValueError saying what no policy can be conditioned on."""
+    from backend.learning.preferences.objectives import parsed_weights
+
+    parsed_weights(words)
+    return words
+
+
+Weights = Annotated[str, AfterValidator(_checked_weights)]
+"""What a conditioned policy is conditioned on, `farther=1,smoother=0.5`; empty: nothing."""
+
+
+def _weights_of(policy: str) -> Any:
+    """Preference weights of the policy that another parameter names, where that is a conditioned one."""
+    return Field("", max_length=500, json_schema_extra={"source": "yours", "weights_of": policy})
 
 
 ModelName = Literal["linear", "weights", "mlp", "auto", "interface"]
@@ -77,10 +99,12 @@ class EvaluateParams(Params):
 
 
 class CompareParams(Params):
-    """Measure two policies on the same fresh scenes."""
+    """Measure two policies on the same fresh scenes, conditioned ones at the weights that are given with them."""
 
-    policy_a: str = _artefact("policy")
-    policy_b: str = _artefact("policy")
+    policy_a: str = _artefact(ANY_POLICY)
+    weights_a: Weights = _weights_of("policy_a")
+    policy_b: str = _artefact(ANY_POLICY)
+    weights_b: Weights = _weights_of("policy_b")
     scenes: int = _from("ours", 1_000, ge=20, le=MOST_SCENES)
     seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
     replays: int = _from("ours", 12, ge=0, le=50, advanced=True)

@@ -122,6 +122,41 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": None,
         "start": {"farther": 0.5, "smoother": 0.25},
     },
+    "feedback": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 1,
+        "controls": (),
+        "triangle": None,
+        "number": 3,
+        "of": 15,
+        "answers": 3,
+    },
+    "triangle": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 3,
+        "controls": CONTROLS,
+        "triangle": ["farther", "slower_near_person", "shorter"],
+        "question": None,
+        "start": {"farther": 0.34, "slower_near_person": 0.33, "shorter": 0.33},
+    },
+    "meet_something_else": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 3,
+        "controls": CONTROLS,
+        "start": {"farther": 0.4},
+        "verdict": "shown",
+        "believed": {
+            "foremost": "farther",
+            "rather_than": "faster",
+            "rather_sure": 0.6,
+            "answers": 15,
+            "beyond": {"sure": 0.86, "words": [["turning_on_the_spot", "less"], ["least_free_range_ahead", "more"]]},
+        },
+        "points": 5,
+    },
     "meet_your_robot": {
         "setup": "study_room",
         "view": "top_down",
@@ -150,7 +185,9 @@ STEPS: dict[str, dict[str, Any]] = {
     "expired": {},
 }
 """Every kind of step and one example of its payload."""
-KINDS = {"ranking": "questionnaire", "skipping": "questionnaire"}  # examples of a kind that has another one already
+KINDS = {"ranking": "questionnaire", "skipping": "questionnaire", "triangle": "tuning"} | {
+    "meet_something_else": "meet_your_robot"
+}  # examples of a kind that has another one already
 
 
 @dataclass(frozen=True)

@@ -81,9 +81,18 @@ class Row:
 
 
 @router.get("/lab/compare")
-def compare(request: Request, database: Db, policy_a: str = "", policy_b: str = "", archived: bool = False) -> Response:
-    """Choose two policies, and the comparisons there are."""
-    given = {name: value for name, value in (("policy_a", policy_a), ("policy_b", policy_b)) if value}
+def compare(
+    request: Request,
+    database: Db,
+    policy_a: str = "",
+    policy_b: str = "",
+    weights_a: str = "",
+    weights_b: str = "",
+    archived: bool = False,
+) -> Response:
+    """Choose two policies, conditioned ones with their weights, and the comparisons there are."""
+    said = {"policy_a": policy_a, "policy_b": policy_b, "weights_a": weights_a, "weights_b": weights_b}
+    given = {name: value for name, value in said.items() if value}
     with database.session() as s:
         rights = rights_in(request)
         evaluated = select(Artefact).where(Artefact.kind == "evaluation", seen_artefacts(rights))

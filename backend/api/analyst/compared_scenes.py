@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.api.core.svg_figures import DifferenceBins
-from backend.learning.policies.policy import Policy
 from backend.simulation.trajectory import Outcome, Trajectory
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.models import Artefact
@@ -98,15 +97,19 @@ def rollouts_in(
         return a, b
     seed = content["scenes"]["scene_seed"][number]
     policies = [s.get(Artefact, one["id"]) for one in content["policies"]]
-    if any(one is None or one.kind != "policy" or one.quarantined_at is not None for one in policies):
+    if any(one is None or one.quarantined_at is not None for one in policies):
         return None
-    a, b = (_rolled_out(files, one["id"], content["setup"], seed) for one in content["policies"])
+    a, b = (
+        _rolled_out(files, one["id"], one.get("weights") or "", content["setup"], seed) for one in content["policies"]
+    )
     return a, b
 
 
 @lru_cache(maxsize=KEPT_ROLLOUTS)
-def _rolled_out(files: ArtefactStore, policy: str, setup: str, seed: int) -> Trajectory:
-    played = Policy.from_bytes(files.get(policy)).rollout_policy
+def _rolled_out(files: ArtefactStore, policy: str, weights: str, setup: str, seed: int) -> Trajectory:
+    from backend.learning.policies.shipped import policy_conditioned_on
+
+    played = policy_conditioned_on(files.get(policy), f"{policy}@{weights}" if weights else policy).rollout_policy
     from backend.simulation.fast import rollout  # the simulator: not while a server starts
     from backend.simulation.scenes import draw_scene
     from backend.simulation.setups import get_setup

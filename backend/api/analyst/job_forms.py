@@ -37,7 +37,7 @@ EXPLAINED_PROBLEMS = {
 
 @dataclass(frozen=True)
 class FormField:
-    """One field as the template draws it. control: number, choice, artefact or artefacts."""
+    """One field as the template draws it. control: number, choice, artefact, artefacts or weights."""
 
     name: str
     control: str
@@ -110,6 +110,8 @@ def _field(
         shown = _as_ids(artefacts, shown)
     elif choices:
         control = "choice"
+    elif "weights_of" in extra:
+        control = "weights"
     problem = wrong["type"] if wrong else None
     return FormField(
         name=name,
@@ -152,7 +154,7 @@ def _setup_of(s: Session, kind: Kind, values: Mapping[str, Any]) -> tuple[str, s
 
 def _usable(s: Session, rights: Rights, kind: str) -> Sequence[Artefact]:
     """Artefacts that a new job may work on: shipped ones first, then the newest."""
-    rows = select(Artefact).where(Artefact.kind == kind, offered(), seen_artefacts(rights, Right.ANALYSE))
+    rows = select(Artefact).where(Artefact.kind.in_(kind.split("|")), offered(), seen_artefacts(rights, Right.ANALYSE))
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 

@@ -15,6 +15,7 @@ from backend.api.analyst import (
     flow_pages,
     job_curves,
     job_pages,
+    live_pages,
     upkeep_pages,
 )
 
@@ -26,6 +27,7 @@ for part in (
     compare_pages,
     flow_pages,
     explanation_pages,
+    live_pages,
     demonstration_pages,
     upkeep_pages,
 ):

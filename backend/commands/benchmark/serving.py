@@ -137,7 +137,7 @@ def live(
     out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """From the hand on a weight to the robot's new way in the picture, in Chromium: sliders and triangle, milliseconds."""
+    """From the hand on a weight to the robot's new way in the picture, in Chromium, milliseconds."""
     from backend.experiments.benchmarks.live_controls import benchmark_live
 
     result = benchmark_live(inputs=inputs, tell=lambda words: typer.echo(words, err=True))

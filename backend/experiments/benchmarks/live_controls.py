@@ -78,8 +78,8 @@ def benchmark_live(*, inputs: int = 120, tell: Callable[[str], None] = lambda _:
 
     Returns by control (`sliders`, `triangle`) and by hand (`keys`: one press after the other; `drag`: a mouse that is
     dragged without a rest, a message every 16 ms; `under_way`: presses while the robot drives): inputs, pictures,
-    p50_ms, p95_ms and max_ms from an input to the end of the frame that first shows it or something newer, and the parts
-    of it in the middle (p50): waiting to be asked, server with network, message and painting, until the next frame.
+    p50_ms, p95_ms and max_ms from an input to the end of the frame that first shows it or something newer, and what
+    parts it has in the middle (p50): waiting to be asked, server with network, message and painting, the next frame.
     """
     if inputs < 20:
         raise ValueError(f"inputs = {inputs}: at least 20, or a 95th percentile says nothing")
@@ -118,8 +118,12 @@ def _study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
         {"debriefing": {"text": "texts/debriefing.md", "completion_code": "random"}},
     ]
     said = {
-        **{"protocol": "live", "version": 1, "title": {"en": "Live"}, "languages": ["en"]},
-        **{"query_set": "study_room/queries_200", "stages": stages},
+        "protocol": "live",
+        "version": 1,
+        "title": {"en": "Live"},
+        "languages": ["en"],
+        "query_set": "study_room/queries_200",
+        "stages": stages,
     }
     return create_study(
         s,

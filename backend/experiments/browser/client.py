@@ -186,6 +186,11 @@ class BrowserSessionClient:
         elif kind == "meet_your_robot":
             self._meet(value)
             self._page.locator("[data-done][aria-disabled=false]").click()
+        elif kind == "feedback":
+            self._page.locator("[data-done][aria-disabled=false]").wait_for()
+            self._page.locator("[data-drive]:not([data-driving])").wait_for()
+            self._picture(f"{kind}_seen")
+            self._page.locator("[data-done][aria-disabled=false]").click()
         elif kind == "tuning":
             self._tune(value["weights"])
             self._picture(f"{kind}_{self._view()}")

@@ -44,8 +44,8 @@ CORNERS = 3
 Weights = dict[str, float]
 
 
-def _three(names: list[str]) -> list[str]:
-    """Raises ValueError unless they can be the corners of a triangle."""
+def three_corners(names: list[str]) -> list[str]:
+    """The same names. Raises ValueError unless they can be the corners of a triangle."""
     known = ", ".join(OBJECTIVES)
     for name in names:
         if name not in OBJECTIVES:
@@ -60,7 +60,7 @@ def _three(names: list[str]) -> list[str]:
     return names
 
 
-Corners = Annotated[list[str], AfterValidator(_three)]
+Corners = Annotated[list[str], AfterValidator(three_corners)]
 
 
 class LiveStage(Part):
@@ -121,9 +121,7 @@ class LiveAnswer(Answer):
 
 class AboutLive(Besides):
     start: Weights | None = Field(None, description="the weights that the controls stand at in the beginning")
-    objectives: list[str] | None = Field(
-        None, description="those that are weighed in a triangle; null: all, by sliders"
-    )
+    objectives: list[str] | None = Field(None, description="those weighed in a triangle; null: all, by sliders")
 
 
 def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weights:
@@ -141,7 +139,7 @@ def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weigh
 
 
 def in_triangle(weights: Mapping[str, float], corners: Sequence[str]) -> Weights:
-    """What those weights say of the corners alone, in whole percent that sum to 1; the middle where they say nothing."""
+    """What those weights say of the corners alone, in whole percent; the middle where they say nothing."""
     shares = [max(0.0, weights.get(name, 0.0)) for name in corners]
     together = sum(shares)
     exact = [100 * share / together if together > 0 else 100 / len(corners) for share in shares]
@@ -181,7 +179,7 @@ def began_with(moment: Moment, step: Step, event: str) -> dict[str, Any]:
 
 
 S = TypeVar("S", bound=LiveStep)
-A = TypeVar("A", bound=LiveAnswer)
+A = TypeVar("A", bound=Answer)
 
 
 class LiveKind(Kind[S, A]):
@@ -204,6 +202,7 @@ class LiveKind(Kind[S, A]):
         return said | {"triangle": step.objectives}
 
     def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
+        assert isinstance(answer, LiveAnswer)  # noqa: S101  a kind with another answer checks it itself
         for number, change in enumerate(answer.history):
             if change.objective not in OBJECTIVES:
                 message = f"is no objective; known are {', '.join(OBJECTIVES)}"

@@ -103,8 +103,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         "verdict": "whether an own robot was shown: shown, or why not (sessions.personalisation)",
         "learned": "objective -> weight: what their answers taught",
         "sure": "probability that what was named first matters most to them",
-        "something_else": "probability that their answers are about none of the nine objectives, where they were told so; "
-        "else null",
+        "something_else": "probability that their answers are about none of the nine objectives, where they "
+        "were told so; else null",
         "corrected": "whether any weight was changed",
         "start": "the weights that the controls began with: the learned ones, none where no own robot was shown",
         "weights": "the weights at the end",

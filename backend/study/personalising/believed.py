@@ -33,8 +33,8 @@ class Beyond:
 class Believed:
     """weights: preference weights above 0, by objective. foremost: what most probably matters most, with that
     probability `sure`; rather_than: what matters least of what does not exclude it, and how probable it is that it
-    matters less (`rather_sure`). answers: from how many. beyond: where the nine objectives do not describe them; weights
-    are then what comes closest.
+    matters less (`rather_sure`). answers: from how many. beyond: where the nine objectives do not describe them, so
+    that weights are only what comes closest.
     """
 
     weights: dict[str, float]

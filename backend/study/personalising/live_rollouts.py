@@ -70,6 +70,13 @@ def typical_rollouts(setup: str, place: int) -> tuple[Trajectory, ...]:
     return tuple(rolled_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in settings().values())
 
 
+@lru_cache(maxsize=4)
+def warmed_up(setup: str) -> bool:
+    """Policies read and simulator compiled: the first rollout of a process takes seconds, every other milliseconds."""
+    scene = scenes_of(setup)[0]
+    return all(path_of(rolled_out(policy, scene)).track for policy in (conditioned_on(setup, {}), shipped_base(setup)))
+
+
 def conditioned_on(setup: str, weights: Mapping[str, float]) -> Policy:
     """The setup's conditioned policy at these weights. Raises LearningError for weights that cannot be."""
     from backend.learning.preferences.objectives import preference_weights

@@ -15,6 +15,7 @@ from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds import BlockPart, Stage, Step, block_parts
 from backend.study.kinds.attention import AttentionStep
 from backend.study.kinds.base import Pace, Planning
+from backend.study.kinds.feedback import TAKES_S, Feedback, mixed_with_blind
 from backend.study.kinds.trial import Queries, Trials, TrialStep, Viewing, plan_trials
 from backend.study.plan.asked_queries import Needs
 
@@ -44,7 +45,8 @@ class BlockStage(Crossed, Stage):
     the assignment as well. same_queries: all conditions, and all blocks that say so, show the participant's own
     queries, the same ones, with the sides kept, in an order of each one's own. before, after: pages of every condition;
     between: pages between two conditions. attention_checks: so many pages among the regular trials of each condition
-    that say which letter to press (a preference has no wrong answer).
+    that say which letter to press (a preference has no wrong answer). feedback: after every regular answer, how the
+    robot would drive now; a condition of its own, which a study with anything blind cannot have.
     """
 
     asks: ClassVar[bool] = True
@@ -58,6 +60,7 @@ class BlockStage(Crossed, Stage):
     between: list[BlockEntry] = []
     viewing: Viewing = Viewing()
     attention_checks: int = Field(0, ge=0, le=10)
+    feedback: Feedback | None = None
 
     @model_validator(mode="after")
     def _has_something_between(self) -> BlockStage:
@@ -80,7 +83,9 @@ class BlockStage(Crossed, Stage):
         conditions = len(self.conditions(0))
         trials = conditions * sum(one.queries.count + one.queries.probes.trials for one in self.trials)
         pages = conditions * len(self.before + self.after) + (conditions - 1) * len(self.between)
-        return trials * pace.trial_s + pages * pace.page_s
+        regular = sum(one.queries.count for one in self.trials if one.queries.role == "regular")
+        shown_s = conditions * regular * TAKES_S if self.feedback else 0.0
+        return trials * pace.trial_s + pages * pace.page_s + shown_s
 
     def numbers(self) -> dict[str, int]:
         conditions = len(self.conditions(0))
@@ -124,7 +129,8 @@ class BlockStage(Crossed, Stage):
             pairs = iter(at.drawn.pairs(asked, shared=self.same_queries))
             triads = iter(at.drawn.triads)
             trials = plan_trials(prefix, where, self.trials, self.viewing, pairs, triads, at.random)
-            steps += _with_attention(prefix, trials, self.attention_checks, where, at.random)
+            asked_here = _with_attention(prefix, trials, self.attention_checks, where, at.random)
+            steps += self.feedback.after_each(prefix, where, asked_here) if self.feedback else asked_here
             steps += self._pages("after", prefix, condition, where)
         return steps
 
@@ -146,6 +152,8 @@ class BlockStage(Crossed, Stage):
                 message = "asks for more probes than there are regular queries to ask again"
                 yield source.problem((*at, "probes"), message)
             yield from _chosen(queries, at, several=several, source=source)
+        if self.feedback:
+            yield from mixed_with_blind(stages, (*here, "feedback"), source)
         if not regular:
             yield source.problem((*here, "trials"), "has practice trials only; add queries of role regular")
         if self.attention_checks > regular > 0:

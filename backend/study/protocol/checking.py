@@ -12,6 +12,7 @@ from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.comprehension import ComprehensionStage
 from backend.study.kinds.consent import ConsentStage
+from backend.study.kinds.feedback import Feedback
 from backend.study.kinds.live import SETUPS, LiveStage
 from backend.study.kinds.wait import TrainStage
 from backend.study.plan.asked_queries import Needs
@@ -94,6 +95,10 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
         learned = isinstance(live, LiveStage) and getattr(live, "start", "learned") == "learned"
         if isinstance(live, LiveStage) and learned and asked_in in SETUPS and live.setup != asked_in:
             here = ("stages", index, entry.kind, "setup")
+            yield source.problem(here, f"must be {asked_in}, as the query set's, whose answers it shows")
+        shown = getattr(live, "feedback", None)
+        if isinstance(shown, Feedback) and asked_in in SETUPS and shown.setup != asked_in:
+            here = ("stages", index, entry.kind, "feedback", "setup")
             yield source.problem(here, f"must be {asked_in}, as the query set's, whose answers it shows")
     for index, entry in enumerate(protocol.stages):
         if entry.when is not None and entry.stage.for_everybody:

@@ -1,0 +1,183 @@
+"""The analysts' page on which a conditioned policy's weights are moved by hand and its way is redrawn at once.
+
+The controls, the stage and the rollouts are those of the participants' step (`kinds/live.py`, `live_rollouts.py`);
+nothing that is done here is stored. Figures of the same policy are `explanation_pages.py`'s and `flow_pages.py`'s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from backend.api.analyst.chosen_policies import (
+    CONDITIONED,
+    NOT_DRAWN,
+    Asked,
+    Undrawable,
+    asked_of,
+    form_of,
+    problem_of,
+)
+from backend.api.core.auth import checked_csrf
+from backend.api.core.dependencies import Db, Files, services_of
+from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.simulation.trajectory import Trajectory
+from backend.store.artefacts import ArtefactStore
+from backend.store.shipped_policies import shipped_as
+from backend.study.grammar.words import VIEWS, View
+from backend.study.kinds.live import CONTROLS, OBJECTIVES, in_triangle, three_corners
+
+if TYPE_CHECKING:
+    from app.stage import Stage
+    from backend.learning.policies.conditioned import ConditionedPolicy
+    from backend.simulation.scene import Scene
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+HERE = "/lab/live"
+
+
+@dataclass(frozen=True)
+class LiveScene:
+    """One scene with its goal and a robot, whose paths come from the page."""
+
+    scene: Scene
+    view: View
+    beside: tuple[Trajectory, ...]
+
+    def show(self, stage: Stage) -> None:
+        stage.live(self.scene, self.view, trajectories=self.beside)
+
+
+@router.get("/lab/live")
+def live(request: Request, database: Db, files: Files) -> Response:
+    """The form; below it the stage with the controls of the policy that is chosen."""
+    from backend.simulation.scenes import LARGEST_SEED
+
+    services = services_of(request)
+    t = services.texts.get(lab_language(request))
+    asked = token = problem = corners = None
+    start: dict[str, float] = {}
+    view = next((one for one in VIEWS if one == request.query_params.get("view")), VIEWS[0])
+    try:
+        corners = _corners(request)
+        asked = _asked(request, database)
+        if asked is not None:
+            side = asked.sides[0]
+            start = in_triangle(side.weights, corners) if corners else dict(side.weights)
+            conditioned = _read(files, side.artefact.id)
+            scene = _scene(conditioned.setup, asked.scene_seed)
+            token = services.replays.grant(LiveScene(scene, view, _beside(conditioned, scene)))
+    except NOT_DRAWN as wrong:
+        problem = problem_of(t, wrong)
+    seed = asked.scene_seed if asked is not None else None
+    form = form_of(request, database)
+    form["choices"] = [one for one in form["choices"] if one.kind == CONDITIONED]
+    return lab_page(
+        request,
+        "analyst/live.html",
+        status=422 if problem else 200,
+        **form,
+        problem=problem,
+        asked=asked,
+        corners=corners,
+        payload={"controls": CONTROLS, "triangle": corners},
+        start=start,
+        view=view,
+        views=VIEWS,
+        lab_words=True,
+        reference=_reference(asked),
+        replay=token,
+        another=str(seed + 1) if seed is not None and seed < LARGEST_SEED else None,
+        all_objectives=OBJECTIVES,
+    )
+
+
+@router.get("/lab/live/paths")
+def paths(
+    request: Request,
+    database: Db,
+    files: Files,
+    x: float | None = None,
+    y: float | None = None,
+    yaw: float | None = None,
+) -> Response:
+    """The way that the policy takes at the weights of the address, from the scene's start or from that pose."""
+    from backend.learning.preferences.objectives import preference_weights
+    from backend.simulation.scene import SceneError
+    from backend.study.personalising.live_rollouts import path_of, rolled_out
+
+    try:
+        asked = _asked(request, database)
+        if asked is None:
+            raise LabRefusal(404, "no_figure")
+        side = asked.sides[0]
+        conditioned = _read(files, side.artefact.id)
+        pose = (x, y, yaw) if x is not None and y is not None and yaw is not None else None
+        scene = _scene(conditioned.setup, asked.scene_seed)
+        found = path_of(rolled_out(conditioned.at(preference_weights(side.weights)), scene, pose))
+    except SceneError:
+        return JSONResponse({"error": {"code": "pose", "message": "no robot can go on from there"}}, 422)
+    except NOT_DRAWN as wrong:
+        t = services_of(request).texts.get(lab_language(request))
+        return JSONResponse({"error": {"code": "weights", "message": problem_of(t, wrong)}}, 422)
+    return JSONResponse({"place": 0, "paths": [{"track": found.track, "arrives": found.arrives}]})
+
+
+def _asked(request: Request, database: Db) -> Asked | None:
+    """What the address names. Raises Undrawable for a policy without weights."""
+    with database.session() as s:
+        asked = asked_of(request, s)
+    if asked is not None and asked.sides[0].artefact.kind != CONDITIONED:
+        raise Undrawable("no_weights", name=asked.sides[0].name)
+    return asked
+
+
+def _corners(request: Request) -> list[str] | None:
+    """The three that are weighed in a triangle, None: sliders for all."""
+    named = [one for one in request.query_params.getlist("corner") if one]
+    if not named:
+        return None
+    try:
+        return three_corners(named)
+    except ValueError as wrong:
+        raise Undrawable("corners", message=str(wrong)) from None
+
+
+def _reference(asked: Asked | None) -> str:
+    if asked is None:
+        return ""
+    artefact = asked.sides[0].artefact
+    return shipped_as(artefact.id) or artefact.id
+
+
+def _read(files: ArtefactStore, artefact: str) -> ConditionedPolicy:
+    return _parsed(files.get(artefact))
+
+
+@lru_cache(maxsize=4)
+def _parsed(content: bytes) -> ConditionedPolicy:
+    from backend.learning.policies.conditioned import ConditionedPolicy
+
+    return ConditionedPolicy.from_bytes(content)
+
+
+@lru_cache(maxsize=64)
+def _scene(setup: str, seed: int) -> Any:
+    from backend.simulation.scenes import draw_scene
+    from backend.simulation.setups import get_setup
+
+    return draw_scene(get_setup(setup), seed)
+
+
+def _beside(conditioned: ConditionedPolicy, scene: Scene) -> tuple[Trajectory, ...]:
+    """What the robot may do, so that the view from above is wide enough where there are no walls."""
+    from backend.learning.policies.conditioned import settings
+    from backend.study.personalising.live_rollouts import rolled_out
+
+    if scene.room is not None:
+        return ()
+    return tuple(rolled_out(conditioned.at(weights), scene) for weights in settings().values())
