@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
+from app.views import VIEWS
 from backend.api.analyst.chosen_policies import (
     CONDITIONED,
     NOT_DRAWN,
@@ -28,7 +29,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.shipped_policies import shipped_as
-from backend.study.grammar.words import VIEWS, View
+from backend.study.grammar.words import View
 from backend.study.kinds.live import CONTROLS, OBJECTIVES, in_triangle, three_corners
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
     t = services.texts.get(lab_language(request))
     asked = token = problem = corners = None
     start: dict[str, float] = {}
-    view = next((one for one in VIEWS if one == request.query_params.get("view")), VIEWS[0])
+    view: View = next((one for one in VIEWS if one == request.query_params.get("view")), VIEWS[0])
     try:
         corners = _corners(request)
         asked = _asked(request, database)
