@@ -59,7 +59,7 @@ def build(
     meshes = [f"{root}/place"]
     with _drawing:
         cut = scene.room is not None and view == "top_down"
-        place = _place(scene, _floor_bounds(scene, camera), detail, cut=cut)
+        place = place_file(scene, floor_bounds(scene, camera), detail, cut=cut)
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
     person = scene.person
@@ -133,16 +133,16 @@ def _about_z(yaw: float) -> tuple[float, float, float, float]:
 
 
 @lru_cache(maxsize=KEPT_PLACES)
-def _place(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> bytes:
+def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> bytes:
     """Floor, furniture and walls; `cut` low for the view from above. Kept, as participants share their queries."""
     shapes = [furniture.piece(obstacle, index) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
     standing = [Surface(merged(shapes))] if shapes else []
-    return to_glb([*(_ground(scene, bounds) if detail == "full" else _plain_ground(scene, bounds)), *standing])
+    return to_glb([*(_ground(scene, bounds) if detail == "full" else plain_ground(scene, bounds)), *standing])
 
 
-def _floor_bounds(scene: Scene, camera: Camera) -> Bounds:
+def floor_bounds(scene: Scene, camera: Camera) -> Bounds:
     """How far the floor reaches: to the walls; in the open, as far as the view from above shows."""
     if scene.room is None:
         return camera.frame
@@ -162,7 +162,7 @@ def _ground(scene: Scene, bounds: Bounds) -> list[Surface]:
     return ground
 
 
-def _plain_ground(scene: Scene, bounds: Bounds) -> list[Surface]:
+def plain_ground(scene: Scene, bounds: Bounds) -> list[Surface]:
     """The floor in one colour with a line every metre."""
     colour = PLAIN_FLOOR["wood" if scene.room is not None else "concrete"]
     x_min, y_min, x_max, y_max = bounds

@@ -71,7 +71,7 @@ class SocialCost:
 
     def _act(self, seen: Doubles) -> Floats:
         config, limits = self._config, self._setup.limits
-        pose = self._where(seen)
+        pose = self.located(seen)
         person = self._person_seen(seen, pose)
         moved = math.dist((person.x, person.y), (self._person.x, self._person.y)) > config.moved_m
         if moved or abs(k.wrap(person.yaw - self._person.yaw)) > config.turned_rad:
@@ -84,7 +84,7 @@ class SocialCost:
         share = max(0.0, math.cos(error)) ** 2
         return np.array([2 * share - 1, w / limits.w_max], dtype=np.float32)
 
-    def _where(self, seen: Doubles) -> Pose:
+    def located(self, seen: Doubles) -> Pose:
         """The robot's pose from the closest points of the walls +x and +y."""
         scale = self._setup.distance_scale_m
         to_x, to_y = seen[FIRST_WALL] * scale, seen[FIRST_WALL + 6] * scale

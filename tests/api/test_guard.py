@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def test_a_dead_link_is_written_down_once_an_hour(
 ) -> None:
     for _ in range(5):
         assert client.get("/api/session/dead-link").status_code == 404
-        services.admission._admit_participant("dead.stage", {})
+        asyncio.run(services.admission.admit("dead.stage", {}, None))
     assert (told(services, "unknown"), told(services, "unknown_stage")) == (1, 1)
     monkeypatch.setattr(refusals, "LOGGED_AGAIN_AFTER_S", 0.0)  # the hour is over
     assert client.get("/api/session/dead-link").status_code == 404

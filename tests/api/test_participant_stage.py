@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import AsyncIterator
 from types import SimpleNamespace
 
 import pytest
 from sqlalchemy import select
+from starlette.requests import Request
 
+from backend.api.application import create_application
 from backend.api.core.dependencies import Services
-from backend.api.participant.stream import _glance, _tell
+from backend.api.participant.stream import stream
 from backend.api.stage.admission import stage_cookie, stage_token
 from backend.store.models import Event, Session, Study, Trial
 from backend.study.session import machine
@@ -89,16 +92,14 @@ def test_a_stage_that_connects_shows_the_trial_and_puts_it_back_to_its_start(ser
 
 def test_the_stream_tells_of_changes_and_of_another_window(services, walker):
     async def page() -> list[tuple[str, dict]]:
-        listeners = services.listeners
-        first = await asyncio.to_thread(_glance, services, walker.token)
-        stream = _tell(services, walker.token, first, listeners.listen(walker.session.id))
-        told = [parsed(await anext(stream))]
+        listeners, events = services.listeners, await events_of(services, walker.token)
+        told = [parsed(await anext(events))]
         await asyncio.to_thread(walker.submit, "information", {})
         listeners.changed(walker.session.id)
-        told.append(parsed(await anext(stream)))
+        told.append(parsed(await anext(events)))
         listeners.listen(walker.session.id)  # a second window
-        told.append(parsed(await anext(stream)))
-        assert [one async for one in stream] == []
+        told.append(parsed(await anext(events)))
+        assert [one async for one in events] == []
         return told
 
     assert asyncio.run(page()) == [("state", {}), ("state", {}), ("moved", {"reason": "other_window"})]
@@ -108,11 +109,16 @@ def test_the_stream_tells_the_jobs_progress_while_somebody_waits(services, walke
     walker.walk_to("train.wait")
 
     async def page() -> list[tuple[str, dict]]:
-        first = await asyncio.to_thread(_glance, services, walker.token)
-        stream = _tell(services, walker.token, first, services.listeners.listen(walker.session.id))
-        return [parsed(await anext(stream)) for _ in range(2)]
+        events = await events_of(services, walker.token)
+        return [parsed(await anext(events)) for _ in range(2)]
 
     assert asyncio.run(page()) == [("state", {}), ("job", {"progress": 0.0, "done": False})]
+
+
+async def events_of(services: Services, token: str) -> AsyncIterator[str]:
+    """What the session's stream sends to a page that opens it."""
+    request = Request({"type": "http", "app": create_application(services)})
+    return (await stream(token, request)).body_iterator
 
 
 def parsed(event: str) -> tuple[str, dict]:
@@ -140,11 +146,11 @@ def test_nobody_waits_for_a_trajectory_whose_order_was_lost(services, walker):
     async def page() -> bool:
         listener = services.listeners.listen(walker.session.id)
         services.presenter.play(walker.session.id, played)
-        await asyncio.wait_for(listener._woken.wait(), 10)
+        await asyncio.wait_for(listener.wait(60), 10)
         return True
 
     assert asyncio.run(page())
-    services.presenter._line.shutdown(wait=True)
+    services.presenter.on_connect(Recorder(), "nobody")  # waits for its turn behind what was ordered before
     with services.database.session() as s:
         trial = s.scalars(select(Trial)).one()
         event = s.scalars(select(Event).where(Event.kind == "trial_interrupted")).one()

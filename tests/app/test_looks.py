@@ -23,14 +23,14 @@ from tests.app.stage_rig import drive, open_field, study_room
 def test_a_light_place_has_no_picture_and_still_a_line_every_metre() -> None:
     scene = study_room()
     camera = camera_for(scene, "top_down")
-    bounds = scene_nodes._floor_bounds(scene, camera)
-    (floor,) = scene_nodes._plain_ground(scene, bounds)
+    bounds = scene_nodes.floor_bounds(scene, camera)
+    (floor,) = scene_nodes.plain_ground(scene, bounds)
     assert floor.image is None
     lines = len(floor.shape.faces) // 2 - 1
     assert lines == sum(
         len(range(math.ceil(a), math.floor(b) + 1)) for a, b in zip(bounds[:2], bounds[2:], strict=True)
     )
-    full, light = (len(scene_nodes._place(scene, bounds, detail, cut=True)) for detail in ("full", "light"))
+    full, light = (len(scene_nodes.place_file(scene, bounds, detail, cut=True)) for detail in ("full", "light"))
     assert light < full / 2
 
 

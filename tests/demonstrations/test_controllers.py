@@ -52,7 +52,7 @@ def test_social_cost_finds_itself_by_the_walls_and_plans_around_who_walks() -> N
     controller = SocialCost(scene)
     for x, y, yaw in ((-2.0, 1.0, 0.3), (1.0, -0.5, -2.8), (0.5, 1.7, 3.1)):
         seen = FastEngine(ROOM, 1, scenes=[replace(scene, start=Pose(x, y, yaw))]).observations[0]
-        found = controller._where(seen.astype(np.float64))
+        found = controller.located(seen.astype(np.float64))
         assert (found.x, found.y) == pytest.approx((x, y), abs=1e-4)
         assert found.yaw == pytest.approx(yaw, abs=1e-4)
     begin = scene.person.pose

@@ -100,12 +100,12 @@ def test_the_balance_changes_at_epoch_350_of_800() -> None:
 
 def test_exploring_never_changes_the_demonstrations_and_pays_what_it_is_told_for_goals(slow_ones) -> None:
     training = DemonstrationTraining(slow_ones, replace(QUICK, explored_goal=0.0))
-    before = training._demonstrated.rewards.clone(), training._demonstrated.observations.clone()
+    before = training.demonstrated.rewards.clone(), training.demonstrated.observations.clone()
     while training.agent.updates < 48:
         training.vector_step()
-    assert (training._demonstrated.rewards == before[0]).all()
-    assert (training._demonstrated.observations == before[1]).all()
-    assert float(training._buffer.filled().rewards.max()) <= 0.0
+    assert (training.demonstrated.rewards == before[0]).all()
+    assert (training.demonstrated.observations == before[1]).all()
+    assert float(training.explored_buffer.filled().rewards.max()) <= 0.0
     assert DemonstrationTraining(slow_ones, QUICK).setup.reward.goal == QUICK.goal_boost / 2
 
 

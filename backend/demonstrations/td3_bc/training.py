@@ -52,7 +52,7 @@ class DemonstrationTraining:
             target_noise=config.target_noise,
         )
         self.agent = Td3Agent(shape, td3, seed=config.seed)
-        self._demonstrated = demonstration_batch(demonstrations, config)
+        self.demonstrated = demonstration_batch(demonstrations, config)
         pool = Placements(
             [d.trajectory for d in demonstrations], near=config.near, mixed=config.mixed, seed=config.seed
         )
@@ -60,7 +60,7 @@ class DemonstrationTraining:
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight
         )
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
-        self._buffer = ReturnsBuffer(
+        self.explored_buffer = ReturnsBuffer(
             min(config.buffer_size, self.planned_transitions() + config.n_envs),
             self.setup.observation_size,
             n_envs=config.n_envs,
@@ -85,7 +85,7 @@ class DemonstrationTraining:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random)."""
         config = self.config
         warm = self.transitions >= config.random_transitions
-        self._collector.step(self.agent.act if warm else None, self._buffer)
+        self._collector.step(self.agent.act if warm else None, self.explored_buffer)
         self.transitions += config.n_envs
         if not warm:
             return
@@ -101,11 +101,11 @@ class DemonstrationTraining:
         """One update on transitions drawn anew."""
         config = self.config
         if not config.demonstrations:
-            self.agent.update(self._buffer.sample(2 * config.batch_each, self._sampler))
+            self.agent.update(self.explored_buffer.sample(2 * config.batch_each, self._sampler))
             return
-        explored = self._buffer.sample(config.batch_each, self._sampler)
-        rows = torch.randint(len(self._demonstrated.rewards), (config.batch_each,), generator=self._sampler)
-        update(self.agent, explored, Batch(*(part.index_select(0, rows) for part in self._demonstrated)), weights)
+        explored = self.explored_buffer.sample(config.batch_each, self._sampler)
+        rows = torch.randint(len(self.demonstrated.rewards), (config.batch_each,), generator=self._sampler)
+        update(self.agent, explored, Batch(*(part.index_select(0, rows) for part in self.demonstrated)), weights)
 
     def policy(self, *, averaged: bool = False) -> Policy:
         """The current controller, with its critic; `averaged` takes the running average of the actor's weights."""

@@ -60,19 +60,19 @@ def benchmark_cases(
     for name in instructions:
         if name not in INSTRUCTIONS:
             raise LearningError(f"instructions = {name}: known are {', '.join(INSTRUCTIONS)}")
-        if name == "avx512" and not _has("avx512f"):
+        if name == "avx512" and not processor_has("avx512f"):
             raise LearningError("instructions = avx512: this processor has none")
     cases = []
     for neighbours in beside:
         for name in instructions:
             tell(f"{name}, {neighbours} beside")
             with _neighbours(neighbours):
-                found = _in_a_process(setup, seeds, INSTRUCTIONS[name])
+                found = in_a_process(setup, seeds, INSTRUCTIONS[name])
             cases.append({"instructions": name, "beside": neighbours} | _summary(found))
     return {"setup": setup, "seeds": seeds, "seconds_are": "processor time", "cores": os.cpu_count(), "cases": cases}
 
 
-def _has(flag: str) -> bool:
+def processor_has(flag: str) -> bool:
     cpu = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     return any(line.startswith("flags") and flag in line.split() for line in cpu)
 
@@ -88,7 +88,7 @@ def _neighbours(count: int) -> Iterator[None]:
             process.wait()
 
 
-def _in_a_process(setup: str, seeds: int, libraries: Mapping[str, str | None]) -> dict[str, Any]:
+def in_a_process(setup: str, seeds: int, libraries: Mapping[str, str | None]) -> dict[str, Any]:
     environment = os.environ | {name: value for name, value in libraries.items() if value is not None}
     for name, value in libraries.items():
         if value is None:

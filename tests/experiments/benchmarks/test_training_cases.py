@@ -47,8 +47,8 @@ def test_each_case_is_a_process_of_its_own_with_its_own_libraries(monkeypatch: p
         asked.append((libraries, len(children())))
         return answer
 
-    monkeypatch.setattr(training_cases, "_in_a_process", run)
-    monkeypatch.setattr(training_cases, "_has", lambda flag: True)
+    monkeypatch.setattr(training_cases, "in_a_process", run)
+    monkeypatch.setattr(training_cases, "processor_has", lambda flag: True)
     already = len(children())
     result = benchmark_cases(seeds=2, beside=(0, 2))
     assert [(case["instructions"], case["beside"]) for case in result["cases"]] == [
@@ -66,7 +66,7 @@ def test_each_case_is_a_process_of_its_own_with_its_own_libraries(monkeypatch: p
 def test_instructions_that_are_not_known_or_not_there_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(LearningError, match="instructions = sse: known are avx2, avx512"):
         benchmark_cases(instructions=["sse"])
-    monkeypatch.setattr(training_cases, "_has", lambda flag: False)
+    monkeypatch.setattr(training_cases, "processor_has", lambda flag: False)
     with pytest.raises(LearningError, match="this processor has none"):
         benchmark_cases(instructions=["avx512"])
 
