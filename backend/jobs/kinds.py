@@ -296,6 +296,20 @@ class TrainDemonstrationsParams(Params):
     RENAMED: ClassVar[Mapping[str, str]] = {"gate_least_success": "gate_min_success"}
 
 
+class AskPersonParams(Params):
+    """Ask a reward model as if it were a participant: how well, and how surely, its answers are foretold, and what its
+    robot would gain.
+
+    answers: the most that it gives; it is also measured after those of MEASURED_AFTER that are fewer.
+    """
+
+    reward: str = _artefact("reward_model")
+    answers: int = _from("ours", 50, ge=8, le=200)
+    response_model: Literal["right", "lapses", "indifference", "peak_end", "first_seconds"] = _from("ours", "right")
+    choose: Literal["information", "random"] = _from("ours", "information", advanced=True)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
+
+
 def _as_it_is(given: Mapping[str, Any]) -> dict[str, Any]:
     return dict(given)
 
@@ -385,6 +399,7 @@ KINDS = {
         _one("ensemble", EnsembleParams),
         _one("queries", QueriesParams),
         _one("train_demonstrations", TrainDemonstrationsParams),
+        _one("ask_person", AskPersonParams),
     )
 }
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from backend.jobs import aligning, comparing, demonstrating, kinds, policy_training, reward_models
+from backend.jobs import aligning, asking_person, comparing, demonstrating, kinds, policy_training, reward_models
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 
@@ -28,4 +28,6 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
             return policy_training.make_query_set(context, params)
         case kinds.TrainDemonstrationsParams():
             return demonstrating.train_demonstrations(context, params)
+        case kinds.AskPersonParams():
+            return asking_person.ask_person(context, params)
     raise TypeError(f"no runner for {type(params).__name__}")

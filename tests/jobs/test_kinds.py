@@ -29,7 +29,13 @@ from backend.learning.td3.base import BaseConfig
 from backend.learning.td3.ensemble import PolicyEnsembleConfig
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
-REQUIRED = {"snapshot": "a" * 64, "policy": "study_room/base", "policy_a": "study_room/base", "policy_b": "b" * 64}
+REQUIRED = {
+    "snapshot": "a" * 64,
+    "reward": "c" * 64,
+    "policy": "study_room/base",
+    "policy_a": "study_room/base",
+    "policy_b": "b" * 64,
+}
 
 
 def valid_params(kind: str) -> dict[str, object]:

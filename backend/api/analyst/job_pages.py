@@ -121,7 +121,7 @@ def launch(
     with database.transaction() as s:
         try:
             params = kind.parse(values)
-            study_id = _of_study(s, rights_in(request), _check_artefacts(s, rights_in(request), kind, params), study)
+            study_id = study_of_new(s, rights_in(request), _check_artefacts(s, rights_in(request), kind, params), study)
         except JobParamsError as wrong:
             return _form(request, s, kind, values, study=study, wrong=wrong, status=422)
         job = enqueue_job(s, kind.name, params.asked(), study_id=study_id, created_by=user.name)
@@ -234,7 +234,7 @@ def _seen(s: DatabaseSession, rights: Rights, job_id: str) -> Job:
     return job
 
 
-def _of_study(s: DatabaseSession, rights: Rights, learns_from: str | None, asked: str) -> str | None:
+def study_of_new(s: DatabaseSession, rights: Rights, learns_from: str | None, asked: str) -> str | None:
     """The study that a new job belongs to: that of what it works on, else the one that was asked for. Who may start
     jobs in some studies only has every job in one of them."""
     if learns_from is not None:

@@ -16,6 +16,7 @@ from backend.api.analyst import (
     job_curves,
     job_pages,
     live_pages,
+    reward_files,
     upkeep_pages,
 )
 
@@ -29,6 +30,7 @@ for part in (
     explanation_pages,
     live_pages,
     demonstration_pages,
+    reward_files,
     upkeep_pages,
 ):
     router.include_router(part.router)

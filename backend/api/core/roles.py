@@ -115,6 +115,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/settings/accounts/{name}/reset": Rule(Right.MANAGE, "password_reset"),
     "/lab/settings/accounts/{name}/remove": Rule(Right.MANAGE, "account_removed"),
     "/lab/snapshots": Rule(Right.ANALYSE, "snapshot_taken"),
+    "/lab/reward-files": Rule(Right.ANALYSE, "reward_taken_in"),
     "/lab/jobs/new/{kind_name}": Rule(Right.ANALYSE, "job_started"),
     "/lab/artefacts/{artefact_id}/rename": Rule(Right.TIDY, "artefact_renamed"),
     "/lab/artefacts/{artefact_id}/archive": Rule(Right.TIDY, "artefact_archived"),

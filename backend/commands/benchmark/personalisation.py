@@ -82,12 +82,16 @@ def people(
         str | None,
         typer.Option(help="Instead: accuracy with so many earlier participants, comma-separated, such as 0,10,30,100."),
     ] = None,
+    yardstick: Annotated[
+        int | None,
+        typer.Option(min=20, max=5_000, help="Instead: what a linear model on all measures reaches with so many."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated people outside the nine objectives: foretold how well, claimed how surely, and what their robot
     gains."""
-    from backend.experiments.benchmarks.people import PeopleConfig, benchmark_people
+    from backend.learning.people.asked_people import PeopleConfig, benchmark_people
     from backend.learning.people.card import people_card
     from backend.learning.people.reward_file import read_reward
 
@@ -107,6 +111,14 @@ def people(
             before=counts, answers=after, people=number, seeds=tuple(range(int(first), int(last or first) + 1))
         )
         result = benchmark_before(setup, asked, lambda done: typer.echo(f"{done:.0%}", err=True))
+        if out is not None:
+            write_result(out, result)
+        return say(result, as_json)
+    if yardstick is not None:
+        from backend.experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
+
+        measured = YardstickConfig(families, people=number, answers=yardstick, seed=int(first))
+        result = benchmark_yardstick(setup, measured, lambda done: typer.echo(f"{done:.0%}", err=True))
         if out is not None:
             write_result(out, result)
         return say(result, as_json)

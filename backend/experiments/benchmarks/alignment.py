@@ -20,6 +20,7 @@ from backend.learning.alignment.fine_tuning import FineTuningConfig
 from backend.learning.alignment.relabelling import RelabellingConfig, align
 from backend.learning.alignment.thesis import ThesisConfig, thesis_config
 from backend.learning.errors import LearningError
+from backend.learning.people.asked_pairs import LONGEST_SHOWN_S
 from backend.learning.policies.conditioned import settings
 from backend.learning.policies.evaluate import compare_policies, evaluate_policy
 from backend.learning.policies.networks import use_one_thread
@@ -39,7 +40,6 @@ Floats = NDArray[np.float32]
 Config = RelabellingConfig | ConditioningSearchConfig
 FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
 FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
-LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED, LONGEST_SHOWN_S
+from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED
 from backend.experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
 from backend.learning.errors import LearningError
+from backend.learning.people.asked_pairs import LONGEST_SHOWN_S
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.steerability import Course, MeasuredRollouts

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from backend.experiments.benchmarks.people_rooms import AskedPairs, asked_pairs
+from backend.learning.people.asked_pairs import AskedPairs, asked_pairs
 from backend.learning.people.card import member
 from backend.learning.people.families.base import FamilyMember
 from backend.learning.people.families.mixture import mixed

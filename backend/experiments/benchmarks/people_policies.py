@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.experiments.benchmarks.people_rooms import FIRST_SEED, AskedPairs, asked_pairs
 from backend.jobs.free_form import UPDATES
 from backend.learning.alignment.gate import GateRule
 from backend.learning.alignment.never_worse import better_for_person
@@ -24,6 +23,7 @@ from backend.learning.alignment.own_reward import OwnRewardConfig, tune_to_rewar
 from backend.learning.alignment.policy_library import LEAST_SUCCESS, PolicyLibrary, best_of
 from backend.learning.errors import LearningError
 from backend.learning.measures.step_basis import StepBasis, seen_steps
+from backend.learning.people.asked_pairs import FIRST_SEED, AskedPairs, asked_pairs
 from backend.learning.people.card import member, people_card
 from backend.learning.people.families.base import FamilyMember, StepFamilyMember
 from backend.learning.people.families.changing import ChangingMember

@@ -14,8 +14,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED, LONGEST_SHOWN_S
+from backend.experiments.benchmarks.alignment import FIRST_QUERY_SEED
 from backend.learning.errors import LearningError
+from backend.learning.people.asked_pairs import LONGEST_SHOWN_S
 from backend.learning.policies.conditioned import ConditionedPolicy, settings
 from backend.learning.policies.evaluate import mean_estimate, wilson
 from backend.learning.policies.policy import Policy

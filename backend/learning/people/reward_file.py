@@ -1,54 +1,39 @@
-"""A fitted reward network as a person: a small manifest beside a state dict or an ONNX file, read without running
-anything that is in it."""
+"""A fitted reward network as a person: a small manifest and a state dict or an ONNX file, read without running
+anything that is in it. Both together are one file of the store (`reward_manifest.py` says what a manifest may say)."""
 
 from __future__ import annotations
 
-import json
+import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from backend.learning.errors import LearningError
 from backend.learning.measures.steps import SeenSteps
 from backend.learning.people.families.base import Doubles, FamilyMember
+from backend.learning.people.reward_manifest import (
+    FILE_BYTES,
+    MANIFEST_BYTES,
+    RewardManifest,
+    read_manifest,
+    taken_apart,
+)
 from backend.learning.rewards.reward_model import RewardModel
-from backend.learning.rewards.storage import load_reward_model
-from backend.simulation.setups import get_setup
+from backend.learning.rewards.storage import reward_model_from_bytes
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
-FORMAT = "desirepath-reward-1"
-MANIFEST_BYTES = 64 * 1024
-FILE_BYTES = 64 * 1024 * 1024
 MOST_LAYERS = 20
 LEAK = 0.01
-Input = Literal["observation", "action", "next_observation"]
 HIDDEN: dict[str, Callable[[Floats], Floats]] = {
     "relu": lambda x: np.maximum(x, 0),
     "leaky_relu": lambda x: np.where(x > 0, x, LEAK * x),
     "tanh": np.tanh,
 }
-
-
-class RewardManifest(BaseModel):
-    """What a reward file's manifest says. file: the network beside it, `.pt` or `.pth` (a state dict of linear layers
-    in their order) or `.onnx` (one input (n, inputs) float32, one output). inputs: what is put side by side, of each
-    step. hidden, output: of a state dict; reduction: how a trajectory's steps are put together."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    format: Literal["desirepath-reward-1"]
-    setup: str
-    file: str = Field(pattern=r"^[A-Za-z0-9._-]+\.(pt|pth|onnx)$")
-    inputs: tuple[Input, ...] = Field(("observation", "action"), min_length=1)
-    hidden: Literal["relu", "leaky_relu", "tanh"] = "leaky_relu"
-    output: Literal["none", "tanh"] = "none"
-    reduction: Literal["mean", "sum"] = "mean"
 
 
 @dataclass(frozen=True)
@@ -86,22 +71,30 @@ def read_reward(path: Path, setup: str) -> FamilyMember:
     """The person of a manifest (.json) or of a reward model of ours (.npz). Raises LearningError that names the field,
     the value and what would work."""
     if path.suffix == ".npz":
-        model = load_reward_model(path)
-        _require_setup(path, model.setup, setup)
-        return RewardModelMember(model)
+        return reward_of_store(_bounded(path, FILE_BYTES), setup)
     if path.suffix != ".json":
         raise LearningError(f"--reward {path}: give the manifest (.json) or a reward model of the store (.npz)")
-    try:
-        said = json.loads(_bounded(path, MANIFEST_BYTES))
-        manifest = RewardManifest.model_validate(said)
-    except (ValueError, RecursionError, ValidationError) as problem:
-        raise LearningError(f"{path}: not a reward manifest of format {FORMAT!r}: {problem}") from None
+    manifest = read_manifest(_bounded(path, MANIFEST_BYTES), str(path))
     _require_setup(path, manifest.setup, setup)
     weights = path.parent / manifest.file
-    content = _bounded(weights, FILE_BYTES)
-    needed = _width(manifest)
-    reward = _onnx(content, weights, needed) if weights.suffix == ".onnx" else _layers(weights, manifest, needed)
-    return RewardFileMember(manifest, reward)
+    return _member(manifest, _bounded(weights, FILE_BYTES), weights)
+
+
+def reward_of_store(content: bytes, setup: str) -> FamilyMember:
+    """The person of a reward model of the store, fitted here or uploaded. Raises LearningError as `read_reward`."""
+    together = taken_apart(content)
+    if together is None:
+        model = reward_model_from_bytes(content)
+        _require_setup(Path("reward model"), model.setup, setup)
+        return RewardModelMember(model)
+    manifest, network = together
+    _require_setup(Path(manifest.file), manifest.setup, setup)
+    return _member(manifest, network, Path(manifest.file))
+
+
+def _member(manifest: RewardManifest, content: bytes, named: Path) -> RewardFileMember:
+    reader = _onnx if named.suffix == ".onnx" else _layers
+    return RewardFileMember(manifest, reader(content, named, manifest))
 
 
 def _require_setup(path: Path, found: str, setup: str) -> None:
@@ -118,24 +111,19 @@ def _bounded(path: Path, most: int) -> bytes:
         raise LearningError(f"cannot read {path}: {problem.strerror}") from None
 
 
-def _width(manifest: RewardManifest) -> int:
-    size = get_setup(manifest.setup).observation_size
-    return sum(2 if name == "action" else size for name in manifest.inputs)
-
-
-def _layers(path: Path, manifest: RewardManifest, needed: int) -> Callable[[Floats], Floats]:
+def _layers(content: bytes, path: Path, manifest: RewardManifest) -> Callable[[Floats], Floats]:
     """Linear layers of a state dict, in its order. Only tensors are read: nothing pickled is run."""
     import torch
 
     try:
-        state: Any = torch.load(path, map_location="cpu", weights_only=True)
+        state: Any = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
         named = {str(name): tensor.detach().numpy().astype(np.float32) for name, tensor in state.items()}
     except Exception as problem:  # torch raises what it likes for files of others
         raise LearningError(f"{path}: not a state dict of tensors: {str(problem).splitlines()[0]}") from None
     weights = [(name, array) for name, array in named.items() if name.endswith("weight")]
     if not 1 <= len(weights) <= MOST_LAYERS:
         raise LearningError(f"{path}: {len(weights)} linear layers; between 1 and {MOST_LAYERS} are read")
-    layers, before = [], needed
+    layers, before = [], manifest.width
     for name, array in weights:
         bias = named.get(name.removesuffix("weight") + "bias", np.zeros(array.shape[:1], dtype=np.float32))
         if array.ndim != 2 or array.shape[1] != before or bias.shape != array.shape[:1]:
@@ -156,11 +144,11 @@ def _layers(path: Path, manifest: RewardManifest, needed: int) -> Callable[[Floa
     return reward
 
 
-def _onnx(content: bytes, path: Path, needed: int) -> Callable[[Floats], Floats]:
+def _onnx(content: bytes, path: Path, manifest: RewardManifest) -> Callable[[Floats], Floats]:
     """From bytes, so that no other file is opened for it."""
     import onnxruntime
 
-    options = onnxruntime.SessionOptions()
+    needed, options = manifest.width, onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     try:
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])

@@ -13,6 +13,7 @@ from scipy.special import expit
 
 Doubles = NDArray[np.float64]
 ITERATIONS = 40
+HALVINGS = 12
 Seen = tuple[Doubles, Doubles]
 """(n,) expected advantage of pairs and (n, columns) how it may differ, both at strength 1."""
 
@@ -32,25 +33,35 @@ class AdvantageProcess:
 
     @classmethod
     def after(cls, strength: float, seen: Seen, signs: Doubles) -> AdvantageProcess:
-        """After answers: likelihood sigmoid(sign f), f of mean sqrt(strength) m and covariance strength x x'."""
+        """After answers: likelihood sigmoid(sign f), f of mean sqrt(strength) m and covariance strength x x'. Newton's
+        steps are halved until they gain: whole ones overshoot where the prior is wide and the answers surprise."""
         n = len(signs)
         if not n:
             return cls(strength, seen, np.zeros(0), np.zeros(0), np.zeros((0, 0)), 0.0)
         mean, kernel = math.sqrt(strength) * seen[0], strength * seen[1] @ seen[1].T
-        f = mean.copy()
+        gradient, f = np.zeros(n), mean
+        worth = _log_likelihood(signs * f)
         for _ in range(ITERATIONS):
-            likely = expit(signs * f)
-            gradient, curvature = signs * (1 - likely), np.maximum(likely * (1 - likely), 1e-9)
-            root = np.sqrt(curvature)
-            triangle = np.linalg.cholesky(np.eye(n) + root[:, None] * kernel * root)
-            b = curvature * (f - mean) + gradient
-            a = b - root * np.linalg.solve(triangle.T, np.linalg.solve(triangle, root * (kernel @ b)))
-            before, f = f, kernel @ a + mean
-            if np.abs(f - before).max() < 1e-5:
+            slope, root, triangle = _at(signs, f, kernel)
+            b = np.square(root) * (f - mean) + slope
+            whole = b - root * np.linalg.solve(triangle.T, np.linalg.solve(triangle, root * (kernel @ b)))
+            step = whole - gradient
+            for _ in range(HALVINGS):
+                tried = gradient + step
+                there = kernel @ tried
+                found = float(-0.5 * (tried @ there)) + _log_likelihood(signs * (there + mean))
+                if found >= worth:
+                    break
+                step = step / 2
+            else:
                 break
-        likely = expit(signs * f)
-        evidence = -0.5 * a @ (f - mean) + np.log(np.maximum(likely, 1e-300)).sum() - np.log(np.diag(triangle)).sum()
-        return cls(strength, seen, signs * (1 - likely), root, triangle, float(evidence))
+            moved, gained = np.abs(there + mean - f).max(), found - worth
+            gradient, f, worth = tried, there + mean, found
+            if moved < 1e-5 or gained < 1e-9:
+                break
+        _, root, triangle = _at(signs, f, kernel)
+        evidence = worth - np.log(np.diag(triangle)).sum()
+        return cls(strength, seen, gradient, root, triangle, float(evidence))
 
     def advantages(self, pairs: Seen) -> tuple[Doubles, Doubles]:
         """Mean and variance (m,) of what pairs differ by, in log odds."""
@@ -66,3 +77,14 @@ class AdvantageProcess:
         """(columns,) posterior mean of what each column weighs, beyond the prior's mean."""
         found: Doubles = self.strength * self.seen[1].T @ self.gradient
         return found
+
+
+def _log_likelihood(margins: Doubles) -> float:
+    return float(-np.logaddexp(0.0, -margins).sum())
+
+
+def _at(signs: Doubles, f: Doubles, kernel: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Gradient of the log likelihood, root of its curvature, and the Cholesky factor, at f."""
+    likely = expit(signs * f)
+    root = np.sqrt(np.maximum(likely * (1 - likely), 1e-9))
+    return signs * (1 - likely), root, np.linalg.cholesky(np.eye(len(f)) + root[:, None] * kernel * root)

@@ -13,9 +13,9 @@ from torch import nn
 from typer.testing import CliRunner
 
 from backend.cli import app
-from backend.experiments.benchmarks.people import PeopleConfig, benchmark_people, calibration_error
 from backend.experiments.benchmarks.people_before import BeforeConfig, benchmark_before
 from backend.learning.errors import LearningError
+from backend.learning.people.asked_people import PeopleConfig, benchmark_people, calibration_error
 from backend.simulation.setups import STUDY_ROOM
 
 SMALL = PeopleConfig(
@@ -63,7 +63,7 @@ def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "somebody.json").write_text(json.dumps(said))
     small = {"pool": 30, "test": 20, "scenes": (6, 6, 8)}
     monkeypatch.setattr(
-        "backend.experiments.benchmarks.people.PeopleConfig", lambda **given: PeopleConfig(**{**given, **small})
+        "backend.learning.people.asked_people.PeopleConfig", lambda **given: PeopleConfig(**{**given, **small})
     )
     told = CliRunner().invoke(
         app, ["benchmark", "people", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--json"]

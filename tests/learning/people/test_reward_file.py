@@ -13,7 +13,8 @@ import torch
 from torch import nn
 
 from backend.learning.errors import LearningError
-from backend.learning.people.reward_file import MANIFEST_BYTES, read_reward
+from backend.learning.people.reward_file import read_reward, reward_of_store
+from backend.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.queries.queries import QuerySet
 from backend.learning.rewards.linear import fit_linear
@@ -111,3 +112,19 @@ def test_what_cannot_be_says_which_field_and_what_would_work(tmp_path: Path) -> 
     large.write_text("[" * 5_000)
     with pytest.raises(LearningError, match="manifest"):
         read_reward(large, "study_room")
+
+
+def test_manifest_and_network_are_one_file_of_the_store(tmp_path: Path, study_queries: QuerySet) -> None:
+    net = network()
+    torch.save(net.state_dict(), tmp_path / "weights.pt")
+    path = manifest(tmp_path, "weights.pt", output="tanh")
+    kept = kept_together(read_manifest(path.read_bytes(), "somebody.json"), (tmp_path / "weights.pt").read_bytes())
+    trajectory = study_queries.queries[0].trajectory_a
+    person = reward_of_store(kept, "study_room")
+    assert person.score(trajectory) == read_reward(path, "study_room").score(trajectory)
+    with pytest.raises(LearningError, match="open_field"):
+        reward_of_store(kept, "open_field")
+    with pytest.raises(LearningError, match="not a reward of the store"):
+        reward_of_store(kept[:200], "study_room")
+    with pytest.raises(LearningError, match="0 bytes"):
+        kept_together(read_manifest(path.read_bytes(), "somebody.json"), b"")

@@ -1,7 +1,8 @@
-"""`benchmark people`: how well people outside the list are foretold, how sure that is, and what their robot gains.
+"""How well people outside the list are foretold, how sure that is, and what their robot gains: `benchmark people`, and
+the job of that name.
 
 Everybody here is simulated. Accuracy is agreement with the preference itself; claims are held against the answers that
-this person would give, lapses included. What is asked and shown is `people_rooms.py`'s.
+this person would give, lapses included. What is asked and shown is `asked_pairs.py`'s.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.experiments.benchmarks.people_rooms import AskedPairs, Candidates, asked_pairs, candidates
 from backend.learning.errors import LearningError
+from backend.learning.people.asked_pairs import AskedPairs, Candidates, asked_pairs, candidates
 from backend.learning.people.card import members, people_card, response_models
 from backend.learning.people.families.base import FamilyMember
 from backend.learning.people.families.mixture import ObjectiveMember, mixed

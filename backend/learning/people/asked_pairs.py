@@ -1,5 +1,5 @@
-"""What `benchmark people` asks and shows: pairs of policies that differ in more than the nine objectives, and candidate
-policies in the same scenes. Made once for all people of a seed."""
+"""What simulated people are asked and shown (`asked_people.py`): pairs of policies that differ in more than the nine
+objectives, and candidate policies in the same scenes. Made once for all people of a seed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.experiments.benchmarks.alignment import LONGEST_SHOWN_S
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
@@ -24,6 +23,7 @@ from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 
+LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 30.0}  # twice as fast and half as far in the room
 FIRST_SEED = 900  # of query scenes and reporting scenes: of no shipped set, no card and no other benchmark
 MANNER_SEED = 2_900
 MANNERS_PER_SCENE = 4
