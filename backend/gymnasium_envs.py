@@ -15,3 +15,6 @@ MULTIPLE = "backend.learning.preferences.multi_objective_env:MultiObjectiveNavig
 for _setup in ("open_field", "study_room"):
     register(f"desirepath/{_setup}-v0", entry_point=SINGLE, kwargs={"setup": _setup})
     register(f"desirepath/mo-{_setup}-v0", entry_point=MULTIPLE, kwargs={"setup": _setup})
+
+register("desirepath/adaptable-v0", entry_point=SINGLE, kwargs={"setup": "adaptable", "progress_weight": 125.0})
+register("desirepath/mo-adaptable-v0", entry_point="backend.learning.adaptable.vector_env:AdaptableEnv")

@@ -70,6 +70,17 @@ def interface(
     say(reproduce_interface(out, chosen, seed=seed, **run), as_json)
 
 
+@commands.command()
+@plain_errors
+def adaptable(out: Out, budget: BudgetName = "small", processes: Processes = 2, as_json: JsonFlag = False) -> None:
+    """Chapter 5: rewards from demonstrations, policies for all weights of three objectives; table 5.1."""
+    from backend.experiments.reproduction.adaptable.plan import BUDGETS
+    from backend.experiments.reproduction.adaptable.run import reproduce_adaptable
+
+    chosen = _chosen(BUDGETS, budget)
+    say(reproduce_adaptable(out, chosen, **_run("adaptable", budget, processes)), as_json)
+
+
 def _chosen(budgets: Mapping[str, Budget], name: str) -> Budget:
     if name not in budgets:
         raise LookupError(f"--budget {name!r}: known are {', '.join(budgets)}")

@@ -352,6 +352,54 @@ def draw_open_field(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -
 
 
 @compiled_exactly
+def draw_adaptable(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
+    """Draw one scene of chapter 5 into the row from numbers in [0, 1); False if they ran out.
+
+    Open space; start and goal 6-12 m apart around the origin, the person at a fraction U(0.35, 0.65) of the way with
+    lateral offset N(0, 0.3 m) cut at 0.6 m, three boxes of 0.3-0.9 m by 0.3-0.9 m, uniform over the way give or take
+    3.5 m beside it, 0.36 m from the person's surface at least, so that a robot fits between (sizes and places ours).
+    """
+    distance, direction = 6.0 + 6.0 * uniforms[0], (2 * uniforms[1] - 1) * math.pi
+    along_x, along_y = math.cos(direction), math.sin(direction)
+    row[START_X], row[START_Y] = _tidy(-distance / 2 * along_x), _tidy(-distance / 2 * along_y)
+    row[GOAL_X], row[GOAL_Y] = -row[START_X], -row[START_Y]
+    row[START_YAW], row[PERSON_YAW] = (2 * uniforms[2] - 1) * math.pi, (2 * uniforms[3] - 1) * math.pi
+    row[GOAL_YAW] = direction
+    row[ROOM_HALF_X], row[ROOM_HALF_Y], row[BOX_COUNT] = 0.0, 0.0, 3
+    used = 4
+    while True:
+        if used + 3 > uniforms.size:
+            return False
+        fraction = 0.35 + 0.3 * uniforms[used]
+        normal = math.sqrt(-2 * math.log(1 - uniforms[used + 1])) * math.cos(2 * math.pi * uniforms[used + 2])
+        lateral, used = 0.3 * normal, used + 3
+        row[PERSON_X] = _tidy((fraction - 0.5) * distance * along_x - lateral * along_y)
+        row[PERSON_Y] = _tidy((fraction - 0.5) * distance * along_y + lateral * along_x)
+        if abs(lateral) <= 0.6 and _person_fits(row, spacing):
+            break
+    while True:  # the three boxes anew if they close the way
+        for box in range(3):
+            o = FIRST_BOX + BOX_COLUMNS * box
+            while True:
+                if used + 5 > uniforms.size:
+                    return False
+                row[o + BOX_HALF_LENGTH] = _tidy(0.15 + 0.3 * uniforms[used])
+                row[o + BOX_HALF_WIDTH] = _tidy(0.15 + 0.3 * uniforms[used + 1])
+                yaw = uniforms[used + 2] * math.pi
+                ahead, aside = (uniforms[used + 3] - 0.5) * distance, 3.5 * (2 * uniforms[used + 4] - 1)
+                used += 5
+                row[o + BOX_X] = _tidy(ahead * along_x - aside * along_y)
+                row[o + BOX_Y] = _tidy(ahead * along_y + aside * along_x)
+                row[o + BOX_YAW], row[o + BOX_COS], row[o + BOX_SIN] = yaw, math.cos(yaw), math.sin(yaw)
+                row[o + BOX_HEIGHT] = 1.0
+                apart = box_distance(row, o, row[PERSON_X], row[PERSON_Y]) - row[PERSON_RADIUS]
+                if apart >= 2 * spacing.robot_radius and _box_fits(row, box, spacing):
+                    break
+        if reachable(row, spacing.robot_radius + spacing.spare_on_the_way):
+            return True
+
+
+@compiled_exactly
 def draw_study_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacing) -> bool:
     """Draw one study room (ch. 7) into the row from numbers in [0, 1); False if they ran out.
 

@@ -35,6 +35,7 @@ _RECIPES: dict[str, tuple[int, Draw, tuple[str, ...]]] = {
     "study_room": (7, k.draw_study_room, ("box",) * 4 + ("pillar",) * 4),
     "corridor": (21, k.draw_corridor, ()),
     "room": (22, k.draw_room, ("couch", "table", "cupboard")),
+    "adaptable": (5, k.draw_adaptable, ("box",) * 3),
     "explained_room": (8, k.draw_explained_room, ("couch", "table", "cupboard", "box", "pillar")),
 }
 

@@ -215,7 +215,18 @@ EXPLAINED_ROOM = Setup(
     near=NearPenalty(reward=-0.001, within_m=0.4),
     extractors=False,
 )
-SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM)}
+ADAPTABLE = Setup(
+    name="adaptable",  # ch. 5, sections 5.3.2.1, 5.3.4.1 and 5.4.1; goal radius ours
+    limits=Limits(0.0, 0.5),
+    lidar=Lidar(beams=720, sectors=30, range_m=4.0),
+    reward=CoreReward(goal=0.0, collision=-1000.0, timeout=0.0, self_intersection=0.0),  # 125 per metre beside it
+    goal_radius_m=0.4,
+    max_steps=300,
+    gamma=1.0,
+    with_velocity=False,
+    extractors=False,
+)
+SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM, ADAPTABLE)}
 PREFERENCE_SETUPS = (OPEN_FIELD.name, STUDY_ROOM.name)
 DEMONSTRATION_SETUPS = (CORRIDOR.name, ROOM.name)
 

@@ -20,7 +20,7 @@ IDS = [id for id in gymnasium.registry if id.startswith("desirepath/")]
 
 def test_gymnasium_knows_every_setup_with_one_reward_and_with_many() -> None:
     assert backend.gymnasium_envs
-    assert len(IDS) == 4
+    assert len(IDS) == 6
     for name in IDS:
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)

@@ -83,6 +83,7 @@ def test_a_pool_gives_each_scene_once_before_it_repeats_any(monkeypatch: pytest.
         ("open_field", (-1.507964, -1.732797), (-0.496578, 0.293001)),
         ("study_room", (2.665458, 0.098837), (-0.457145, 0.186276)),
         ("explained_room", (-2.382275, 2.245871), (-2.282649, -2.831729)),
+        ("adaptable", (2.622034, 1.80682), (0.558476, 0.275738)),
     ],
 )
 def test_scene_of_seed_2026_is_what_it_always_was(

@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from backend.learning.adaptable.policy import FORMAT as ADAPTABLE
+from backend.learning.adaptable.policy import AdaptablePolicy, parsed_preference
 from backend.learning.cards import file_sha256
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import FORMAT as CONDITIONED
@@ -32,7 +34,8 @@ def load_policy(reference: str) -> Policy:
     """A policy by shipped name or path.
 
     A conditioned policy may be given preference weights, `study_room/conditioned@farther=1,smoother=0.5`; without, all
-    are zero. Raises LearningError or PolicyError.
+    are zero. So may an adaptable one, `adaptable/policy@demonstration=0.5,distance=0.5`; without, a third each. Raises
+    LearningError or PolicyError.
     """
     return policy_conditioned_on(resolve(reference.partition("@")[0]).read_bytes(), reference)
 
@@ -44,6 +47,8 @@ def policy_conditioned_on(content: bytes, reference: str) -> Policy:
     name, given, weights = reference.partition("@")
     if stored_format(content) == CONDITIONED:
         return ConditionedPolicy.from_bytes(content).at(parsed_weights(weights))
+    if stored_format(content) == ADAPTABLE:
+        return AdaptablePolicy.from_bytes(content).at(parsed_preference(weights))
     if given:
         raise LearningError(
             f"{name} takes no preference weights: write it without @{weights}, or name a conditioned policy"

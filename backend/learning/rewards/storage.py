@@ -10,6 +10,7 @@ from backend.learning.rewards.linear import LinearRewardModel
 from backend.learning.rewards.mlp import MlpRewardModel
 from backend.learning.rewards.mlp_ensemble import MlpEnsembleRewardModel
 from backend.learning.rewards.preference_weights import WeightsRewardModel
+from backend.learning.rewards.ranked_rollouts import RankedRewardModel
 from backend.learning.rewards.reward_model import RewardModel
 from backend.learning.rewards.step_weights import StepWeightsRewardModel
 from backend.simulation.npz import NpzError, from_npz, to_npz
@@ -22,6 +23,7 @@ KINDS: dict[str, type[RewardModel]] = {
         LinearRewardModel,
         MlpRewardModel,
         MlpEnsembleRewardModel,
+        RankedRewardModel,
         StepWeightsRewardModel,
         WeightsRewardModel,
     )

@@ -1,0 +1,210 @@
+"""`desirepath reproduce adaptable`, without the command line: work, table 5.1, figures, report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
+from backend.experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
+from backend.experiments.reproduction.adaptable.published_numbers import NAMES, TABLE
+from backend.experiments.reproduction.adaptable.results import KINDS, bars, rewards, table
+from backend.experiments.reproduction.enquery.report import kinds
+from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
+from backend.experiments.reproduction.tasks import Run, Task, Work
+from backend.explain.printed import Section, Table, page, shown_picture
+from backend.learning.adaptable.training import AdaptableConfig
+from backend.learning.cards import Card, card_path, file_sha256
+
+if TYPE_CHECKING:
+    from backend.explain.pictures import Picture
+
+MEASURES = {
+    "success": "success, %",
+    "collision": "collisions, %",
+    "human_m": "human distance at full distance, m",
+    "frechet_m": "Frechet at full demonstration, m",
+    "time_s": "time at full efficiency, s",
+}
+DEPARTURES = [
+    "Many environments, a third of them in each part of the triangle, in a fast kinematic engine; there three in "
+    "iGibson. As many transitions.",
+    "Random actions of the ranked rollouts are kept up for a second, and snippets of equal length are compared: "
+    "single random steps average out, and of whole rollouts the longer one has more to sum.",
+    "The programmed demonstration is disturbed in a part of the steps while it is recorded, and the action recorded "
+    "is the demonstration's: else the clone never sees how to come back.",
+    "The reward network's output is shifted and scaled so that random actions get 0 and the clone's own get 1.",
+    "The clone's noisy rollouts are in the replay buffer to begin with.",
+    "Values are compared with the interpolated preference per metre of way to go.",
+    "The kept policy averages the actor over updates: the best of several checkpoints, on scenes that nothing reports.",
+    "Sizes and places of obstacles, the goal's radius and the intersection's measures are ours.",
+]
+
+
+def reproduce_adaptable(
+    out: Path, budget: AdaptableBudget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
+) -> dict[str, Any]:
+    """Compute what is missing under `out`/work, then write figures, results.json with its card, and report.html.
+
+    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
+    another run works in the same folder.
+    """
+    from backend.experiments.reproduction.adaptable.figures import pictures  # matplotlib is slow to load
+
+    plan, work = make_plan(budget), Work(out / "work")
+    with work.claimed():
+        run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
+        found = {"table": table(plan, work.load), "rewards": rewards(plan, work.load)}
+        judged_bars = bars(found["table"])
+        tell("drawing")
+        drawn = pictures(plan, work.load)
+        files = [path for picture in drawn for path in picture.save(out / "figures")]
+        results = out / "results.json"
+        summary = write_results(results, run, budget, bars=judged_bars, **found)
+        Card(
+            kind="reproduction",
+            name=f"adaptable/reproduce_{budget.name}",
+            setup="adaptable",
+            file=results.name,
+            sha256=file_sha256(results),
+            command=command,
+            seed=budget.seeds[0],
+            commit=run.commit,
+            config=AdaptableConfig(updates=budget.updates).as_dict(),
+            scenes={"judged": f"{budget.rollouts} reporting scenes per vector, of each seed's own set"},
+            results={"bars": judged_bars, "core_seconds": run.core_seconds},
+            departures=DEPARTURES,
+            notes=["Simulated throughout: the demonstration is programmed."],
+        ).save(card_path(results))
+        html = page(
+            TEMPLATES,
+            "adaptable.html",
+            run={"budget": budget.name, "seeds": ", ".join(map(str, budget.seeds))},
+            sections=_sections(plan, found, judged_bars, drawn, out / "figures"),
+            facts=_facts(plan, run),
+            kinds=kinds(run),
+        )
+        (out / "report.html").write_text(html, encoding="utf-8")
+    return {
+        "report": str(out / "report.html"),
+        "results": str(results),
+        "figures": [str(path) for path in files],
+        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "bars")},
+    }
+
+
+def _sections(
+    plan: AdaptablePlan,
+    found: dict[str, Any],
+    judged_bars: Sequence[dict[str, Any]],
+    drawn: Sequence[Picture],
+    folder: Path,
+) -> list[Section]:
+    rows = found["table"]
+    printed = [
+        [title, *(f"{_number(rows[variant][key])} ({_number(TABLE[variant][key])})" for variant in rows)]
+        for key, title in MEASURES.items()
+    ]
+    heads = ["measure", *(f"{NAMES[variant]}: here (printed)" for variant in rows)]
+    followed = [
+        [edge, *(_number(of["spearman"][edge]) for of in rows["ours"]["seeds"].values())]
+        for edge in next(iter(rows["ours"]["seeds"].values()))["spearman"]
+    ]
+    away = [
+        [f"{NAMES[variant]}, {kind}", *(_number(of[kind][key]) for key in ("success", "collision", "timeout"))]
+        for variant, both in rows.items()
+        for of in list(both["seeds"].values())[:1]
+        for kind in KINDS[1:]
+    ]
+    seeds = [f"seed {seed}" for seed in rows["ours"]["seeds"]]
+    return [
+        Section(
+            "Bars",
+            ["Each with its worst seed."],
+            [
+                Table(
+                    "Bars of the specification",
+                    ["bar", "bound", "worst seed", "met"],
+                    [
+                        [
+                            b["name"],
+                            f"{'≥' if b['at_least'] else '≤'} {b['bound']:g}",
+                            _number(b["worst"]),
+                            "yes" if b["met"] else "no",
+                        ]
+                        for b in judged_bars
+                    ],
+                )
+            ],
+        ),
+        Section(
+            "Table 5.1",
+            [
+                f"33 preferences, {plan.budget.rollouts} rollouts each, in the same scenes; the last three rows over "
+                "the rollouts that arrived under one weight alone. Means over seeds. Scenes are ours."
+            ],
+            [Table("Here (printed)", heads, printed)],
+        ),
+        Section(
+            "Over the edges of the preference triangle",
+            ["Spearman of each measure and its weight, +1: as it should be."],
+            [Table("Rank correlation along the edges", ["objective", *seeds], followed)],
+            pictures=[shown_picture(one, folder) for one in drawn],
+        ),
+        Section(
+            "Where nothing was trained",
+            ["A person who walks towards the robot at 0.5 m/s; an intersection of corridors. First seed."],
+            [Table("%, over 33 preferences", ["policy, scenes", "success", "collisions", "timeouts"], away)],
+        ),
+        Section("Rewards from demonstrations (D-REX)", _rewards_words(), _reward_tables(found["rewards"])),
+        Section("Where this departs from the thesis", points=DEPARTURES),
+    ]
+
+
+def _rewards_words() -> list[str]:
+    return [
+        "Held-out rollouts, in scenes of their own. Accuracy: pairs of rollouts of which the less noisy one has more "
+        "reward per step; per level, against the noise-free rollout in the same scene. Correlation: Spearman of reward "
+        "and nearness to the demonstration (Frechet)."
+    ]
+
+
+def _reward_tables(found: dict[str, Any]) -> list[Table]:
+    heads = ["noise", "rollouts", "accuracy", "reward per step", "Frechet, m", "correlation"]
+    tables = []
+    for name, of in found.items():
+        judged = of["judged"]
+        caption = (
+            f"{name}: {of['demonstrations']} demonstrations, {of['steps']:,} steps; the clone arrives in "
+            f"{100 * of['clone']['success']:.0f} %, {of['clone']['frechet_m']:.2f} m from the demonstration. Accuracy "
+            f"over all pairs {100 * judged['accuracy']:.0f} %, correlation over all {_number(judged['correlation'])}"
+        )
+        rows = [
+            [
+                f"{level['level']:.2f}",
+                *(_number(level[key]) for key in ("rollouts", "accuracy", "reward", "frechet_m", "correlation")),
+            ]
+            for level in judged["levels"]
+        ]
+        tables.append(Table(caption, heads, rows))
+    return tables
+
+
+def _facts(plan: AdaptablePlan, run: Run) -> list[tuple[str, str]]:
+    return [
+        ("Command", run.command),
+        ("Commit", run.commit),
+        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
+        ("Work", f"{len(run.made)} tasks, {time_in_words(run.core_seconds)} of one core"),
+        ("Updates", f"{plan.budget.updates:,} per training"),
+    ]
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _name(task: Task) -> str:
+    config = task.params.get("config", task.params)
+    return f"{task.kind} {task.params.get('source', '')} seed {config.get('seed', 0)}".replace("  ", " ")

@@ -1,0 +1,286 @@
+"""MO-TD3-HER (PD-MORL; section 5.3.2): the training loop of the adaptable policy.
+
+Environments in three groups, each exploring its own third of the preference triangle; transitions keep the vector of
+rewards, so that hindsight may judge them by any other preference; solutions of the single objectives feed the
+interpolator. The update itself lives in `vector_td3.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.adaptable.interpolator import Interpolator
+from backend.learning.adaptable.objectives import (
+    KEY_PREFERENCES,
+    NAMES,
+    PROGRESS_PER_M,
+    REWARDS,
+    SIZE,
+    DemonstrationReward,
+    objective_rewards,
+    sampled,
+    sampled_in,
+    scalarised,
+)
+from backend.learning.adaptable.policy import AdaptablePolicy
+from backend.learning.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
+from backend.learning.adaptable.vector_td3 import VectorBatch, VectorTd3Agent, VectorTd3Config
+from backend.learning.cards import stored_config
+from backend.learning.policies.cloning import DEMONSTRATED_HEADS
+from backend.learning.policies.networks import use_one_thread
+from backend.learning.policies.shape import NetworkShape
+from backend.learning.scene_sets import Purpose, scene_set
+from backend.learning.td3.base import OnProgress, no_progress
+from backend.learning.td3.checkpoints import checkpoints
+from backend.simulation.acting import ActFunction
+from backend.simulation.fast import FastEngine
+from backend.simulation.setups import ADAPTABLE
+
+Floats = NDArray[np.float32]
+PERSON_INPUTS = (2, 3)
+
+
+@dataclass(frozen=True)
+class AdaptableConfig:
+    """How an adaptable policy is trained. Sections 5.3.2 and 5.4.1 where named, the rest ours."""
+
+    seed: int = 0
+    heads: tuple[int, ...] = DEMONSTRATED_HEADS
+    updates: int = 50_000
+    batch_size: int = 128
+    gamma: float = 1.0  # section 5.4.1
+    learning_rate: float = 5e-4
+    final_learning_rate: float = 5e-5  # reached linearly over the second half
+    tau: float = 0.01
+    angle_weight: float = 0.1
+    n_envs: int = 96  # a third of them in each part of the triangle; the thesis has one in each
+    updates_per_step: int = 8  # 600,000 steps (section 5.4.1) are 50,000 updates
+    buffer_size: int = 700_000
+    random_transitions: int = 20_000
+    cloned_transitions: int = 20_000  # of the clone with much noise, judged as all others; ours
+    exploration: tuple[float, float] = (0.05, 0.4)  # std of the action noise, spread over the environments
+    relabelled_share: float = 0.5  # of each batch: judged by a preference drawn anew
+    reward_scale: float = 0.01
+    average_decay: float = 0.999  # running average of the actor's weights, per update
+    solutions_every: int = 4_000  # updates between looks at the single objectives
+    solution_scenes: int = 40
+    checkpoints: int = 4  # over the last quarter; the best on the selection scenes is kept
+    selection_scenes: int = 40
+    without_person: bool = False  # the ablation: the person's pose is hidden from all networks
+
+    def as_dict(self) -> dict[str, Any]:
+        return stored_config(self)
+
+
+@dataclass(frozen=True)
+class AdaptableResult:
+    """The selected policy, its success on the selection scenes (optimistic: it was chosen there), the curve, the
+    single-objective solutions (3, 3) per metre of way that the interpolator ended with."""
+
+    policy: AdaptablePolicy
+    selection_success: float
+    transitions: int
+    history: list[dict[str, float]]
+    solutions: Floats
+
+
+def without_person(observations: Floats) -> Floats:
+    """The observations with the person's distance and bearing set to 0."""
+    hidden = observations.copy()
+    hidden[:, PERSON_INPUTS] = 0
+    return hidden
+
+
+class VectorTransitions(NamedTuple):
+    """What the buffer keeps of n transitions, as in `VectorBatch`."""
+
+    observations: Floats
+    actions: Floats
+    rewards: Floats
+    following: Floats
+    continues: Floats
+    preferences: Floats
+
+
+class VectorReplayBuffer:
+    """A ring of transitions with vectors of rewards and the preferences they were rolled out under."""
+
+    def __init__(self, capacity: int, observation_size: int) -> None:
+        self.capacity, self.size, self._next = capacity, 0, 0
+        widths = (observation_size, 2, len(REWARDS), observation_size, 0, SIZE)
+        shapes = [(capacity, width) if width else (capacity,) for width in widths]
+        self.data = VectorTransitions(*(np.zeros(shape, dtype=np.float32) for shape in shapes))
+
+    def add(self, transitions: VectorTransitions) -> None:
+        n = len(transitions.actions)
+        rows = (self._next + np.arange(n)) % self.capacity
+        for store, new in zip(self.data, transitions, strict=True):
+            store[rows] = new
+        self._next, self.size = (self._next + n) % self.capacity, min(self.capacity, self.size + n)
+
+    def sample(self, n: int, random: np.random.Generator) -> VectorBatch:
+        """n transitions drawn uniformly, with replacement."""
+        rows = random.integers(self.size, size=n)
+        return VectorBatch(*(part[rows] for part in self.data))
+
+
+def relabelled(batch: VectorBatch, share: float, random: np.random.Generator) -> VectorBatch:
+    """Hindsight: the first `share` of the batch as if rolled out under preferences drawn anew. Rewards are vectors, so
+    nothing else changes, and what a trajectory returns under the new preference is what it would have returned."""
+    count = int(len(batch.actions) * share)
+    preferences = batch.preferences.copy()
+    preferences[:count] = sampled(count, random)
+    return batch._replace(preferences=preferences)
+
+
+class AdaptableTraining:
+    """The training loop as an object: one `vector_step` steps every environment once and updates some times."""
+
+    def __init__(
+        self, config: AdaptableConfig, demonstration: DemonstrationReward, clone: ActFunction | None = None
+    ) -> None:
+        use_one_thread()
+        self.config, self.demonstration, self.setup = config, demonstration, ADAPTABLE
+        td3 = VectorTd3Config(config.gamma, config.learning_rate, config.tau, angle_weight=config.angle_weight)
+        size, split = self.setup.observation_size, self.setup.polar_size
+        self.agent = VectorTd3Agent(size, split, config.heads, td3, seed=config.seed)
+        self.shape = NetworkShape(split + SIZE, self.setup.surroundings_size, 0, config.heads)
+        self.buffer = VectorReplayBuffer(config.buffer_size, size)
+        self.transitions = 0
+        self._random = np.random.default_rng([config.seed, 55])
+        self._average = self.agent.actor.flat.clone()
+        self._engine = FastEngine(self.setup, config.n_envs, seed=config.seed, progress_weight=PROGRESS_PER_M)
+        self._parts = np.arange(config.n_envs) % SIZE
+        noise = np.geomspace(*config.exploration, config.n_envs // SIZE + 1).astype(np.float32)
+        self._noise = noise[np.arange(config.n_envs) // SIZE][:, None]
+        self._preferences = sampled_in(self._parts, self._random)
+        self._best = np.full(SIZE, -np.inf, dtype=np.float32)
+        self.solutions = np.zeros((SIZE, SIZE), dtype=np.float32)
+        self._begin_with(clone)
+
+    def _begin_with(self, clone: ActFunction | None) -> None:
+        """Random transitions, and the clone's with up to twice the exploration noise."""
+        for _ in range(-(-self.config.random_transitions // self.config.n_envs)):
+            self._collect(self._random.uniform(-1, 1, (self.config.n_envs, 2)).astype(np.float32))
+        if clone is None:
+            return
+        for _ in range(-(-self.config.cloned_transitions // self.config.n_envs)):
+            self._collect(self._noisy(clone(self._seen(self._engine.observations)), 2.0))
+
+    def _seen(self, observations: Floats) -> Floats:
+        return without_person(observations) if self.config.without_person else observations
+
+    def _noisy(self, actions: Floats, times: float = 1.0) -> Floats:
+        jitter = self._random.standard_normal(actions.shape, dtype=np.float32) * self._noise * np.float32(times)
+        return np.clip(actions + jitter, -1, 1)
+
+    def _collect(self, actions: Floats) -> None:
+        """One step of every environment into the buffer; who ended gets a new preference of its part."""
+        engine = self._engine
+        before = engine.observations.copy()
+        engine.step(actions)
+        rewards = np.empty((len(actions), len(REWARDS)), dtype=np.float32)
+        rewards[:, 0] = engine.rewards
+        rewards[:, 1:] = objective_rewards(before, actions, engine.next_observations, self.demonstration, self.setup)
+        self.buffer.add(
+            VectorTransitions(
+                self._seen(before),
+                actions,
+                rewards * np.float32(self.config.reward_scale),
+                self._seen(engine.next_observations),
+                (~engine.dones).astype(np.float32),
+                self._preferences,
+            )
+        )
+        self.transitions += len(actions)
+        ended = np.flatnonzero(engine.dones)
+        if len(ended):
+            self._preferences[ended] = sampled_in(self._parts[ended], self._random)
+
+    def vector_step(self) -> int:
+        """One step of all environments, then `updates_per_step` updates; returns how many there were in all."""
+        config, agent = self.config, self.agent
+        self._collect(self._noisy(agent.act(self._seen(self._engine.observations), self._preferences)))
+        late = min(1.0, max(0.0, 2 * agent.updates / config.updates - 1))
+        agent.set_learning_rate(config.learning_rate + late * (config.final_learning_rate - config.learning_rate))
+        for _ in range(config.updates_per_step):
+            batch = self.buffer.sample(config.batch_size, self._random)
+            agent.update(relabelled(batch, config.relabelled_share, self._random), self.setup.distance_scale_m)
+            self._average.lerp_(agent.actor.flat, 1 - config.average_decay)
+            if agent.updates % config.solutions_every == 0:
+                self.look_at_solutions()
+        return agent.updates
+
+    def averaged(self) -> AdaptablePolicy:
+        """The running average of the actor. Where the person is hidden, the weights that would read them are 0."""
+        arrays, offset = [], 0
+        for inputs, outputs in self.agent.actor.sizes:
+            for shape in ((inputs, outputs), (outputs,)):
+                size = int(np.prod(shape))
+                arrays.append(self._average[offset : offset + size].numpy().reshape(shape).copy())
+                offset += size
+        if self.config.without_person:
+            arrays[0][list(PERSON_INPUTS)] = 0
+        return AdaptablePolicy(self.setup.name, self.shape, tuple(arrays))
+
+    def look_at_solutions(self) -> None:
+        """Roll out each objective alone; what is better than ever before becomes that objective's solution."""
+        scenes = scene_set(
+            self.setup.name, self.config.solution_scenes, purpose=Purpose.ALIGN_SELECT, seed=self.config.seed
+        )
+        found = self.rolled_out(self.averaged(), np.eye(SIZE, dtype=np.float32), len(scenes))
+        scalar = scalarised(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
+        per_m = found.returns[:, 1:] / found.start_m[:, None] * self.config.reward_scale
+        better = scalar > self._best
+        self._best[better] = scalar[better]
+        self.solutions[better] = per_m.reshape(SIZE, -1, SIZE).mean(axis=1)[better]
+        self.agent.interpolator = Interpolator(self.solutions.copy())
+
+    def rolled_out(self, policy: AdaptablePolicy, preferences: Floats, n_scenes: int) -> PreferenceRollouts:
+        """Each preference (k, 3) in the same selection scenes, preference after preference."""
+        scenes = scene_set(self.setup.name, n_scenes, purpose=Purpose.ALIGN_SELECT, seed=self.config.seed)
+        return roll_out_preferences(
+            policy.act, scenes * len(preferences), np.repeat(preferences, n_scenes, axis=0), self.demonstration
+        )
+
+
+def train_adaptable(
+    config: AdaptableConfig,
+    demonstration: DemonstrationReward,
+    clone: ActFunction | None = None,
+    on_progress: OnProgress = no_progress,
+) -> AdaptableResult:
+    """Train one adaptable policy. demonstration: R_hat; clone: acts as the demonstration does, to begin with.
+
+    Of the last quarter's checkpoints the one with most success over the key preferences is kept, the latest of equals.
+    """
+    training = AdaptableTraining(config, demonstration, clone)
+    quarter = config.updates // 4
+    marks = [config.updates - quarter + quarter * (k + 1) // config.checkpoints for k in range(config.checkpoints)]
+    early = [config.updates * k // 12 for k in range(2, 9, 2)]
+    history: list[dict[str, float]] = []
+    best: tuple[float, AdaptablePolicy] | None = None
+
+    def tell(updates: int) -> None:
+        if updates % (config.updates_per_step * 50) == 0:
+            on_progress(updates / config.updates, training.agent.losses)
+
+    for updates in checkpoints(training.vector_step, [*early, *marks], tell):
+        policy = training.averaged()
+        found = training.rolled_out(policy, KEY_PREFERENCES, config.selection_scenes)
+        point = {"updates": float(updates), "success": float(found.success.mean()), **training.agent.losses}
+        for k, name in enumerate(NAMES):
+            alone = found.preferences[:, k] > 1 - 1e-6
+            if alone.any():
+                point |= {f"human_m_{name}": float(found.human_m[alone].mean())}
+                point |= {f"time_s_{name}": float(found.time_s[alone].mean())}
+        history.append(point)
+        on_progress(updates / config.updates, point)
+        if updates >= marks[0] and (best is None or point["success"] >= best[0]):
+            best = point["success"], policy
+    assert best is not None  # noqa: S101 - there is at least one mark
+    return AdaptableResult(best[1], best[0], training.transitions, history, training.solutions)

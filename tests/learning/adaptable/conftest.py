@@ -1,0 +1,30 @@
+"""Small real parts that tests of adaptable policies share: a clone of the demonstration and a reward from it."""
+
+from __future__ import annotations
+
+import pytest
+
+from backend.learning.adaptable.demonstrator import demonstrated
+from backend.learning.policies.cloning import CloningConfig, cloned
+from backend.learning.policies.policy import Policy
+from backend.learning.rewards.ranked_rollouts import RankedConfig, RankedRewardModel, fit_ranked, noise_ranked
+from backend.simulation.scene import Scene
+from backend.simulation.scenes import draw_scenes
+from backend.simulation.setups import ADAPTABLE
+
+
+@pytest.fixture(scope="session")
+def free_scenes() -> list[Scene]:
+    """Scenes in which the demonstration touches nothing."""
+    return [one.scene for one in demonstrated(draw_scenes(ADAPTABLE, range(80)))]
+
+
+@pytest.fixture(scope="session")
+def clone(free_scenes: list[Scene]) -> Policy:
+    return cloned(demonstrated(free_scenes[:30], disturbed=0.15), CloningConfig(updates=1_500, heads=(64, 64)))
+
+
+@pytest.fixture(scope="session")
+def reward(clone: Policy, free_scenes: list[Scene]) -> RankedRewardModel:
+    ranked = noise_ranked(clone.act, free_scenes[:20], seed=0)
+    return fit_ranked(ranked, RankedConfig(updates=500, pairs=16, heads=(64, 64)))
