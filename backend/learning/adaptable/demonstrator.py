@@ -57,13 +57,13 @@ def demonstrated(scenes: Sequence[Scene], *, disturbed: float = 0.0, seed: int =
     """
     random = np.random.default_rng([seed, 50])
 
-    def driven(observations: Floats) -> Floats:
+    def disturbed_actions(observations: Floats) -> Floats:
         drawn = random.uniform(-1, 1, (len(observations), 2)).astype(np.float32)
         return np.where(random.random((len(observations), 1)) < disturbed, drawn, demonstrated_actions(observations))
 
     return [
         replace(one, actions=demonstrated_actions(one.observations))
-        for one in rollout(ADAPTABLE, driven, scenes)
+        for one in rollout(ADAPTABLE, disturbed_actions, scenes)
         if one.outcome == Outcome.SUCCESS
     ]
 
