@@ -9,6 +9,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from backend.experiments.shipping.adaptable import ship_adaptable
 from backend.experiments.shipping.explained_room import ship_explained, ship_ranking_set
 from backend.experiments.shipping.policies import (
     ship_added,
@@ -34,7 +35,16 @@ from backend.simulation.setups import EXPLAINED_ROOM, SETUPS
 def main() -> None:
     parser = argparse.ArgumentParser(description="Make shipped artefacts with their cards.")
     kinds = ("base", "ensemble", "conditioned", "sharpened", "queries", "varied-queries", "manner-queries")
-    more = ("triples", "stand-ins", "population-priors", "step-basis", "policy-library", "ranking-set", "added")
+    more = (
+        "triples",
+        "stand-ins",
+        "population-priors",
+        "step-basis",
+        "policy-library",
+        "ranking-set",
+        "added",
+        "adaptable",
+    )
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS))
     parser.add_argument("--seed", type=int, default=0)
@@ -48,7 +58,9 @@ def main() -> None:
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
     given = (arguments.setup, arguments.seed, arguments.out, show)
-    if arguments.what == "ranking-set":
+    if arguments.what == "adaptable":
+        ship_adaptable(arguments.seed, arguments.out)
+    elif arguments.what == "ranking-set":
         ship_ranking_set(arguments.out)
     elif arguments.what == "base" and arguments.setup == EXPLAINED_ROOM.name:
         ship_explained(*given[1:])

@@ -18,7 +18,7 @@ def test_start_and_goal_lie_six_to_twelve_metres_apart_with_the_person_between_a
         way = np.array([scene.goal.x - scene.start.x, scene.goal.y - scene.start.y])
         to_person = np.array([scene.person.pose.x - scene.start.x, scene.person.pose.y - scene.start.y])
         length = float(np.linalg.norm(way))
-        along, aside = float(way @ to_person) / length, float(np.cross(way, to_person)) / length
+        along, aside = float(way @ to_person) / length, float(way[0] * to_person[1] - way[1] * to_person[0]) / length
         assert 6 - 1e-5 <= length <= 12 + 1e-5
         assert 0.35 - 1e-5 <= along / length <= 0.65 + 1e-5
         assert abs(aside) <= 0.6 + 1e-5

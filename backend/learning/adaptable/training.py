@@ -50,7 +50,7 @@ class AdaptableConfig:
 
     seed: int = 0
     heads: tuple[int, ...] = DEMONSTRATED_HEADS
-    updates: int = 50_000
+    updates: int = 16_000  # ours: success at every preference stands after 3,000
     batch_size: int = 128
     gamma: float = 1.0  # section 5.4.1
     learning_rate: float = 5e-4
@@ -58,7 +58,7 @@ class AdaptableConfig:
     tau: float = 0.01
     angle_weight: float = 0.1
     n_envs: int = 96  # a third of them in each part of the triangle; the thesis has one in each
-    updates_per_step: int = 8  # 600,000 steps (section 5.4.1) are 50,000 updates
+    updates_per_step: int = 8  # 600,000 steps (section 5.4.1) would be 50,000 updates
     buffer_size: int = 700_000
     random_transitions: int = 20_000
     cloned_transitions: int = 20_000  # of the clone with much noise, judged as all others; ours

@@ -90,7 +90,7 @@ def load_policy_library(setup: str) -> PolicyLibrary | None:
     return PolicyLibrary.load(resolve(name)) if name in shipped_names() else None
 
 
-def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary:
+def load_shipped(name: str) -> Policy | AdaptablePolicy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary:
     """The shipped artefact of that name, its bytes checked against its card.
 
     Raises LearningError if the name is unknown or file and card disagree.
@@ -101,8 +101,9 @@ def load_shipped(name: str) -> Policy | ConditionedPolicy | QuerySet | StepBasis
     path, card = resolve(name), load_card(name)
     if file_sha256(path) != card.sha256:
         raise LearningError(f"{name}: file and card disagree (sha256); restore both from the repository")
-    kinds: dict[str, type[Policy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary]] = {
+    kinds: dict[str, type[Policy | AdaptablePolicy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary]] = {
         "policy": Policy,
+        "adaptable_policy": AdaptablePolicy,
         "conditioned_policy": ConditionedPolicy,
         "query_set": QuerySet,
         "step_basis": StepBasis,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,8 +35,8 @@ class AdaptableBudget:
 BUDGETS = {
     budget.name: budget
     for budget in (
-        AdaptableBudget("small", (0,), 300, 2_000, 300, 6_000, 25, 25, ()),
-        AdaptableBudget("full", (0, 1, 2), 1_000, 8_000, 1_500, 50_000, 100, 100),
+        AdaptableBudget("small", (0,), 300, 2_000, 600, 6_000, 25, 25, ()),
+        AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 16_000, 100, 100),
     )
 }
 
@@ -56,13 +56,15 @@ class AdaptablePlan:
         yield from self.judged.values()
 
 
-def make_plan(budget: AdaptableBudget) -> AdaptablePlan:
-    """Which tasks a budget has."""
+def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> AdaptablePlan:
+    """Which tasks a budget has. seeds: of ours, others than the budget's."""
     plan = AdaptablePlan(budget, {}, {}, {})
-    for seed in budget.seeds:
+    for seed in budget.seeds if seeds is None else seeds:
         for source in (PROGRAMMED, DRAWN):
             plan.learned[source, seed] = _learned(budget, source, seed)
         _add(plan, OURS, seed, plan.learned[PROGRAMMED, seed])
+    if seeds is not None:
+        return plan
     first = budget.seeds[0]
     for variant in budget.baselines:
         demonstration = plan.learned[PROGRAMMED, first]

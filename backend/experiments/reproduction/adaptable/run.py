@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
+from backend.experiments.reproduction.adaptable.departures import DEPARTURES
 from backend.experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
 from backend.experiments.reproduction.adaptable.published_numbers import NAMES, TABLE
 from backend.experiments.reproduction.adaptable.results import KINDS, bars, rewards, table
@@ -27,19 +28,6 @@ MEASURES = {
     "frechet_m": "Frechet at full demonstration, m",
     "time_s": "time at full efficiency, s",
 }
-DEPARTURES = [
-    "Many environments, a third of them in each part of the triangle, in a fast kinematic engine; there three in "
-    "iGibson. As many transitions.",
-    "Random actions of the ranked rollouts are kept up for a second, and snippets of equal length are compared: "
-    "single random steps average out, and of whole rollouts the longer one has more to sum.",
-    "The programmed demonstration is disturbed in a part of the steps while it is recorded, and the action recorded "
-    "is the demonstration's: else the clone never sees how to come back.",
-    "The reward network's output is shifted and scaled so that random actions get 0 and the clone's own get 1.",
-    "The clone's noisy rollouts are in the replay buffer to begin with.",
-    "Values are compared with the interpolated preference per metre of way to go.",
-    "The kept policy averages the actor over updates: the best of several checkpoints, on scenes that nothing reports.",
-    "Sizes and places of obstacles, the goal's radius and the intersection's measures are ours.",
-]
 
 
 def reproduce_adaptable(

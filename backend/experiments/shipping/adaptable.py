@@ -1,0 +1,91 @@
+"""The shipped policy of chapter 5 and the reward of its programmed demonstration, each with its card.
+
+Both are tasks of the reproduction; what they compute lives in `reproduction/adaptable/computing.py`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
+from backend.experiments.reproduction.adaptable.departures import DEPARTURES
+from backend.experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
+from backend.experiments.reproduction.adaptable.results import row_of
+from backend.experiments.reproduction.tasks import TaskResult
+from backend.learning.cards import Card, card_path, file_sha256, source_commit
+from backend.learning.scene_sets import Purpose, describe
+from backend.learning.shipped_files import DATASETS
+from backend.simulation.setups import ADAPTABLE
+
+REWARD_NAME, POLICY_NAME = "adaptable/demonstration_reward", "adaptable/policy"
+
+
+def ship_adaptable(seed: int = 0, folder: Path = DATASETS) -> list[Card]:
+    """Clone, rank, train, roll out and store: reward and policy, as `reproduce adaptable --budget full` makes them."""
+    plan = make_plan(BUDGETS["full"], (seed,))
+    learned = plan.learned[PROGRAMMED, seed]
+    demonstration = FUNCTIONS[learned.kind](learned.params, [])
+    trained = plan.trained[OURS, seed]
+    policy = FUNCTIONS[trained.kind](trained.params, [demonstration])
+    judged = plan.judged[OURS, seed]
+    rolled = FUNCTIONS[judged.kind](judged.params, [policy, demonstration])
+    return [
+        store_reward(demonstration, learned.params, seed, folder),
+        store_policy(policy, rolled, judged.params, seed, folder),
+    ]
+
+
+def store_reward(made: TaskResult, params: dict[str, Any], seed: int, folder: Path = DATASETS) -> Card:
+    """Write the reward of a demonstration task with its card."""
+    return _store(
+        "demonstration_reward",
+        REWARD_NAME,
+        made.arrays["reward"].tobytes(),
+        seed,
+        folder,
+        config=params,
+        scenes={"demonstrated": describe(Purpose.SELECT, 3 * params["layouts"], seed), "held_out": "reporting scenes"},
+        results={key: made.meta[key] for key in ("judged", "clone", "demonstrations", "steps")},
+    )
+
+
+def store_policy(
+    made: TaskResult, rolled: TaskResult, params: dict[str, Any], seed: int, folder: Path = DATASETS
+) -> Card:
+    """Write the policy of a training task with its card: as it is judged in the reproduction."""
+    reward = folder / f"{REWARD_NAME}.npz"
+    return _store(
+        "adaptable_policy",
+        POLICY_NAME,
+        made.arrays["policy"].tobytes(),
+        seed,
+        folder,
+        config=made.meta["config"],
+        scenes={"report": describe(Purpose.REPORT, params["rollouts"], seed)},
+        results=row_of(rolled)
+        | {key: made.meta[key] for key in ("selection_success", "transitions")}
+        | {"solutions": made.arrays["solutions"].tolist()},
+        parents={REWARD_NAME: file_sha256(reward)},
+    )
+
+
+def _store(kind: str, name: str, content: bytes, seed: int, folder: Path, **fields: Any) -> Card:
+    path = folder / f"{name}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    card = Card(
+        kind=kind,
+        name=name,
+        setup=ADAPTABLE.name,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"python -m backend.experiments.ship adaptable {ADAPTABLE.name} --seed {seed}",
+        seed=seed,
+        commit=source_commit(),
+        departures=DEPARTURES,
+        notes=["Simulated: the demonstration is programmed (section 5.3.4.3)."],
+        **fields,
+    )
+    card.save(card_path(path))
+    return card
