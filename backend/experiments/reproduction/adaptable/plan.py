@@ -36,6 +36,7 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         AdaptableBudget("small", (0,), 300, 2_000, 600, 6_000, 25, 25, ()),
+        AdaptableBudget("medium", (0,), 1_000, 6_000, 2_500, 16_000, 100, 100, ()),
         AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 16_000, 100, 100),
     )
 }
@@ -52,8 +53,8 @@ class AdaptablePlan:
 
     def tasks(self) -> Iterator[Task]:
         """All of them; needs come along."""
-        yield from self.learned.values()
         yield from self.judged.values()
+        yield from self.learned.values()
 
 
 def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> AdaptablePlan:
@@ -83,6 +84,8 @@ def _learned(budget: AdaptableBudget, source: str, seed: int, *, without_person:
         "without_person": without_person,
     }
     if source == DRAWN:
+        for count in ("cloning_updates", "reward_updates"):
+            params[count] //= 3  # a few hundred steps are cloned, of 16 paths
         params |= {"environment": "room", "style": "field_of_view", "per_pair": budget.per_pair}
     else:
         params |= {"layouts": budget.layouts}
