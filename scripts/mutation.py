@@ -93,10 +93,13 @@ def chosen_of(asked: argparse.Namespace, every: list[Mutant]) -> list[Mutant]:
     """The changes that are asked for."""
     if not asked.named:
         return every if asked.all else random.Random(asked.seed).sample(every, min(asked.sample, len(every)))
+    chosen = []
     for name, (file, there, _) in NAMED.items():
-        if (ROOT / file).read_text(encoding="utf-8").count(there) != 1:
+        before, *after = (ROOT / file).read_text(encoding="utf-8").split(there)
+        if len(after) != 1:
             sys.exit(f"{name}: {there!r} does not stand in {file} once; say what the change is now")
-    return [Mutant(file, UNCHANGED, 0, name) for name, (file, _, _) in NAMED.items()]
+        chosen.append(Mutant(file, UNCHANGED, before.count("\n") + 1, name))
+    return chosen
 
 
 def main() -> None:
@@ -113,7 +116,9 @@ def main() -> None:
     told.add_argument("--minutes", type=float, default=1e9, help="stop after so long; what was tried counts")
     told.add_argument("--out", type=Path, help="a line of JSON for each change; what is there is not tried again")
     told.add_argument("--survivors-again", action="store_true", help="but what survived is: after new tests")
+    told.add_argument("--json", type=Path, help="writes the count, its interval and what survived to this file")
     asked = told.parse_args()
+    summary = asked.json.resolve() if asked.json else None
     out = asked.out.resolve() if asked.out else None
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
@@ -137,8 +142,10 @@ def main() -> None:
         if asked.named and not found.survives:
             print(f"noticed: {one.file}: {one.change}: {found.by}", flush=True)
     same = {one: why for one in alive if (why := equivalent(one))}
-    for one in alive:
-        text = (ROOT / one.file).read_text(encoding="utf-8").splitlines()[max(0, one.line - 1)].strip()
+    texts = {
+        one: (ROOT / one.file).read_text(encoding="utf-8").splitlines()[max(0, one.line - 1)].strip() for one in alive
+    }
+    for one, text in texts.items():
         why = f"\n    changes nothing that counts: {same[one]}" if one in same else ""
         print(f"survives: {one.file}:{one.line}: {one.change}: {text}{why}")
     killed = tried - len(alive)
@@ -147,6 +154,16 @@ def main() -> None:
     if same:
         print(f"; without {len(same)} that change nothing that counts {in_words(killed, tried - len(same))}", end="")
     print(f"; {len(chosen) - tried} of those chosen are left; {len(every)} can be made")
+    if summary:
+        low, high = _wilson(killed, tried)
+        survivors = [
+            {"file": one.file, "line": text, "change": one.change, "changes_nothing_that_counts": same.get(one)}
+            for one, text in texts.items()
+        ]
+        found = {"command": " ".join(["python", "scripts/mutation.py", *sys.argv[1:]]), "seed": asked.seed}
+        found |= {"commit": commit(), "can_be_made": len(every), "tried": tried, "noticed": killed}
+        found |= {"share": killed / max(1, tried), "low": low, "high": high, "survivors": survivors}
+        summary.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def commit() -> str:

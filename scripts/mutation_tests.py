@@ -114,17 +114,20 @@ def forget() -> None:
 
 
 def waited(child: int, limit_s: float) -> int:
-    """Exit status of a fork; one that takes longer is ended (-9)."""
-    begun = time.monotonic()
+    """Exit status of a fork; one that takes longer is ended (-9). Time in which this process was stopped, too, does
+    not count."""
+    left, looked = limit_s, time.monotonic()
     while True:
         done, status = os.waitpid(child, os.WNOHANG)
         if done:
             return os.waitstatus_to_exitcode(status)
-        if time.monotonic() - begun > limit_s:
+        if left < 0:
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
             return -signal.SIGKILL
         time.sleep(0.01)
+        left -= min(1.0, time.monotonic() - looked)
+        looked = time.monotonic()
 
 
 def processor_limit(seconds: float) -> None:
@@ -339,7 +342,8 @@ def tried_warm(todo: list[Mutant], *, slow: bool, limit_s: float, told: Callable
     import numba
 
     numba.config.DISABLE_JIT = True  # of what is imported from now on: compiled code lies in a cache, unchanged
-    _pytest(test_files(), _Warm(todo, slow=slow, limit_s=limit_s, told=told))
+    if (code := _pytest(test_files(), _Warm(todo, slow=slow, limit_s=limit_s, told=told))) not in (0, 5):
+        sys.exit(f"pytest ended with {code}")  # 5: it ran no test itself, its forks did
 
 
 def tried_imported(mutant: Mutant, *, slow: bool, limit_s: float) -> Outcome:
