@@ -74,6 +74,7 @@ def test_a_reward_of_ones_own_is_taken_in_asked_and_told_in_words(lab, lab_servi
     assert all(one in page for one in words)
     assert "answers = 9" not in page
     assert "desirepath jobs start ask_person" in page
+    assert {"en": "taken in from a file", "de": "aus einer Datei aufgenommen"}[language] in page
 
 
 def test_a_reward_model_that_was_learned_here_is_asked_in_the_same_way(lab, two_studies, lab_services, monkeypatch):
