@@ -41,7 +41,7 @@ DEPARTURES = {
     "taken through the simulation, then mixed with the policy it began with as far as it arrives as surely.",
     "recovery": "While a robot comes no nearer to its goal (6 s) the base policy acts, then the policy at zero "
     "weights, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
-    "added": "After training, on selection scenes: full `clearance` enters more strongly than it was learned, and who "
+    "added": "After training, on selection scenes: `clearance` alone enters more strongly than it was learned, and who "
     "prefers it slow beside the person is slowed down there by a rule, forwards and turning alike. The rule is no part "
     "of the network, so exports to ONNX and Stable-Baselines3 do not have it.",
     "progress_conditioned": "Its training adds +1 per metre of progress and a cost per step, and other rewards for "

@@ -122,9 +122,15 @@ def test_files_keep_the_rule_and_the_strengths_and_as_trained_gives_the_old_byte
     read = Policy.from_bytes(own.to_bytes())
     assert (read.slowing, read.digest()) == (RULE, own.digest())
     assert "slowing" not in trained.at(SLOWER).to_bytes()[:400].decode("latin-1")
-    half, more = preference_weights({"clearance": 0.5}), preference_weights({"clearance": 0.75})
     seen = FastEngine(FIELD, 16, seed=7).observations
-    np.testing.assert_allclose(added.at(half).act(seen), trained.at(more).act(seen), atol=1e-6)
+    for asked, entering in (
+        ({"clearance": 0.5}, {"clearance": 0.75}),
+        ({"clearance": 0.8, "faster": 0.4}, {"clearance": 1.0, "faster": 0.4}),
+        ({"clearance": 0.6, "faster": 0.6}, {"clearance": 0.6, "faster": 0.6}),
+    ):
+        own, same = added.at(preference_weights(asked)), trained.at(preference_weights(entering))
+        np.testing.assert_allclose(own.act(seen), same.act(seen), atol=1e-5)
+    own = again.at(SLOWER)
     with pytest.raises(PolicyError, match="'strengths' names"):
         replace(trained, strengths={"politeness": 2.0})
     broken = networks_to_bytes(

@@ -27,34 +27,53 @@ Preference = Mapping[str, float]
 
 
 @dataclass(frozen=True)
+class At:
+    """Where something is tried. conditioned_on: weights. judged_by: what somebody prefers of whom answers said these;
+    None: the same."""
+
+    conditioned_on: Preference
+    judged_by: Preference | None = None
+
+    @property
+    def preferred(self) -> Preference:
+        return self.judged_by or self.conditioned_on
+
+
+@dataclass(frozen=True)
 class AddedConfig:
     """strengths: tried for full `strengthened`, from weak to strong. most: shares of full speed tried beside the
     person, from fast to slow, within near_m of them; from free_m on nothing is slowed.
 
-    The last that does no harm is kept, and nothing beyond the first that does: at none of the preferences that it is
-    tried at may success fall or self-intersections rise by more than max_loss, or what is preferred be less than
-    before; a rule may not make the median rollout longer than longest_s at the first of them, since people watch it.
+    The last that does no harm is kept, and nothing beyond the first that does: nowhere where it is tried may success
+    fall by more than max_loss, self-intersections per rollout rise above most_crossings (one robot that circles makes
+    ten), or what is preferred be less than without by more than the tolerance (typical differences, about two standard
+    errors); a rule may not make the median rollout longer than longest_s in the first place, since people watch it.
     """
 
     setup: str
     seed: int = 0
     strengthened: str = "clearance"
-    strengths: tuple[float, ...] = (1.25, 1.5, 1.75, 2.0)
-    strengths_tried_at: tuple[Preference, ...] = (
-        {"clearance": 1.0},
-        {"clearance": 1.0, "faster": 0.67},
-        {"clearance": 0.7, "slower_near_person": 1.0},
+    strengths: tuple[float, ...] = (1.25, 1.375, 1.5, 1.75)
+    strengths_tried_at: tuple[At, ...] = (
+        At({"clearance": 1.0}),
+        At({"clearance": 1.0}, {"clearance": 1.0, "faster": 0.67}),  # answers often find one of two
+        At({"clearance": 1.0, "faster": 0.37}),
+        At({"clearance": 1.0, "faster": 0.67}),
+        At({"clearance": 1.0, "farther": 0.5}),
+        At({"clearance": 1.0, "slower_near_person": 0.5}),
     )
     near_m: float = 2.0
     free_m: float = 3.0
     most: tuple[float, ...] = (0.6, 0.5, 0.4, 0.35, 0.3, 0.25, 0.2)
-    most_tried_at: tuple[Preference, ...] = (
-        {"slower_near_person": 1.0},
-        {"slower_near_person": 1.0, "person_on_left": 0.67},
-        {"slower_near_person": 1.0, "clearance": 0.7},
+    most_tried_at: tuple[At, ...] = (
+        At({"slower_near_person": 1.0}),
+        At({"slower_near_person": 1.0, "person_on_left": 0.67}),
+        At({"slower_near_person": 1.0, "clearance": 0.7}),
     )
     scenes: int = 2_000
     max_loss: float = 0.003
+    most_crossings: float = 0.02
+    tolerance: float = 0.02
     longest_s: float = 30.0
 
     def as_dict(self) -> dict[str, Any]:
@@ -68,10 +87,10 @@ other studies' numbers are of it as it is."""
 
 @dataclass(frozen=True)
 class Tried:
-    """A policy at one preference on the selection scenes. gained: of the preference against before, where both arrive
+    """A policy at one place on the selection scenes. gained: of the preference against before, where both arrive
     (typical differences)."""
 
-    preference: Preference
+    at: At
     success: float
     self_intersections: float
     gained: float
@@ -110,19 +129,19 @@ def add_after_training(trained: ConditionedPolicy, config: AddedConfig) -> Added
 def _last_harmless(
     before: ConditionedPolicy,
     tried: Sequence[ConditionedPolicy],
-    preferences: Sequence[Preference],
+    places: Sequence[At],
     course: Course,
     config: AddedConfig,
     longest_s: float,
 ) -> tuple[ConditionedPolicy, list[list[Tried]]]:
     """The last of those tried before the first that harms, and what was found of each, `before` first."""
-    usual = [_rolled_out(before, one, course) for one in preferences]
-    lines = [[_tried(one, rolled, rolled, config) for one, rolled in zip(preferences, usual, strict=True)]]
+    usual = [_rolled_out(before, one, course) for one in places]
+    lines = [[_tried(one, rolled, rolled, config) for one, rolled in zip(places, usual, strict=True)]]
     kept = before
     for policy in tried:
         found = [
             _tried(one, _rolled_out(policy, one, course), rolled, config)
-            for one, rolled in zip(preferences, usual, strict=True)
+            for one, rolled in zip(places, usual, strict=True)
         ]
         lines.append(found)
         if found[0].median_s > longest_s or any(
@@ -136,22 +155,22 @@ def _last_harmless(
 def _harms(found: Tried, without: Tried, config: AddedConfig) -> bool:
     return (
         found.success < without.success - config.max_loss
-        or found.self_intersections > without.self_intersections + config.max_loss
-        or found.gained < 0
+        or found.self_intersections > max(config.most_crossings, without.self_intersections)
+        or found.gained < -config.tolerance
     )
 
 
-def _rolled_out(policy: ConditionedPolicy, preference: Preference, course: Course) -> MeasuredRollouts:
-    return course.rollout(policy.at(preference_weights(preference)).without_critic())
+def _rolled_out(policy: ConditionedPolicy, at: At, course: Course) -> MeasuredRollouts:
+    return course.rollout(policy.at(preference_weights(at.conditioned_on)).without_critic())
 
 
-def _tried(preference: Preference, own: MeasuredRollouts, before: MeasuredRollouts, config: AddedConfig) -> Tried:
+def _tried(at: At, own: MeasuredRollouts, before: MeasuredRollouts, config: AddedConfig) -> Tried:
     both = own.success & before.success
     better = gains((own.measured - before.measured)[both] / typical_differences(config.setup))
     return Tried(
-        preference,
+        at,
         float(own.success.mean()),
         float(own.self_intersections.mean()),
-        float((better @ preference_weights(preference).astype(np.float64)).mean()),
+        float((better @ preference_weights(at.preferred).astype(np.float64)).mean()),
         float(np.median(own.measured[own.success, TIME])),
     )

@@ -41,8 +41,9 @@ class ConditionedPolicy(StoredPolicy):
     the weights enter come after those of the task part. scales: (9,) reward per step of each objective's step term at
     full weight, as in training. base: the base policy's actor, which frees a robot that is stuck, or empty: a robot
     that has no such recovery. slowing: the rule by which full `slower_near_person` drives beside the person, or none:
-    what the network learned of it alone. strengths: objectives by name that it is conditioned on so many times as
-    strongly as asked for. Both were added after training (`after_training.py`) and leave the networks as they are.
+    what the network learned of it alone. strengths: objectives by name that, where nothing else is preferred, it is
+    conditioned on so many times as strongly as asked for. Both were added after training (`after_training.py`) and
+    leave the networks as they are.
     """
 
     setup: str
@@ -83,13 +84,21 @@ class ConditionedPolicy(StoredPolicy):
         opposites at once.
         """
         weights = check_weights(weights)
-        entering = weights * np.array([self.strengths.get(name, 1.0) for name in NAMES], dtype=np.float32)
+        entering = weights * self._strengths_at(weights)
         shape = self._policy_shape
         actor, critic = (_folded(arrays, shape.task_inputs, entering) for arrays in (self.actor, self.critic))
         unmoved = _folded(self.actor, shape.task_inputs, np.zeros(SIZE, dtype=np.float32))
         recovery_policies = (self.base, unmoved) if self.base else ()
         slowing = self.slowing.weighted(float(weights[SLOWER])) if self.slowing else None
         return Policy(self.setup, shape, actor, critic, recovery_policies, slowing=slowing)
+
+    def _strengths_at(self, weights: Floats) -> Floats:
+        """(9,) how many times as strongly each objective enters: its strength where it is all that is preferred, 1
+        where the others weigh as much together, linear between."""
+        beyond = np.array([self.strengths.get(name, 1.0) for name in NAMES], dtype=np.float32) - np.float32(1)
+        others = (weights.sum() - weights) / np.maximum(weights, np.float32(1e-6))
+        strengths: Floats = np.float32(1) + beyond * np.clip(np.float32(1) - others, 0, 1)
+        return strengths
 
     def as_trained(self) -> Self:
         """The policy without what was added after training: what its network learned. Queries are made of this one,
