@@ -72,7 +72,6 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
     )
     path = folder / setup / "policy_library.npz"
     path.write_bytes(library.to_bytes())
-    parents = ("base", "conditioned", "step_basis")
     card = Card(
         kind="policy_library",
         name=f"{setup}/policy_library",
@@ -91,7 +90,8 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
             "least_success": round(float(library.measures.success.min()), 3),
             "mean_success": round(float(library.measures.success.mean()), 3),
         },
-        parents={f"{setup}/{name}": file_sha256(folder / setup / f"{name}.npz") for name in parents},
+        parents={f"{setup}/{name}": file_sha256(folder / setup / f"{name}.npz") for name in ("base", "step_basis")}
+        | {f"{setup}/conditioned": conditioned.digest()},  # as trained: what was added since has no part in it
         departures=[DEPARTURES["policy_library"]],
         notes=["Nobody's answers have a part in it; the step basis is of the tuning families of simulated people."],
     )

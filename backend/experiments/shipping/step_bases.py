@@ -16,6 +16,7 @@ from backend.learning.measures.step_basis_fitting import (
     varied_rollouts,
 )
 from backend.learning.people.card import members, people_card
+from backend.learning.policies.shipped import load_conditioned
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.td3.base import OnProgress
 
@@ -57,7 +58,10 @@ def ship_step_basis(setup: str, seed: int, folder: Path, on_progress: OnProgress
             "least": {name: round(float(np.min(of)), 3) for name, of in said.items()},
             "people_of_each": MEASURED,
         },
-        parents={name: file_sha256(folder / f"{name}.npz") for name in (f"{setup}/base", f"{setup}/conditioned")},
+        parents={
+            f"{setup}/base": file_sha256(folder / setup / "base.npz"),
+            f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned").as_trained().digest(),
+        },
         departures=[DEPARTURES["step_basis"]],
         notes=["Its random layer depends on the shipped varied queries, whose steps scale the inputs."],
     )
