@@ -115,11 +115,12 @@
   function paint() {
     const project = window.desirePath.viser.projector();
     const seen = paths.flatMap(({ track }) => [project(track[0][1], track[0][2]), project(0, 0), project(1, 1)]);
-    const now = JSON.stringify([window.innerWidth, window.innerHeight, along, seen]);
+    const now = JSON.stringify([window.innerWidth, window.innerHeight, along, driving, seen]);
     if (now === painted && fresh === null) return;
     painted = now;
     fit();
-    for (let i = paths.length - 1; i >= 0; i -= 1) ribbon(project, paths[i], along[i] ?? 0);
+    // what lies behind a robot is faint while any drives; then whole ways are to be told apart again
+    for (let i = paths.length - 1; i >= 0; i -= 1) ribbon(project, paths[i], driving ? (along[i] ?? 0) : 0);
     if (fresh !== null) {
       bridge.post("drawn", { id: fresh });
       fresh = null;
