@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backend.commands.benchmark import engine, serving, personalisation, ceiling, cohorts  # isort: skip (the order of --help)
+from backend.commands.benchmark import engine, serving, personalisation, methods, ceiling, cohorts  # isort: skip (the order of --help)
 from backend.commands.benchmark.group import commands
 
-__all__ = ["ceiling", "cohorts", "commands", "engine", "personalisation", "serving"]
+__all__ = ["ceiling", "cohorts", "commands", "engine", "methods", "personalisation", "serving"]

@@ -1,0 +1,4 @@
+"""What somebody wishes of a robot in a sentence of their own: from plain words, English or German, to preference weights.
+
+Offline and small. Neither web nor database; what a study makes of it is `study/kinds/words.py`'s.
+"""

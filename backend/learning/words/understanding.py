@@ -1,0 +1,294 @@
+"""A sentence of plain words as preference weights, with what was understood, what was not, and what to ask back.
+
+Which objective a piece is about says the model; what that means beside the other pieces say the rules below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import cast
+
+import numpy as np
+
+from backend.learning.preferences.objectives import NAMES, OPPOSITES
+from backend.learning.words.clauses import LONGEST, Part, Piece, Word, pieces
+from backend.learning.words.model import WordsModel, load_words_model
+from backend.learning.words.phrases import OPPOSED, Language
+
+Weights = dict[str, float]
+SURE = 0.4  # probability from which a piece counts as understood; set on the development sentences
+MENTIONED = 0.22  # from here it is asked back; below, it is not understood
+FOREMOST_WEIGHT, FURTHER, LESSER = 1.0, 0.6, 0.25
+SLIGHTLY = 0.5  # what is asked for "a bit" weighs half
+JOINED_MOST = 4  # pieces that are read together
+ALONE_COSTS = 0.3
+CLEAR_ALONE = 0.6
+MARKED = 0.06  # a word is marked if its piece is that much less probable without it
+OFFERED = {"care": ("farther", "slower_near_person", "smoother"), "side": ("person_on_left", "person_on_right")}
+MOST_OFFERED = 3
+OPPOSITE = {NAMES[a]: NAMES[b] for a, b in OPPOSITES} | {NAMES[b]: NAMES[a] for a, b in OPPOSITES}
+_SLIGHT = {"en": ("bit", "little", "slightly", "somewhat"), "de": ("bisschen", "etwas", "wenig", "bisserl")}
+_BESIDE = frozenset("me us people person human humans near beside past mir mich uns menschen leute nahe neben".split())
+_PASSED_OVER = frozenset(
+    """a an the i it you he she we they and or but is are was be to of in on at for with that this so my your me us if as
+    please robot dear very just then than not do does would should could can will it's i'd like want
+    der die das ein eine einen ich du er es sie wir und oder aber ist sind war sein zu von in im am an auf fur mit dass so
+    mein dein mir mich uns wenn als bitte roboter sehr dann nicht soll sollte kann wurde hatte gern mochte will doch mal
+    auch noch schon ja nur""".split()
+)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Words from `start` to `end` that an objective was understood from; against: it was said not to matter as much."""
+
+    start: int
+    end: int
+    objective: str
+    against: bool = False
+
+
+@dataclass(frozen=True)
+class Question:
+    """What was unclear from `start` to `end`, and which objectives it may have meant."""
+
+    start: int
+    end: int
+    offered: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Understood:
+    """weights: objective -> above 0, foremost first; not_understood: stretches (start, end) of the sentence."""
+
+    weights: Weights
+    marks: tuple[Mark, ...] = ()
+    questions: tuple[Question, ...] = ()
+    not_understood: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def foremost(self) -> str | None:
+        return next(iter(self.weights), None)
+
+
+@dataclass
+class _Read:
+    """A piece with its label."""
+
+    piece: Piece
+    label: str
+    probability: float
+    second: tuple[str, ...] = field(default=())
+
+    @property
+    def about(self) -> str | None:
+        return self.label[1:] if self.label[0] in "+-" else None
+
+    @property
+    def towards(self) -> bool:
+        return self.label.startswith("+")
+
+    @property
+    def unsure(self) -> bool:
+        return self.probability < SURE
+
+
+class WordsReader:
+    """Reads sentences of one language by a model."""
+
+    def __init__(self, model: WordsModel) -> None:
+        self.model = model
+
+    def understand(self, text: str) -> Understood:
+        """Raises ValueError for more than LONGEST characters."""
+        if len(text) > LONGEST:
+            raise ValueError(f"a sentence has at most {LONGEST} characters, not {len(text)}")
+        read = self._read(pieces(text, self.model.language))
+        wanted, lesser = _decided(read)
+        weights = _weighted(read, wanted, lesser, _SLIGHT[self.model.language])
+        marks = tuple(self._marks(read, set(weights), wanted))
+        questions = tuple(_question(one) for one in read if _is_asked(one, weights))
+        return Understood(weights, marks, questions, tuple(_missed(one) for one in read if _is_missed(one)))
+
+    # ---- which pieces are read together, and what each is about ------------------------------------------------------
+
+    def _read(self, small: Sequence[Piece]) -> list[_Read]:
+        runs: list[list[Piece]] = [[]]
+        for piece in small:
+            runs[-1].append(piece)
+            if piece.closes:
+                runs.append([])
+        return [read for run in runs if run for read in self._joined(run)]
+
+    def _joined(self, run: list[Piece]) -> list[_Read]:
+        """The most probable way to read neighbouring pieces together or by themselves, every word counting the same."""
+        spans = [(a, b) for a in range(len(run)) for b in range(a + 1, min(a + JOINED_MOST, len(run)) + 1)]
+        reads = dict(zip(spans, self._labelled([_together(run[a:b]) for a, b in spans]), strict=True))
+        alone = [reads[k, k + 1] for k in range(len(run))]
+        best: list[tuple[float, int]] = [(0.0, 0)]
+        for b in range(1, len(run) + 1):
+            ways = [
+                (best[a][0] + len(reads[a, b].piece.words) * float(np.log(reads[a, b].probability)) - ALONE_COSTS, a)
+                for a in range(max(0, b - JOINED_MOST), b)
+                if b - a == 1 or not _say_two_things(alone[a:b])
+            ]
+            best.append(max(ways))
+        chosen: list[_Read] = []
+        b = len(run)
+        while b > 0:
+            a = best[b][1]
+            chosen.append(reads[a, b])
+            b = a
+        return chosen[::-1]
+
+    def _labelled(self, some: Sequence[Piece]) -> list[_Read]:
+        probabilities = self.model.probabilities([piece.forms for piece in some])
+        found = []
+        for piece, row in zip(some, probabilities, strict=True):
+            order = np.argsort(-row)
+            label = self.model.labels[order[0]]
+            certain = float(row[order[0]])
+            if piece.part == "preferred" and label[0] == "-" and label[1:] in OPPOSED:
+                label = f"+{OPPOSITE[label[1:]]}"
+            if label[0] in "+-":  # by itself a complaint asks for the same as a wish
+                other = ("-" if label[0] == "+" else "+") + label[1:]
+                certain += float(row[self.model.labels.index(other)]) if other in self.model.labels else 0.0
+            others = [self.model.labels[k] for k in order if self.model.labels[k][0] in "+-" and row[k] > 0.1]
+            found.append(_Read(piece, label, min(certain, 1.0), tuple(dict.fromkeys(one[1:] for one in others))))
+        return found
+
+    def _marks(self, read: Sequence[_Read], weighed: set[str], wanted: Mapping[int, str]) -> list[Mark]:
+        found = []
+        for number, one in enumerate(read):
+            if one.about is None or one.unsure:
+                continue
+            objective = wanted.get(number, one.about)
+            against = number not in wanted or objective not in weighed
+            found += [Mark(a, b, objective, against) for a, b in self._telling(one)]
+        return found
+
+    def _telling(self, one: _Read) -> list[tuple[int, int]]:
+        """The stretches of the piece without which it would be less clear."""
+        words = tuple(one.piece.judged)
+        if len(words) == 1:
+            return [(words[0].start, words[0].end)]
+        forms = one.piece.forms
+        without = self.model.probabilities([forms[:k] + forms[k + 1 :] for k in range(len(forms))])
+        column = int(np.argmax(self.model.probabilities([forms])[0]))
+        whole = self.model.probabilities([forms])[0, column]
+        lost = whole - without[:, column]
+        telling = lost >= min(MARKED, float(lost.max()))
+        return _stretches([word for word, tells in zip(words, telling, strict=True) if tells], words)
+
+
+def _stretches(chosen: list[Word], words: tuple[Word, ...]) -> list[tuple[int, int]]:
+    """Neighbouring words as one stretch."""
+    found: list[tuple[int, int]] = []
+    for word in chosen:
+        place = words.index(word)
+        if found and place and words[place - 1].end == found[-1][1]:
+            found[-1] = (found[-1][0], word.end)
+        else:
+            found.append((word.start, word.end))
+    return found
+
+
+def _say_two_things(some: Sequence[_Read]) -> bool:
+    """Whether two of the pieces surely say something, and not the same."""
+    return len({one.about or one.label for one in some if one.label != "none" and one.probability >= CLEAR_ALONE}) > 1
+
+
+def _together(some: Sequence[Piece]) -> Piece:
+    words = tuple(word for piece in some for word in piece.words)
+    first = some[0]
+    return Piece(words, first.part, first.strictly, some[-1].closes, any(one.foremost for one in some), first.group)
+
+
+# ---- what the pieces mean together -----------------------------------------------------------------------------------
+
+
+def _decided(read: Sequence[_Read]) -> tuple[dict[int, str], dict[str, bool]]:
+    """Piece -> objective wanted by it; objective -> whether it is given up, of those that are said to matter less."""
+    wanted: dict[int, str] = {}
+    lesser: dict[str, bool] = {}
+    for group in sorted({one.piece.group for one in read}):
+        members = [(k, one) for k, one in enumerate(read) if one.piece.group == group and one.about and not one.unsure]
+        compared = any(one.piece.part in ("lesser", "conceded") for one in read if one.piece.group == group)
+        avoided = any(one.piece.part == "lesser" and not one.towards for _, one in members)
+        first = {k: one.about for k, one in members if _asks(one, compared, avoided) and one.about}
+        wanted |= first
+        for k, one in members:
+            about = cast(str, one.about)
+            if one.piece.part == "conceded":
+                lesser[about] = True
+            elif one.piece.part == "lesser":
+                if not one.towards:
+                    wanted[k] = about
+                elif not first and about in OPPOSED:
+                    wanted[k] = OPPOSITE[about]
+                else:
+                    lesser[about] = one.piece.strictly
+            elif k not in first:
+                lesser[about] = True
+    return wanted, lesser
+
+
+def _asks(one: _Read, compared: bool, avoided: bool) -> bool:
+    """Whether a plain or preferred piece asks for what it is about; in comparisons it may only be put up with."""
+    part: Part = one.piece.part
+    if part == "plain":
+        return True
+    if part != "preferred":
+        return False
+    if not one.towards and compared:
+        return False
+    slow_anywhere = one.label == "+slower_near_person" and not _BESIDE & set(one.piece.forms)
+    return not (compared and avoided and (one.about == "closer" or slow_anywhere))
+
+
+def _weighted(
+    read: Sequence[_Read], wanted: Mapping[int, str], lesser: Mapping[str, bool], slight: Sequence[str]
+) -> Weights:
+    """Foremost first: what is said to matter most, then what a comparison prefers, then what is named first."""
+    order = sorted(wanted, key=lambda k: (not read[k].piece.foremost, read[k].piece.part == "plain", k))
+    weights: Weights = {}
+    for k in order:
+        objective = wanted[k]
+        if objective in weights or OPPOSITE.get(objective) in weights:
+            continue
+        half = SLIGHTLY if set(slight) & set(read[k].piece.forms) else 1.0
+        most = 0.8 * next(iter(weights.values())) if weights else FOREMOST_WEIGHT
+        weights[objective] = round(min((FURTHER if weights else FOREMOST_WEIGHT) * half, most), 3)
+    for objective, given_up in lesser.items():
+        if weights and not given_up and objective not in weights and OPPOSITE.get(objective) not in weights:
+            weights[objective] = LESSER
+    return dict(sorted(weights.items(), key=lambda item: -item[1]))
+
+
+def _is_asked(one: _Read, weights: Mapping[str, float]) -> bool:
+    if one.label in OFFERED:
+        return one.probability >= MENTIONED
+    return bool(one.about) and one.unsure and one.probability >= MENTIONED and one.about not in weights
+
+
+def _question(one: _Read) -> Question:
+    offered = OFFERED.get(one.label) or one.second[:MOST_OFFERED]
+    return Question(one.piece.words[0].start, one.piece.words[-1].end, tuple(offered))
+
+
+def _is_missed(one: _Read) -> bool:
+    """Nothing was understood of it, and it holds words that say something."""
+    nothing = one.label == "none" or (one.label not in OFFERED and one.unsure and one.probability < MENTIONED)
+    return nothing and any(len(form) > 2 and form not in _PASSED_OVER for form in one.piece.forms)
+
+
+def _missed(one: _Read) -> tuple[int, int]:
+    return one.piece.words[0].start, one.piece.words[-1].end
+
+
+@lru_cache(maxsize=4)
+def words_reader(language: Language) -> WordsReader:
+    """The reader of the shipped model."""
+    return WordsReader(load_words_model(language))
