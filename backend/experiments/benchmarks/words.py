@@ -1,4 +1,4 @@
-"""`desirepath benchmark words`: how well sentences are understood that were written before the model's training phrases.
+"""`desirepath benchmark words`: how well sentences are understood, written before the model's training phrases.
 
 Whoever tunes the model looks at the development sentences only.
 """
@@ -25,6 +25,7 @@ def benchmark_words(part: Part = "test") -> dict[str, Any]:
     by_language: dict[Language, list[Judged]] = {}
     seconds: dict[str, float] = {}
     seen: dict[str, int] = {}
+    unseen: list[Judged] = []
     for language in LANGUAGES:
         reader, sentences = words_reader(language), labelled_sentences(part, language)
         reader.understand(sentences[0].sentence)  # what is loaded once is not measured
@@ -33,7 +34,9 @@ def benchmark_words(part: Part = "test") -> dict[str, Any]:
         seconds[language] = (time.perf_counter() - began) / len(sentences)
         trained = {_compared(clause.text) for clause in training_clauses(language)}
         seen[language] = sum(_compared(one.sentence) in trained for one in sentences)
-    everything: dict[str, list[Judged]] = {**by_language, "both": [one for all_of in by_language.values() for one in all_of]}
+        unseen += [one for one in by_language[language] if _compared(one.labelled.sentence) not in trained]
+    both = [one for judgements in by_language.values() for one in judgements]
+    everything: dict[str, list[Judged]] = {**by_language, "both": both, "both_without_word_for_word": unseen}
     return {
         "part": part,
         "sentences": {name: len(some) for name, some in everything.items()},

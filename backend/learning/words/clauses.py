@@ -1,7 +1,7 @@
 """A sentence taken apart: its words with their places, the pieces it falls into, and what part each has in it.
 
-Rules of English and German that a bag of words cannot know: "rather A than B", "A, even if B", "you may A if it B". What
-a piece is about is the model's (`understanding.py`).
+Rules of English and German that a bag of words cannot know: "rather A than B", "A, even if B", "you may A if it B".
+What a piece is about is the model's (`understanding.py`).
 """
 
 from __future__ import annotations
@@ -75,56 +75,58 @@ class Grammar:
     pairs: str
 
 
-def _words(text: str) -> frozenset[str]:
+def known_words(text: str) -> frozenset[str]:
+    """Words in the form in which they are compared, written with spaces between."""
     return frozenset(text.split())
 
 
 GRAMMARS: Mapping[Language, Grammar] = {
     "en": Grammar(
-        hard=_words("but however yet otherwise except because although though"),
-        soft=_words("and or while plus also then so"),
+        hard=known_words("but however yet otherwise except because although though"),
+        soft=known_words("and or while plus also then so"),
         than="than",
         cues=r"\b(rather|sooner|prefer|better|more|less|worse|over|instead|matters?|counts?|worth|earlier|\w+er)\b",
         swaps=r"\b(less (important|about|interested|for|of)|worse|matters less|counts less)\b",
-        ranks=r"\b(more important|matters? more|means? more|worth more|counts? more|more than|more about|less|worse|prefer)\b",
+        ranks=r"\b(more (important|than|about)|(matters?|means?|worth|counts?) more|less|worse|prefer)\b",
         instead=r"\b(rather than|instead of)\b",
-        short_than=_words("over before above beats outweighs"),
+        short_than=known_words("over before above beats outweighs"),
         puts=r"\b(prefer|take|choose|value|put|comes?|goes|pick|favou?r|beats|outweighs)\b",
         as_much=r"\bso much\b",
         conceding=r"\beven (if|when|though|at)|\b(although|though|no matter if|whatever)\b",
         allowing=r"\b(may|can|could|might|allowed|fine)\b",
         provided=r"\b(if|as long as|so long as|provided)\b",
         choosing=r"\b(choose|decide|choice|chose)\b",
-        foremost=r"\b(above all|most importan\w*|most of all|first of all|mainly|especially|first and foremost|priority|most)\b",
-        pairs=r"\b(left and right|back and forth|to and fro|up and down|now and then|nice and \w+|slow and (?:safe|steady)|safe and \w+|on and on|more and more)\b",
+        foremost=r"\b(above all|first of all|mainly|especially|first and foremost|priority|most)\b",
+        pairs=r"\b((left|back|to|up|now|on|more|nice|safe) and \w+|slow and (safe|steady))\b",
     ),
     "de": Grammar(
-        hard=_words("aber jedoch allerdings sonst ansonsten denn weil hauptsache obwohl"),
-        soft=_words("und oder sowie dann dabei sondern also"),
+        hard=known_words("aber jedoch allerdings sonst ansonsten denn weil hauptsache obwohl"),
+        soft=known_words("und oder sowie dann dabei sondern also"),
         than="als",
         cues=r"\b(lieber|eher|besser|mehr|wichtiger|weniger|schlimmer|wert|anders|unwichtiger|\w+er)\b",
         swaps=r"\b(weniger (wichtig|um|auf|an)|schlimmer|unwichtiger)\b",
         ranks=r"\b(wichtiger|mehr|weniger|unwichtiger|schlimmer|bedeutet)\b",
         instead=r"\b(statt|anstatt|anstelle|und nicht)\b",
-        short_than=_words("vor uber"),
+        short_than=known_words("vor uber"),
         puts=r"\b(geht|gehen|kommt|kommen|steht|stehen|geh)\b",
         as_much=r"\b(nicht|weniger) so (?:sehr|viel|wichtig)\b",
         conceding=r"\b(auch|selbst|sogar) (wenn|falls)\b|\b(obwohl|notfalls)\b",
         allowing=r"\b(darf|darfst|kann|kannst|konnte|durfen|konnen|ruhig)\b",
         provided=r"\b(wenn|solange|sofern|falls)\b",
         choosing=r"\b(entscheiden|wahlen|wahl|entscheidest)\b",
-        foremost=r"\b(vor allem|am wichtigsten|hauptsache|in erster linie|besonders|das wichtigste|insbesondere|zuerst)\b",
-        pairs=r"\b(hin und her|links und rechts|kreuz und quer|nach und nach|langsam und sicher|ruhig und \w+|drum und dran|ganz und gar|ab und zu|auf und ab)\b",
+        foremost=r"\b(vor allem|(am|das) wichtigsten?|hauptsache|in erster linie|(ins)?besondere?s?|zuerst)\b",
+        pairs=r"\b((hin|links|kreuz|nach|ruhig|drum|ganz|ab|auf) und \w+|langsam und sicher)\b",
     ),
 }  # fmt: skip
 
-_ONLY_COMPARE = _words(
+_ONLY_COMPARE = known_words(
     "rather sooner prefer better important matters matter counts worth means id would "
     "lieber eher besser wichtiger zahlt zahlen bedeutet wert lieb sondern"
 )
 _WORD = re.compile(r"[^\W_]+(?:['’][^\W_]+)*", re.UNICODE)
 _PREFERRED_TO = re.compile(
-    r"^(.*\bprefer\w* (?!to\b).+?) to (?!me\b|people|us\b|humans|the |walls|furniture|obstacles|things|things|be\b|have\b|go\b|drive)"
+    r"^(.*\bprefer\w* (?!to\b).+?) to "
+    r"(?!me\b|people|us\b|humans|the |walls|furniture|obstacles|things|be\b|have\b|go\b|drive)"
 )
 _ENDS = re.compile(r"[.!?;:…\n]|\s[-–—]\s|—")
 
@@ -249,7 +251,9 @@ def _softly_split(text: str, piece: Piece, grammar: Grammar) -> list[Piece]:
     together = {
         number
         for pair in re.finditer(grammar.pairs, _said(piece.words))
-        for number in range(len(_said(piece.words)[: pair.start()].split()), len(_said(piece.words)[: pair.end()].split()))
+        for number in range(
+            len(_said(piece.words)[: pair.start()].split()), len(_said(piece.words)[: pair.end()].split())
+        )
     }
     parts: list[list[Word]] = [[]]
     for number, word in enumerate(piece.words):

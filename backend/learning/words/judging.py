@@ -58,7 +58,9 @@ def labelled_sentences(part: Part, language: Language) -> list[Labelled]:
             said = () if said[0] in ("nothing", "unclear") else said
             unknown = [one for one in (*said, *less) if one not in NAMES]
             if unknown:
-                raise ValueError(f"{part}_{language}.tsv: {row['sentence']!r} has the label {unknown[0]!r}, no objective")
+                raise ValueError(
+                    f"{part}_{language}.tsv: {row['sentence']!r} has the label {unknown[0]!r}, no objective"
+                )
             found.append(Labelled(row["case"], row["manner"], said, less, row["sentence"]))
         return found
 

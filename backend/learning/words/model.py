@@ -1,7 +1,7 @@
 """The words model: a linear classifier of clauses on hashed words and letters, one per language.
 
-The features are scikit-learn's `HashingVectorizer`, which learns nothing and so needs no pickle; what is learned are the
-weights below. What its answers mean for a whole sentence is `understanding.py`'s.
+The features are scikit-learn's `HashingVectorizer`, which learns nothing and so needs no pickle; what is learned is
+the weights below. What its answers mean for a whole sentence is `understanding.py`'s.
 """
 
 from __future__ import annotations
@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.words.clauses import words_of
+from backend.learning.words.clauses import known_words, words_of
 from backend.learning.words.phrases import FOLDER, LANGUAGES, Clause, Language, training_clauses
 
 if TYPE_CHECKING:
@@ -25,12 +26,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float32]
 FORMAT = "desirepath-words-1"
-FEATURES = 2**15  # ours: collisions of about 60,000 words and letters cost less than a point on the development sentences
+FEATURES = (
+    2**15
+)  # ours: collisions of about 60,000 words and letters cost less than a point on the development sentences
 LETTERS = (3, 5)
 DECAY, PASSES = 1e-5, 12
-NEGATORS = frozenset(
+NEGATORS = known_words(
     "not dont never no without avoid stop doesnt didnt shouldnt cant wont isnt neither nor hate dislike nobody mustnt "
-    "nicht kein keine keinen keiner keinem nie niemals ohne bloss weniger schluss aufhoren hor less".split()
+    "nicht kein keine keinen keiner keinem nie niemals ohne bloss weniger schluss aufhoren hor less"
 )
 
 
@@ -38,12 +41,14 @@ def features(forms: Sequence[str]) -> list[str]:
     """What a clause is judged by: words, pairs and threes of them, their letters; all once more where it negates."""
     words = ["^", *forms, "$"]
     found = list(forms)
-    found += [f"{a} {b}" for a, b in zip(words, words[1:], strict=False)]
+    found += [f"{a} {b}" for a, b in pairwise(words)]
     found += [f"{a} {b} {c}" for a, b, c in zip(words, words[1:], words[2:], strict=False)]
     letters = []
     for word in forms:
         framed = f"<{word}>"
-        letters += ["#" + framed[k : k + n] for n in range(LETTERS[0], LETTERS[1] + 1) for k in range(len(framed) - n + 1)]
+        letters += [
+            "#" + framed[k : k + n] for n in range(LETTERS[0], LETTERS[1] + 1) for k in range(len(framed) - n + 1)
+        ]
     negated = [f"!{one}" for one in (*forms, *letters)] if NEGATORS & set(forms) else []
     return found + letters + negated
 
@@ -83,7 +88,13 @@ def fitted(clauses: Sequence[Clause], language: Language, decay: float = DECAY, 
 
     made = hashed([[word.form for word in words_of(clause.text)] for clause in clauses])
     logistic = SGDClassifier(
-        loss="log_loss", alpha=decay, max_iter=PASSES, tol=None, average=True, random_state=seed, learning_rate="optimal"
+        loss="log_loss",
+        alpha=decay,
+        max_iter=PASSES,
+        tol=None,
+        average=True,
+        random_state=seed,
+        learning_rate="optimal",
     ).fit(made, [clause.label for clause in clauses])
     labels = tuple(str(label) for label in logistic.classes_)
     return WordsModel(language, labels, logistic.coef_.T.astype(np.float32), logistic.intercept_.astype(np.float32))

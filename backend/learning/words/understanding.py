@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from backend.learning.preferences.objectives import NAMES, OPPOSITES
-from backend.learning.words.clauses import LONGEST, Part, Piece, Word, pieces
+from backend.learning.words.clauses import LONGEST, Part, Piece, Word, known_words, pieces
 from backend.learning.words.model import WordsModel, load_words_model
 from backend.learning.words.phrases import OPPOSED, Language
 
@@ -30,13 +30,13 @@ OFFERED = {"care": ("farther", "slower_near_person", "smoother"), "side": ("pers
 MOST_OFFERED = 3
 OPPOSITE = {NAMES[a]: NAMES[b] for a, b in OPPOSITES} | {NAMES[b]: NAMES[a] for a, b in OPPOSITES}
 _SLIGHT = {"en": ("bit", "little", "slightly", "somewhat"), "de": ("bisschen", "etwas", "wenig", "bisserl")}
-_BESIDE = frozenset("me us people person human humans near beside past mir mich uns menschen leute nahe neben".split())
-_PASSED_OVER = frozenset(
-    """a an the i it you he she we they and or but is are was be to of in on at for with that this so my your me us if as
-    please robot dear very just then than not do does would should could can will it's i'd like want
-    der die das ein eine einen ich du er es sie wir und oder aber ist sind war sein zu von in im am an auf fur mit dass so
-    mein dein mir mich uns wenn als bitte roboter sehr dann nicht soll sollte kann wurde hatte gern mochte will doch mal
-    auch noch schon ja nur""".split()
+_BESIDE = known_words("me us people person human humans near beside past mir mich uns menschen leute nahe neben")
+_PASSED_OVER = known_words(
+    """a an the i it you he she we they and or but is are was be to of in on at for with that this so my your me us
+    if as please robot dear very just then than not do does would should could can will it's i'd like want
+    der die das ein eine einen ich du er es sie wir und oder aber ist sind war sein zu von in im am an auf fur mit
+    dass so mein dein mir mich uns wenn als bitte roboter sehr dann nicht soll sollte kann wurde hatte gern mochte
+    will doch mal auch noch schon ja nur"""
 )
 
 

@@ -1,0 +1,101 @@
+"""A wish in plain words becomes preference weights; what was not understood is said, and what is unclear asked back."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+
+import pytest
+
+from backend.learning.preferences.objectives import preference_weights
+from backend.learning.words.clauses import LONGEST, pieces
+from backend.learning.words.judging import labelled_sentences
+from backend.learning.words.phrases import FOLDER, LANGUAGES, training_clauses
+from backend.learning.words.understanding import words_reader
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+def said(sentence, language="en"):
+    return words_reader(language).understand(sentence)
+
+
+@pytest.mark.parametrize(
+    ("language", "sentence"),
+    [("en", "Stay well away from me but don't dawdle"), ("de", "Bleib weit weg von mir, aber trödel nicht")],
+)
+def test_the_sentence_of_the_issue_is_two_wishes_with_its_words_marked(language, sentence):
+    got = said(sentence, language)
+    assert list(got.weights) == ["farther", "faster"]
+    assert got.weights["farther"] > got.weights["faster"] > 0
+    preference_weights(got.weights)  # what the policy takes
+    marked = {mark.objective: sentence[mark.start : mark.end] for mark in got.marks}
+    assert marked.keys() == {"farther", "faster"}
+    assert {"away", "weg"} & set(marked["farther"].split())
+    assert not got.not_understood
+    assert not got.questions
+
+
+def test_a_denied_contrary_is_a_wish_and_a_denied_wish_is_none():
+    assert said("Don't come close to me").foremost == "farther"
+    assert said("Komm mir nicht zu nahe", "de").foremost == "farther"
+    assert said("You don't need to hurry").weights == {}
+    assert said("Du musst dich nicht beeilen", "de").weights == {}
+
+
+@pytest.mark.parametrize(
+    ("sentence", "language", "more", "less"),
+    [
+        ("Rather early than far away", "en", "faster", "farther"),
+        ("Rather far away than early", "en", "farther", "faster"),
+        ("Lieber sanft als kurz", "de", "smoother", "shorter"),
+        ("Keep your distance even if that means a longer way", "en", "farther", "shorter"),
+        ("Tempo ist mir wichtiger als sanfte Kurven", "de", "faster", "smoother"),
+    ],
+)
+def test_in_a_comparison_the_preferred_weighs_more(sentence, language, more, less):
+    got = said(sentence, language).weights
+    assert got[more] > got.get(less, 0)
+
+
+def test_what_was_not_understood_is_said_and_what_is_unclear_is_asked_back():
+    got = said("Play some music")
+    assert got.weights == {}
+    assert [("Play some music")[a:b] for a, b in got.not_understood] == ["Play some music"]
+    assert said("Be careful").questions[0].offered == ("farther", "slower_near_person", "smoother")
+    assert said("Fahr links an mir vorbei", "de").questions[0].offered == ("person_on_left", "person_on_right")
+
+
+def test_a_bit_weighs_half():
+    assert said("A bit more distance please").weights["farther"] == 0.5
+
+
+@pytest.mark.parametrize("sentence", ["", " ", "?!", "🙂" * 100, "a" * LONGEST, "and, " * 60, "‮\x00far"])
+def test_whatever_is_typed_is_read_in_bounded_time(sentence):
+    began = time.monotonic()
+    said(sentence)
+    assert time.monotonic() - began < 20
+    with pytest.raises(ValueError, match=str(LONGEST)):
+        said("x" * (LONGEST + 1))
+
+
+def test_what_is_compared_keeps_its_part():
+    parts = [(piece.part, piece.forms) for piece in pieces("Rather early than far away", "en")]
+    assert parts == [("preferred", ["early"]), ("lesser", ["far", "away"])]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_two_hundred_test_sentences_and_phrases_that_are_always_the_same(language):
+    sentences = labelled_sentences("test", language)
+    assert len(sentences) >= 200
+    assert len({one.sentence for one in sentences}) == len(sentences)
+    assert sum(one.case == "negation" for one in sentences) >= 40
+    assert training_clauses(language)[:50] == training_clauses(language)[:50]
+
+
+def test_the_card_names_the_model_and_the_sentences_as_they_are():
+    card = json.loads((FOLDER / "model.card.json").read_text(encoding="utf-8"))
+    assert card["sha256"] == hashlib.sha256((FOLDER / "model.npz").read_bytes()).hexdigest()
+    for name, digest in card["parents"].items():
+        assert hashlib.sha256((FOLDER / name).read_bytes()).hexdigest() == digest, name
