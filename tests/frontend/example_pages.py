@@ -122,6 +122,14 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": None,
         "start": {"farther": 0.5, "smoother": 0.25},
     },
+    "words": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 3,
+        "controls": CONTROLS,
+        "question": None,
+        "longest": 300,
+    },
     "feedback": {
         "setup": "study_room",
         "view": "top_down",

@@ -12,14 +12,15 @@ from starlette.responses import Response
 
 from backend.api.core.contract import reply_of
 from backend.api.core.dependencies import TheServices, services_of
-from backend.api.participant.replies import LivePaths, PlaceShown
-from backend.api.participant.sent import LiveAsked, PlaceChosen
+from backend.api.participant.replies import LivePaths, PlaceShown, WordsUnderstood
+from backend.api.participant.sent import LiveAsked, PlaceChosen, WordsRead
 from backend.api.participant.session_view import looking
 from backend.store.models import Session, utc_now
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Moment
 from backend.study.kinds.live import LiveKind, LiveStep, cleaned
 from backend.study.kinds.wire import BadValue
+from backend.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, marked, understood
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.versions import protocol_of
@@ -59,6 +60,24 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
         LivePaths,
         {"place": place, "paths": [{"track": one.track, "arrives": one.arrives} for one in rolled_out]},
     )
+
+
+@router.post("/api/session/{token}/live/{key}/words", response_model=WordsUnderstood)
+def words(token: str, key: str, services: TheServices, body: WordsRead) -> Response:
+    """What a sentence is read as, in the session's language. Nothing of it is stored or logged here."""
+    with looking(services, token) as (s, session):
+        step = _step(s, session, key)
+        language = language_of(session.language)
+        if not isinstance(step, WordsStep):
+            raise BadValue("key", key[:80], "must be a step at which a wish is written down")
+    got = understood(body.sentence, language)  # outside the transaction: it computes
+    questions = [
+        {"text": body.sentence[one.start : one.end], "offered": list(one.offered)}
+        for one in got.questions[:MOST_QUESTIONS]
+    ]
+    parts = marked(body.sentence, got)
+    said = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
+    return reply_of(WordsUnderstood, said)
 
 
 @router.post("/api/session/{token}/live/{key}/place", response_model=PlaceShown)

@@ -62,6 +62,33 @@ class LivePaths(Reply):
     paths: list[LiveRollout]
 
 
+class ReadPart(Reply):
+    """A stretch of a sentence. told: plain; wanted or lesser, of an objective; asked, by which question; missed."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    text: str
+    told: Literal["plain", "wanted", "lesser", "asked", "missed"] = Field(alias="as")
+    objective: str | None = None
+    question: int | None = None
+
+
+class ReadQuestion(Reply):
+    """What was unclear, and which objectives may have been meant."""
+
+    text: str
+    offered: list[str]
+
+
+class WordsUnderstood(Reply):
+    """What was read of a sentence: the whole of it in stretches, weights (objective -> above 0), what is asked back."""
+
+    parts: list[ReadPart]
+    weights: dict[str, float]
+    questions: list[ReadQuestion]
+    meant_weight: float
+
+
 class PlaceShown(Reply):
     """Which place the stage is told to show."""
 

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
 
 from backend.api.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
 from backend.api.participant.steps import RequestId
+from backend.learning.words.clauses import LONGEST as LONGEST_SENTENCE
 from backend.study.drawing.strokes import MOST_POINTS
 from backend.study.drawing.walks import MOST_POSES
 from backend.study.session.leaving import LONGEST_PROBLEM
@@ -107,6 +108,12 @@ class LiveAsked(Sent):
     weights: dict[str, Number] | None = Field(None, max_length=20)
     place: int = Field(0, ge=0, le=99)
     poses: list[Pose] | None = Field(None, max_length=2)
+
+
+class WordsRead(Sent):
+    """A wish in plain words, to be read; bounded before anything looks into it."""
+
+    sentence: str = Field(max_length=LONGEST_SENTENCE)
 
 
 class PlaceChosen(Sent):

@@ -195,6 +195,10 @@ class BrowserSessionClient:
             self._tune(value["weights"])
             self._picture(f"{kind}_{self._view()}")
             self._page.locator("[data-done]").click()
+        elif kind == "words":
+            self._say(value)
+            self._picture(f"{kind}_corrected")
+            self._page.locator("[data-done][aria-disabled=false]").click()
         elif kind == "importance_ranking":
             self._rank(key, value["ranking"])
         else:
@@ -215,6 +219,17 @@ class BrowserSessionClient:
             page.locator("[data-correct]").click()
             self._tune(value["weights"])
         self._picture("meet_corrected" if value["history"] else "meet_kept")
+
+    def _say(self, value: Mapping[str, Any]) -> None:
+        """Write the sentence, have it read, answer what is asked back, and correct it by hand."""
+        page = self._page
+        page.locator("#words-sentence").fill(value["sentence"])
+        page.locator("[data-read][aria-disabled=false]").click()
+        page.locator("#words-found:not([hidden])").wait_for()
+        for number, one in enumerate(value["meant"]):
+            page.locator(f"[name=meant-{number}][data-meant={one['objective'] or 'none'}]").check()
+        self._picture("words_read")
+        self._tune(value["weights"])
 
     def _tune(self, weights: Mapping[str, float]) -> None:
         """Put every slider where these weights have it, with the keys, and see the robot's way drawn."""

@@ -34,7 +34,8 @@ from backend.store.sides import chosen_and_rejected, is_side
 from backend.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn, role_of
 
 Row = dict[str, Any]
-TUNED = ("tuning", "meet_your_robot")  # kinds of answers that hold a history of changed weights
+TUNED = ("tuning", "words", "meet_your_robot")  # kinds of answers that hold a history of changed weights
+WRITTEN = ("sentence", "marked")  # of an answer of kind words: free text, as a questionnaire's
 REMOVED = "[removed]"
 MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordinary words
 # Entries of an event's data that hold words and ids of ours; everything else may have been typed or sent by a page.
@@ -319,6 +320,9 @@ class Content:
 
     def _value(self, answer: Response) -> Row:
         """The answer's value, with what was typed freely scrubbed; every other kind of answer holds our own words."""
+        if answer.kind == "words":
+            typed = {name: self._scrub_all(answer.value[name]) for name in WRITTEN if name in answer.value}
+            return {**answer.value, **typed}
         if answer.kind != "questionnaire":
             return answer.value
         return {

@@ -238,7 +238,7 @@ ITEMS = Table(
 )
 TUNING_CHANGES = Table(
     "tuning_changes",
-    "change of a preference weight by hand (kinds of step `tuning` and `meet_your_robot`)",
+    "change of a preference weight by hand (kinds of step `tuning`, `words` and `meet_your_robot`)",
     (
         Column("response", TEXT, "id of the answer that holds the final weights", form=IS_ID),
         _SESSION,
