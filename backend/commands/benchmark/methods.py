@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from backend.commands.benchmark.group import commands, write_result
+from backend.commands.benchmark.group import commands, seed_range, write_result
 from backend.commands.output import JsonFlag, plain_errors, say
 
 
@@ -28,3 +28,23 @@ def words(
     if out is not None:
         write_result(out, result)
     say(result, as_json)
+
+
+@commands.command()
+@plain_errors
+def telling(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each has scenes, pairs and hands of its own.")] = "0-2",
+    candidates: Annotated[int, typer.Option(min=20, help="Weights that drawn paths are compared with.")] = 600,
+    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Simulated people say what they prefer by 15 choices, four drawn paths, sliders and a sentence: how far off each
+    is."""
+    from backend.experiments.benchmarks.ways_of_telling import TellingConfig, benchmark_telling
+
+    config = TellingConfig(setup=setup, candidates=candidates)
+    result = benchmark_telling(seed_range(seeds), config, lambda done, _: typer.echo(f"{done:.0%}", err=True))
+    if out is not None:
+        write_result(out, result)
+    say({name: value for name, value in result.items() if name != "rows"}, as_json)

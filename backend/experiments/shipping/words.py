@@ -31,12 +31,12 @@ NOTES = (
 
 
 def ship_words(seed: int = 0, folder: Path = DATASETS) -> dict[str, Any]:
-    """Train both languages and store `words/model.npz` with its card; seconds of one core."""
+    """Train both languages and store `words/model.words` with its card; seconds of one core."""
     models = made_words_models(seed)
     made = to_bytes(dict(models), {"seed": seed})
     out = folder / "words"
     out.mkdir(parents=True, exist_ok=True)
-    (out / "model.npz").write_bytes(made)
+    (out / "model.words").write_bytes(made)
     known = {}
     for language in LANGUAGES:
         found = judged(labelled_sentences("development", language), WordsReader(models[language]).understand)
@@ -48,7 +48,7 @@ def ship_words(seed: int = 0, folder: Path = DATASETS) -> dict[str, Any]:
         }
     card = {
         "kind": "words",
-        "file": "model.npz",
+        "file": "model.words",
         "sha256": hashlib.sha256(made).hexdigest(),
         "command": f"python -m backend.experiments.ship words --seed {seed}",
         "seed": seed,

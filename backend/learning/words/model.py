@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float32]
 FORMAT = "desirepath-words-1"
+FILE = FOLDER / "model.words"  # a NumPy archive, but no policy or query set, which is what `.npz` in datasets are
 FEATURES = (
     2**15
 )  # ours: collisions of about 60,000 words and letters cost less than a point on the development sentences
@@ -122,9 +123,9 @@ def to_bytes(models: dict[Language, WordsModel], meta: dict[str, Any]) -> bytes:
 @lru_cache(maxsize=4)
 def load_words_model(language: Language, path: Path | None = None) -> WordsModel:
     """The shipped model, or one of another file."""
-    with np.load(path or FOLDER / "model.npz", allow_pickle=False) as file:
+    with np.load(path or FILE, allow_pickle=False) as file:
         meta = json.loads(bytes(file["meta"]))
         if meta["format"] != FORMAT or meta["features"] != FEATURES:
-            raise ValueError(f"{path or FOLDER}: is no words model of format {FORMAT} with {FEATURES} features")
+            raise ValueError(f"{path or FILE}: is no words model of format {FORMAT} with {FEATURES} features")
         weights = file[f"weights_{language}"].astype(np.float32)
         return WordsModel(language, tuple(meta["labels"][language]), weights, file[f"bias_{language}"])

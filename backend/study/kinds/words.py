@@ -69,6 +69,7 @@ class WordsStage(LiveStage, Stage):
     """The participant writes in a sentence how the robot should drive; what was understood is shown and corrected."""
 
     asks = True
+    measures = True
 
     question: Localized | None = None
 

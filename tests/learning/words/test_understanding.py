@@ -96,6 +96,6 @@ def test_two_hundred_test_sentences_and_phrases_that_are_always_the_same(languag
 
 def test_the_card_names_the_model_and_the_sentences_as_they_are():
     card = json.loads((FOLDER / "model.card.json").read_text(encoding="utf-8"))
-    assert card["sha256"] == hashlib.sha256((FOLDER / "model.npz").read_bytes()).hexdigest()
+    assert card["sha256"] == hashlib.sha256((FOLDER / "model.words").read_bytes()).hexdigest()
     for name, digest in card["parents"].items():
         assert hashlib.sha256((FOLDER / name).read_bytes()).hexdigest() == digest, name

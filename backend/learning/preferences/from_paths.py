@@ -1,0 +1,54 @@
+"""Which preference weights would have driven like these paths: a posterior over weights from drawn paths.
+
+Paths are compared with rollouts of a policy conditioned on many weights, by what both measure. What is learned from
+answers is `posterior.py`'s; no policy is known here, only what its rollouts measured. All ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.learning.preferences.measures import typical_differences
+
+Doubles = NDArray[np.float64]
+NOISE = 0.5  # of a measure, in typical differences: how far a hand's path is from the rollout it stands for; ours
+
+
+@dataclass(frozen=True)
+class WeightsOfPaths:
+    """shares: (n, 9) candidates, each summing to 1; measured: (n, scenes, 7) what the policy conditioned on each
+    measures in each scene; mass: (n,) how probable each is before any path.
+    """
+
+    setup: str
+    shares: Doubles
+    measured: Doubles
+    mass: Doubles
+
+    def given(self, scenes: NDArray[np.int64], drawn: Doubles, noise: float = NOISE) -> Doubles:
+        """(n,) probabilities after paths that measure `drawn` (paths, 7) in these scenes:
+
+            log p(w | paths) = log p(w) - sum_paths |(m(path) - m(rollout of w)) / typical|^2 / (2 noise^2)
+
+        typical: a measure's typical difference within a pair, so that measures of unlike units count alike.
+        """
+        off = (self.measured[:, scenes] - drawn) / typical_differences(self.setup)
+        scores = np.log(self.mass) - np.square(off).sum(axis=(1, 2)) / (2 * noise**2)
+        found: Doubles = np.exp(scores - scores.max())
+        found /= found.sum()
+        return found
+
+
+def credible(shares: Doubles, mass: Doubles, level: float = 0.9) -> tuple[Doubles, Doubles]:
+    """Lower and upper ends (9,) of the central interval of each share that holds `level` of the mass."""
+    lower, upper = (1 - level) / 2, (1 + level) / 2
+    ends = np.empty((2, shares.shape[1]))
+    for k in range(shares.shape[1]):
+        order = np.argsort(shares[:, k], kind="stable")
+        filled = np.cumsum(mass[order])
+        ends[0, k] = shares[order[min(int(np.searchsorted(filled, lower)), len(order) - 1)], k]
+        ends[1, k] = shares[order[min(int(np.searchsorted(filled, upper)), len(order) - 1)], k]
+    return ends[0], ends[1]
