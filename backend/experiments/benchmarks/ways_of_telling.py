@@ -38,8 +38,8 @@ LEVEL = 0.9
 @dataclass(frozen=True)
 class TellingConfig:
     """candidates: weights that paths are compared with; imagined: rollouts of other weights that a drawing person has
-    in mind; wobble_m: of the drawing hand; looks: how often a tuner tries a slider; blur: a tuner's error in what a rollout
-    is worth, in typical differences.
+    in mind; wobble_m: of the drawing hand; looks: how often a tuner tries a slider; blur: a tuner's error in what a
+    rollout is worth, in typical differences.
     """
 
     setup: str = "study_room"

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from backend.learning.words.clauses import LONGEST
 from backend.learning.words.phrases import LANGUAGES, Language
 from backend.study.grammar.parts import Localized
-from backend.study.grammar.source import Path
+from backend.study.grammar.source import Path, Problem, Source
 from backend.study.grammar.texts import local
 from backend.study.kinds.base import Moment, Pace, Page, Planning, Simulated, Stage
 from backend.study.kinds.live import (
@@ -83,6 +83,10 @@ class WordsStage(LiveStage, Stage):
     def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
         if self.question is not None:
             yield self.question, ("question",)
+
+    def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        if self.objectives:
+            yield source.problem((*here, "objectives"), "is of tuning; a sentence may say anything of all nine")
 
 
 class WordsStep(LiveStep):
