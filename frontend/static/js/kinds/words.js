@@ -64,7 +64,10 @@ class Wording extends LivePanel {
       this.note();
     } finally {
       this.reading = false;
-      if (!this.over) this.show();
+      if (!this.over) {
+        this.show();
+        this.root.querySelector("#words-found-title")?.scrollIntoView({ block: "start" });
+      }
     }
   }
 
