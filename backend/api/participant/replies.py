@@ -63,12 +63,12 @@ class LivePaths(Reply):
 
 
 class ReadPart(Reply):
-    """A stretch of a sentence. told: plain; wanted or lesser, of an objective; asked, by which question; missed."""
+    """A stretch of a sentence. reading: plain; wanted or lesser, of an objective; asked, by which question; missed."""
 
     model_config = ConfigDict(populate_by_name=True)
 
     text: str
-    told: Literal["plain", "wanted", "lesser", "asked", "missed"] = Field(alias="as")
+    reading: Literal["plain", "wanted", "lesser", "asked", "missed"] = Field(alias="as")
     objective: str | None = None
     question: int | None = None
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import wilson
 from backend.learning.policies.shipped import load_conditioned, load_queries
-from backend.learning.preferences.from_paths import WeightsOfPaths, credible
+from backend.learning.preferences.from_paths import NOISE, WeightsOfPaths, credible
 from backend.learning.preferences.measures import measures, typical_differences
 from backend.learning.preferences.objectives import NAMES, OPPOSITES, gains, preference_weights
 from backend.learning.preferences.oracles import HELD_OUT, TUNING, ResponseModel, make_oracle
@@ -23,6 +23,7 @@ from backend.learning.preferences.spans import seen_in
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.learning.words.judging import labelled_sentences
+from backend.learning.words.phrases import Language
 from backend.learning.words.understanding import words_reader
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Scene
@@ -52,6 +53,7 @@ class TellingConfig:
     looks: int = 24
     slider_scenes: int = 3
     blur: float = 0.2
+    path_noise: float = NOISE
     lapse_rate: float = 0.1
 
 
@@ -89,12 +91,12 @@ class _Seed:
         drawn = self.prior.sample(config.candidates + config.imagined).weights.astype(np.float64)
         self.random.shuffle(drawn)
         imagined, candidates = drawn[: config.imagined], drawn[config.imagined :]
-        self.imagined = [self.driven(weights_of_shares(shares)) for shares in imagined]
-        measured = np.array([measures(self.driven(weights_of_shares(shares))) for shares in candidates])
+        self.imagined = [self.rolled_out(weights_of_shares(shares)) for shares in imagined]
+        measured = np.array([measures(self.rolled_out(weights_of_shares(shares))) for shares in candidates])
         even = np.full(len(candidates), 1 / len(candidates))
         self.candidates = WeightsOfPaths(config.setup, candidates, measured, even)
 
-    def driven(self, weights: NDArray[np.float32], scenes: Sequence[Scene] | None = None) -> list[Trajectory]:
+    def rolled_out(self, weights: NDArray[np.float32], scenes: Sequence[Scene] | None = None) -> list[Trajectory]:
         policy = self.conditioned.at(np.asarray(weights, np.float32))
         return list(rollout(get_setup(self.config.setup), policy.rollout_policy, scenes or self.scenes))
 
@@ -102,14 +104,14 @@ class _Seed:
         found = []
         for name in PEOPLE:
             shares = _shares(np.asarray({**TUNING, **HELD_OUT}[name].weights, np.float64))
-            for way, (told, interval) in {
+            for way, (given, interval) in {
                 "choices": self.by_choices(name),
                 "paths": self.by_paths(shares),
                 "sliders": (self.by_sliders(shares), None),
                 "words": (self.by_words(shares), None),
                 "nothing": (np.zeros(len(NAMES)), None),
             }.items():
-                found.append({"person": name, "seed": self.seed, "way": way} | _judged(shares, told, interval))
+                found.append({"person": name, "seed": self.seed, "way": way} | _judged(shares, given, interval))
         return found
 
     def by_choices(self, name: str) -> tuple[Doubles, tuple[Doubles, Doubles]]:
@@ -129,16 +131,15 @@ class _Seed:
             imagined = [one[scene] for one in self.imagined]
             best = imagined[int(np.argmax(self.worth(shares, imagined)))]
             drawn.append(self.wobbled(best))
-        mass = self.candidates.given(scenes.astype(np.int64), measures(drawn))
-        told = weights_of_shares(mass @ self.candidates.shares).astype(np.float64)
-        return told, credible(self.candidates.shares, mass, LEVEL)
+        mass = self.candidates.given(scenes.astype(np.int64), measures(drawn), self.config.path_noise)
+        given = weights_of_shares(mass @ self.candidates.shares).astype(np.float64)
+        return given, credible(self.candidates.shares, mass, LEVEL)
 
     def by_sliders(self, shares: Doubles) -> Doubles:
         """A slider at a time is put elsewhere and stays there if the rollouts look better to them."""
         some = self.random.choice(len(self.scenes), self.config.slider_scenes, replace=False)
         scenes = [self.scenes[k] for k in some]
         now = np.zeros(len(NAMES), np.float32)
-        worth = self.seen(shares, now, scenes)
         for _ in range(self.config.looks):
             k = int(self.random.integers(len(NAMES)))
             tried = now.copy()
@@ -146,25 +147,24 @@ class _Seed:
             for a, b in OPPOSITES:
                 if k in (a, b) and tried[k] > 0:
                     tried[a + b - k] = 0.0
-            seen = self.seen(shares, tried, scenes)
-            if seen > worth:
-                now, worth = tried, seen
+            if self.seen(shares, tried, scenes) > self.seen(shares, now, scenes):  # both looked at anew
+                now = tried
         return now.astype(np.float64)
 
     def by_words(self, shares: Doubles) -> Doubles:
         """A plain test sentence for every objective that they prefer, English and German by turns."""
-        language = "en" if self.seed % 2 == 0 else "de"
-        known = labelled_sentences("test", language)  # type: ignore[arg-type]  # one of the two
+        language: Language = "en" if self.seed % 2 == 0 else "de"
+        known = labelled_sentences("test", language)
         said = []
         for k in np.argsort(-shares):
             plain = [one.sentence for one in known if one.said == (NAMES[k],) and one.case == "plain"]
             if shares[k] > 0:
                 said.append(str(self.random.choice(plain)).rstrip("!."))
-        got = words_reader(language).understand(". ".join(said)[:300])  # type: ignore[arg-type]
+        got = words_reader(language).understand(". ".join(said)[:300])
         return preference_weights(got.weights).astype(np.float64)
 
     def seen(self, shares: Doubles, weights: NDArray[np.float32], scenes: Sequence[Scene]) -> float:
-        worth = float(np.mean(self.worth(shares, self.driven(weights, scenes))))
+        worth = float(np.mean(self.worth(shares, self.rolled_out(weights, scenes))))
         return worth + float(self.random.normal(0, self.config.blur))
 
     def worth(self, shares: Doubles, trajectories: Sequence[Trajectory]) -> Doubles:
@@ -189,15 +189,15 @@ def _shares(weights: Doubles) -> Doubles:
     return shares
 
 
-def _judged(shares: Doubles, told: Doubles, interval: tuple[Doubles, Doubles] | None) -> dict[str, Any]:
+def _judged(shares: Doubles, given: Doubles, interval: tuple[Doubles, Doubles] | None) -> dict[str, Any]:
     true = shares / shares.max()
-    told = told / told.max() if told.max() > 0 else told
+    given = given / given.max() if given.max() > 0 else given
     inside = None if interval is None else (interval[0] <= shares + 1e-6) & (shares <= interval[1] + 1e-6)
     covered = None if inside is None else float(np.mean(inside))
     wanted = None if inside is None else float(np.mean(inside[shares > 0]))
     return {
-        "error": float(np.linalg.norm(true - told)),
-        "foremost": bool(told.max() > 0 and told.argmax() == true.argmax()),
+        "error": float(np.linalg.norm(true - given)),
+        "foremost": bool(given.max() > 0 and given.argmax() == true.argmax()),
         "covered": covered,
         "covered_of_preferred": wanted,
     }

@@ -36,7 +36,8 @@ def benchmark_words(part: Part = "test") -> dict[str, Any]:
         seen[language] = sum(_compared(one.sentence) in trained for one in sentences)
         unseen += [one for one in by_language[language] if _compared(one.labelled.sentence) not in trained]
     both = [one for judgements in by_language.values() for one in judgements]
-    everything: dict[str, list[Judged]] = {**by_language, "both": both, "both_without_word_for_word": unseen}
+    everything: dict[str, list[Judged]] = {str(one): some for one, some in by_language.items()}
+    everything |= {"both": both, "both_without_word_for_word": unseen}
     return {
         "part": part,
         "sentences": {name: len(some) for name, some in everything.items()},

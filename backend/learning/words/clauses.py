@@ -144,7 +144,7 @@ def words_of(text: str) -> list[Word]:
     return found[:MOST_WORDS]
 
 
-def pieces(text: str, language: Language) -> list[Piece]:
+def clauses_of(text: str, language: Language) -> list[Piece]:
     """The pieces that a sentence falls into, with the part each has, in order."""
     grammar = GRAMMARS[language]
     found: list[Piece] = []

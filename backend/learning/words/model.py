@@ -116,7 +116,7 @@ def to_bytes(models: dict[Language, WordsModel], meta: dict[str, Any]) -> bytes:
         arrays[f"weights_{language}"], arrays[f"bias_{language}"] = kept.astype(np.float16), model.bias
     arrays["meta"] = np.frombuffer(json.dumps(described).encode(), np.uint8)
     file = BytesIO()
-    np.savez_compressed(file, **arrays)
+    np.savez_compressed(file, allow_pickle=False, **arrays)
     return file.getvalue()
 
 

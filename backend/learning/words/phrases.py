@@ -118,14 +118,14 @@ def filled(pattern: str, random: np.random.Generator) -> str:
 def _labelled(pattern: Pattern, known: Mapping[str, list[str]]) -> Iterator[tuple[str, str, int]]:
     """(which wrappers, label, how many times as often) that a pattern is used with."""
     label = pattern.label
-    want = label if label in (*NOTHING_SAID, *UNCLEAR) else f"+{label}"
+    wished = label if label in (*NOTHING_SAID, *UNCLEAR) else f"+{label}"
     if pattern.form == "say":
-        yield "", want, 3 if label == "none" else 1
+        yield "", wished, 3 if label == "none" else 1
     elif pattern.form == "badsay":
         yield "", f"-{label}", 2
     else:
-        yield pattern.form, want, 2
-        if want == f"+{label}":
+        yield pattern.form, wished, 2
+        if wished == f"+{label}":
             if pattern.form in ("do", "noun", "adj"):
                 yield f"needless_{pattern.form}", "needless", 0
             elif pattern.form in ("bad", "badnoun", "badadj") and label not in OPPOSED:

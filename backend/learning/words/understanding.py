@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from backend.learning.preferences.objectives import NAMES, OPPOSITES
-from backend.learning.words.clauses import LONGEST, Part, Piece, Word, known_words, pieces
+from backend.learning.words.clauses import LONGEST, Part, Piece, Word, clauses_of, known_words
 from backend.learning.words.model import WordsModel, load_words_model
 from backend.learning.words.phrases import OPPOSED, Language
 
@@ -105,7 +105,7 @@ class WordsReader:
         """Raises ValueError for more than LONGEST characters."""
         if len(text) > LONGEST:
             raise ValueError(f"a sentence has at most {LONGEST} characters, not {len(text)}")
-        read = self._read(pieces(text, self.model.language))
+        read = self._read(clauses_of(text, self.model.language))
         wanted, lesser = _decided(read)
         weights = _weighted(read, wanted, lesser, _SLIGHT[self.model.language])
         marks = tuple(self._marks(read, set(weights), wanted))

@@ -6,12 +6,12 @@ What is read of a sentence is `learning/words`'s; the controls are `live.py`'s. 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from backend.learning.words.clauses import LONGEST
-from backend.learning.words.phrases import LANGUAGES, Language
+from backend.learning.words.phrases import Language
 from backend.study.grammar.parts import Localized
 from backend.study.grammar.source import Path, Problem, Source
 from backend.study.grammar.texts import local
@@ -183,7 +183,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
 
 def language_of(language: str) -> Language:
     """A page's language, English where its sentences cannot be read."""
-    return cast(Language, language) if language in LANGUAGES else "en"
+    return "de" if language == "de" else "en"
 
 
 def understood(sentence: str, language: Language) -> Understood:
@@ -220,12 +220,12 @@ def marked(sentence: str, got: Understood) -> list[dict[str, Any]]:
     stretches += [(start, end, {"as": "missed"}) for start, end in got.not_understood]
     found: list[dict[str, Any]] = []
     place = 0
-    for start, end, told in sorted(stretches, key=lambda one: one[:2]):
+    for start, end, reading in sorted(stretches, key=lambda one: one[:2]):
         if start < place:
             continue
         if start > place:
             found.append({"text": sentence[place:start], "as": "plain"})
-        found.append({"text": sentence[start:end], **told})
+        found.append({"text": sentence[start:end], **reading})
         place = end
     if place < len(sentence):
         found.append({"text": sentence[place:], "as": "plain"})

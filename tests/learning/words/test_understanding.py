@@ -9,7 +9,7 @@ import time
 import pytest
 
 from backend.learning.preferences.objectives import preference_weights
-from backend.learning.words.clauses import LONGEST, pieces
+from backend.learning.words.clauses import LONGEST, clauses_of
 from backend.learning.words.judging import labelled_sentences
 from backend.learning.words.phrases import FOLDER, LANGUAGES, training_clauses
 from backend.learning.words.understanding import words_reader
@@ -81,7 +81,7 @@ def test_whatever_is_typed_is_read_in_bounded_time(sentence):
 
 
 def test_what_is_compared_keeps_its_part():
-    parts = [(piece.part, piece.forms) for piece in pieces("Rather early than far away", "en")]
+    parts = [(piece.part, piece.forms) for piece in clauses_of("Rather early than far away", "en")]
     assert parts == [("preferred", ["early"]), ("lesser", ["far", "away"])]
 
 
