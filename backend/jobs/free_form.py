@@ -53,7 +53,7 @@ def free_form(
         settings = OwnRewardConfig(
             seed=params.seed, updates=updates, checkpoints=max(3, updates // 1_000), gate=gate_rule(params)
         )
-        own = fine_tuned(policy, base, basis, (believed, steps), settings, context.progress.part(0.3, 0.9))
+        own = fine_tuned(library, policy, base, basis, (believed, steps), settings, context.progress.part(0.3, 0.9))
         policy = own.policy
         config = {**settings.as_dict(), "replay_sha256": own.tuned.replay_sha256, "begun_at_place": place}
         results |= {

@@ -130,7 +130,7 @@ def test_a_training_that_spoiled_the_policy_does_not_take_over(basis: StepBasis,
         final_learning_rate=0.3,
         gate=GateRule(scenes=20),
     )
-    own = fine_tuned(start, base, basis, (believed, steps), config)
+    own = fine_tuned(library, start, base, basis, (believed, steps), config)
     assert own.tuned.history[-1]["success_rate"] < 0.9
     assert own.chosen == "start"
     assert own.policy.digest() == start.without_critic().digest()

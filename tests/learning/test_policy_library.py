@@ -48,6 +48,19 @@ def test_the_shipped_library_is_what_its_card_says(library: PolicyLibrary) -> No
     assert load_policy_library("corridor") is None
 
 
+def test_nobody_is_given_a_policy_that_dawdles(library: PolicyLibrary) -> None:
+    longer = library.measures.longer_s
+    assert 2 <= library.longest_s <= 12
+    assert not library.allowed[longer > library.longest_s].any()
+    assert library.allowed.sum() >= 60
+    dawdling = int(longer.argmax())
+    assert longer[dawdling] > library.longest_s
+    # somebody whose every answer speaks for what the one that dawdles does
+    liked = np.repeat(library.measures.steps[[dawdling]], 15, axis=0)
+    believed = FreePosterior.from_answers(library.measures.pairs[[dawdling] * 15], [True] * 15)
+    assert best_of(library, believed, StepPosterior.from_answers(liked, [True] * 15)) != dawdling
+
+
 def test_what_is_stored_of_a_policy_is_what_it_does(library: PolicyLibrary) -> None:
     setup = library.setup
     base, conditioned, basis = (

@@ -20,7 +20,7 @@ from backend.learning.alignment.gate import GateRule
 from backend.learning.alignment.never_worse import better_for_person
 from backend.learning.alignment.own_policy import fine_tuned
 from backend.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
-from backend.learning.alignment.policy_library import LEAST_SUCCESS, PolicyLibrary, best_of
+from backend.learning.alignment.policy_library import PolicyLibrary, best_of
 from backend.learning.errors import LearningError
 from backend.learning.measures.step_basis import StepBasis, seen_steps
 from backend.learning.people.asked_pairs import FIRST_SEED, AskedPairs, asked_pairs
@@ -99,7 +99,7 @@ def benchmark_people_policies(
     people whom the yardstick helps), "success_at_once", "shown_at_once", "seconds_at_once" (of processor), ... A
     person's gains are in typical differences of a pair, in fresh scenes in which both policies arrive. The yardstick is
     the better of the library's best by their true score (`best`) and of that one trained on by their true reward
-    (`trained`; null where they value no steps). known: persons of a run of the same settings that was stopped; families
+    (`trained`; null where they value no steps), as far as that one takes no longer than a library's may. known: persons of a run of the same settings that was stopped; families
     take turns, so that what there is then is of all of them. Raises LearningError for unknown families, and where the
     setup has no step basis or no policy library."""
     card = people_card()
@@ -156,6 +156,7 @@ def summary_of(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
             f"gain_{when}": float(np.median([one[f"gain_{when}"] for one in persons])),
             f"share_{when}": float(np.median(shares)) if shares else None,
             f"share_{when}_interval": middle,
+            f"longer_s_{when}": float(np.mean([one[f"longer_s_{when}"] for one in persons])),
             f"success_{when}": float(np.mean([one[f"success_{when}"] for one in persons])),
             f"shown_{when}": len(shown) / len(persons),
             f"harmed_{when}": harmed.value,
@@ -233,7 +234,7 @@ def _measured(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -
     if config.tuned:
         began = time.process_time()
         settings = _settings(config, config.tuned)
-        own = fine_tuned(policies["at_once"], room.base, room.basis, (believed, posterior), settings)
+        own = fine_tuned(room.library, policies["at_once"], room.base, room.basis, (believed, posterior), settings)
         policies["refined"] = own.policy
         result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
     policies["best"] = _best_by_the_truth(person, room)
@@ -249,7 +250,8 @@ def _measured(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -
         if when in SHOWN:
             verdict = better_for_person(believed, policies[when], room.base, seed=config.seed)
             result |= {f"probability_{when}": verdict.probability_better, f"shown_{when}": verdict.passed}
-    whole = max(one for one in (result["gain_best"], result["gain_trained"]) if one is not None)
+    soon = result["gain_trained"] is not None and result["longer_s_trained"] <= room.library.longest_s
+    whole = max(result["gain_best"], result["gain_trained"]) if soon else result["gain_best"]
     for when in SHOWN:
         gain = result[f"gain_{when}"]
         result[f"share_{when}"] = gain / whole if gain is not None and whole > 0.05 else None
@@ -263,12 +265,12 @@ def _settings(config: PeoplePoliciesConfig, updates: int) -> OwnRewardConfig:
 
 
 def _best_by_the_truth(person: FamilyMember, room: _Room) -> Policy:
-    """Of the library, of those that arrive nearly as often as asked."""
+    """Of the library, of those that are allowed to be anybody's."""
     scores = person.scores(room.by_policy).reshape(-1, TRUE_SCENES)
     arrived = np.array([one.outcome == Outcome.SUCCESS for one in room.by_policy]).reshape(-1, TRUE_SCENES)
     both = arrived[1:] & arrived[0]
     gains = np.where(both, scores[1:] - scores[0], 0.0).sum(1) / np.maximum(both.sum(1), 1)
-    return room.policy(int(np.where(room.library.measures.success >= LEAST_SUCCESS, gains, -np.inf).argmax()))
+    return room.policy(int(np.where(room.library.allowed, gains, -np.inf).argmax()))
 
 
 def _asked(better: NDArray[np.bool_], room: _Room, config: PeoplePoliciesConfig) -> tuple[StepPosterior, list[int]]:
@@ -304,4 +306,5 @@ def _compared(person: FamilyMember, policy: Policy, usual: Sequence[Trajectory])
         "gain": float(gained.mean()) if len(gained) else -1.0,
         "preferred": float(((gained > 0) + 0.5 * (gained == 0)).mean()) if len(gained) else 0.0,
         "success": float(arrived.mean()),
+        "longer_s": float(np.mean([own[k].duration_s - usual[k].duration_s for k in np.flatnonzero(both)] or [0.0])),
     }

@@ -12,7 +12,7 @@ import numpy as np
 
 from backend.learning.alignment.library_measures import measured_against
 from backend.learning.alignment.own_reward import OwnRewardConfig, OwnRewardResult, tune_to_reward
-from backend.learning.alignment.policy_library import expected_gains
+from backend.learning.alignment.policy_library import PolicyLibrary, expected_gains
 from backend.learning.measures.step_basis import StepBasis
 from backend.learning.policies.policy import Policy
 from backend.learning.preferences.free_posterior import FreePosterior
@@ -37,6 +37,7 @@ class OwnPolicy:
 
 
 def fine_tuned(
+    library: PolicyLibrary,
     start: Policy,
     base: Policy,
     basis: StepBasis,
@@ -44,8 +45,9 @@ def fine_tuned(
     config: OwnRewardConfig,
     on_progress: OnProgress = no_progress,
 ) -> OwnPolicy:
-    """Train on from `start` by the reward that the answers speak for; the policy that is expected to gain most of the
-    start, the trained one and one halfway between, of those that arrive as often as asked."""
+    """Train on from `start`, of the library, by the reward that the answers speak for; the policy that is expected to
+    gain most of the start, the trained one and one halfway between, of those that arrive as often and as soon as asked.
+    """
     believed, steps = posteriors
     model = StepWeightsRewardModel(base.setup, basis, steps.mean.astype(np.float32))
     tuned = tune_to_reward(base, model, config, on_progress, start=start)
@@ -55,7 +57,7 @@ def fine_tuned(
     measures = measured_against(base, candidates, basis, scenes)
     expected = expected_gains(measures, believed, steps)
     enough = min(config.min_success, float(measures.success[0])) - config.max_selection_loss
-    allowed = np.where(measures.success >= enough, expected, -np.inf)
-    best = int(allowed.argmax())
+    allowed = (measures.success >= enough) & (measures.longer_s <= max(library.longest_s, measures.longer_s[0]))
+    best = int(np.where(allowed, expected, -np.inf).argmax())
     by_name = dict(zip(CANDIDATES, (round(float(one), 4) for one in expected), strict=True))
     return OwnPolicy(candidates[best], CANDIDATES[best], by_name, tuned)

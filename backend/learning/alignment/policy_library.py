@@ -20,6 +20,7 @@ from backend.learning.measures.step_basis import Doubles, Floats
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
 from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.preferences.measures import MEASURES
 from backend.learning.preferences.step_posterior import StepPosterior
 from backend.simulation.npz import NpzError, from_npz, to_npz
 
@@ -28,6 +29,10 @@ DOUBT = 0.1
 """Standard deviations that are taken off what a policy is expected to gain; chosen on tuning families."""
 
 LEAST_SUCCESS = 0.96
+SLOWEST = 2.0
+"""How much longer than the base policy a policy may take, in what the slowest setting of the conditioned policy does:
+rewards per step are gained by dawdling where one is liked to be, which nobody watches."""
+TIME = MEASURES.index("time_s")
 
 
 @dataclass(frozen=True)
@@ -39,6 +44,12 @@ class LibraryMeasures:
     mirrored: PairDifferences
     steps: Doubles
     success: Doubles
+
+    @property
+    def longer_s(self) -> Doubles:
+        """(n,) seconds that each takes more than the base policy."""
+        found: Doubles = self.pairs.seen[:, 0, TIME]
+        return found
 
     def __getitem__(self, rows: NDArray[np.int64]) -> LibraryMeasures:
         return LibraryMeasures(self.pairs[rows], self.mirrored[rows], self.steps[rows], self.success[rows])
@@ -57,6 +68,17 @@ class PolicyLibrary:
 
     def __len__(self) -> int:
         return len(self.settings) + len(self.actors)
+
+    @property
+    def longest_s(self) -> float:
+        """Seconds that a policy may take more than the base policy."""
+        return SLOWEST * float(self.measures.longer_s[: len(self.settings)].max())
+
+    @property
+    def allowed(self) -> NDArray[np.bool_]:
+        """(n,) those that arrive often enough and soon enough to be anybody's."""
+        found: NDArray[np.bool_] = self.measures.success >= LEAST_SUCCESS
+        return found & (self.measures.longer_s <= self.longest_s)
 
     def policy(self, place: int, conditioned: ConditionedPolicy, base: Policy) -> Policy:
         """The one at this place, with a critic to go on training from; freed by the base policy where it is stuck."""
@@ -124,6 +146,6 @@ def expected_gains(measures: LibraryMeasures, believed: FreePosterior, steps: St
 
 
 def best_of(library: PolicyLibrary, believed: FreePosterior, steps: StepPosterior) -> int:
-    """The place of the policy that is expected to gain most, of those that arrive often enough."""
-    arrives = library.measures.success >= LEAST_SUCCESS
-    return int(np.where(arrives, expected_gains(library.measures, believed, steps), -np.inf).argmax())
+    """The place of the policy that is expected to gain most, of those that are allowed."""
+    expected = expected_gains(library.measures, believed, steps)
+    return int(np.where(library.allowed, expected, -np.inf).argmax())
