@@ -99,9 +99,9 @@ def benchmark_people_policies(
     people whom the yardstick helps), "success_at_once", "shown_at_once", "seconds_at_once" (of processor), ... A
     person's gains are in typical differences of a pair, in fresh scenes in which both policies arrive. The yardstick is
     the better of the library's best by their true score (`best`) and of that one trained on by their true reward
-    (`trained`; null where they value no steps), as far as that one takes no longer than a library's may. known: persons of a run of the same settings that was stopped; families
-    take turns, so that what there is then is of all of them. Raises LearningError for unknown families, and where the
-    setup has no step basis or no policy library."""
+    (`trained`; null where they value no steps), where that takes no longer than a library's may. known: persons of a
+    run of the same settings that was stopped; families take turns, so that what there is then is of all of them. Raises
+    LearningError for unknown families, and where the setup has no step basis or no policy library."""
     card = people_card()
     unknown = [name for name in config.families if name not in card.families]
     if unknown:
@@ -302,9 +302,10 @@ def _compared(person: FamilyMember, policy: Policy, usual: Sequence[Trajectory])
     arrived = np.array([one.outcome == Outcome.SUCCESS for one in own])
     both = arrived & np.array([one.outcome == Outcome.SUCCESS for one in usual])
     gained = (person.scores(own) - person.scores(usual))[both] / person.unit(policy.setup)
+    longer = np.array([one.duration_s - other.duration_s for one, other in zip(own, usual, strict=True)])[both]
     return {
         "gain": float(gained.mean()) if len(gained) else -1.0,
         "preferred": float(((gained > 0) + 0.5 * (gained == 0)).mean()) if len(gained) else 0.0,
         "success": float(arrived.mean()),
-        "longer_s": float(np.mean([own[k].duration_s - usual[k].duration_s for k in np.flatnonzero(both)] or [0.0])),
+        "longer_s": float(longer.mean()) if len(longer) else 0.0,
     }

@@ -31,20 +31,20 @@ DIRECTIONS_SEED = 77
 @dataclass(frozen=True)
 class PolicyLibraryConfig:
     """trained: policies, two of each direction; updates: of each. drawn: settings of the conditioned policy beside
-    each objective's at a half and at full strength. scenes: that all are measured in; least_success: there."""
+    each objective's at a half and at full strength. scenes: that all are measured in."""
 
     trained: int
     updates: int = 4_000
     drawn: int = 51
     scenes: int = 80
-    least_success: float = 0.95
 
 
 TRAINED = {"study_room": 48, "open_field": 32}
 
 
 def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, on_progress: OnProgress) -> Card:
-    """Train what is not in `work` yet, measure all, store `SETUP/policy_library.npz` with what arrives."""
+    """Train what is not in `work` yet, measure all, store `SETUP/policy_library.npz` with what is
+    allowed to be anybody's."""
     config, basis = PolicyLibraryConfig(TRAINED[setup]), load_step_basis(setup)
     if basis is None:
         raise LearningError(f"setup = {setup!r}: no step basis is shipped for it")
@@ -65,11 +65,8 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
 
     scenes = scene_set(setup, config.scenes, purpose=Purpose.ALIGN_SELECT, seed=SCENES_SEED)
     measures = measured_against(base, policies(), basis, scenes)
-    kept = np.flatnonzero(measures.success >= config.least_success)
-    of_settings, of_trained = kept[kept < len(settings)], kept[kept >= len(settings)] - len(settings)
-    library = PolicyLibrary(
-        setup, settings[of_settings], weights[of_trained], tuple(actors[k] for k in of_trained), measures[kept]
-    )
+    whole = PolicyLibrary(setup, settings, weights, actors, measures)
+    library = whole.without_what_is_not_allowed()
     path = folder / setup / "policy_library.npz"
     path.write_bytes(library.to_bytes())
     card = Card(
@@ -86,9 +83,10 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
         results={
             "policies": len(library),
             "trained": len(library.actors),
-            "left_out": int(len(measures.success) - len(kept)),
-            "least_success": round(float(library.measures.success.min()), 3),
-            "mean_success": round(float(library.measures.success.mean()), 3),
+            "left_out": len(whole) - len(library),
+            "allowed": int(library.allowed.sum()),
+            "longest_s": round(library.longest_s, 1),
+            "mean_success": round(float(library.measures.success[library.allowed].mean()), 3),
         },
         parents={f"{setup}/{name}": file_sha256(folder / setup / f"{name}.npz") for name in ("base", "step_basis")}
         | {f"{setup}/conditioned": conditioned.digest()},  # as trained: what was added since has no part in it

@@ -80,6 +80,14 @@ class PolicyLibrary:
         found: NDArray[np.bool_] = self.measures.success >= LEAST_SUCCESS
         return found & (self.measures.longer_s <= self.longest_s)
 
+    def without_what_is_not_allowed(self) -> PolicyLibrary:
+        """Of the trained ones; settings cost nothing to keep."""
+        first = len(self.settings)
+        kept = np.flatnonzero(self.allowed[first:])
+        rows = np.concatenate([np.arange(first), first + kept])
+        actors = tuple(self.actors[k] for k in kept)
+        return PolicyLibrary(self.setup, self.settings, self.weights[kept], actors, self.measures[rows])
+
     def policy(self, place: int, conditioned: ConditionedPolicy, base: Policy) -> Policy:
         """The one at this place, with a critic to go on training from; freed by the base policy where it is stuck."""
         if place < len(self.settings):
