@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.experiments.benchmarks.people_before import BeforeConfig, benchmark_before
+from backend.experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
 from backend.learning.errors import LearningError
 from backend.learning.people.asked_people import PeopleConfig, benchmark_people, calibration_error
 from backend.simulation.setups import STUDY_ROOM
@@ -54,6 +55,16 @@ def test_earlier_participants_are_of_the_same_population_or_of_another() -> None
     rows = [(row["population"], row["people_before"], row["people"]) for row in result["before"]]
     assert rows == [("same", 0, 2), ("same", 3, 2), ("shifted", 3, 2)]
     assert all(0 <= share <= 1 for row in result["before"] for share in row["accuracy"].values())
+
+
+def test_a_linear_model_of_many_answers_is_the_yardstick_of_a_query_set() -> None:
+    config = YardstickConfig(("thresholds",), people=2, answers=20, test=20, shown="queries_triples_50")
+    result = benchmark_yardstick("study_room", config)
+    assert (result["people"], result["answers_shown"]) == (2, 150)
+    names = {"linear_named", "linear_named_shown", "linear_all", "linear_all_shown", "posterior_shown"}
+    assert set(result["accuracy"]) == names
+    assert all(0 <= mean <= 1 and error >= 0 for mean, error in result["accuracy"].values())
+    assert result["choosing_p95_ms"] > 0
 
 
 def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
