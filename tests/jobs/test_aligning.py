@@ -348,7 +348,7 @@ def test_an_erasure_while_the_job_runs_leaves_no_file_of_what_was_derived(
             yield s
 
     monkeypatch.setattr(Database, "transaction", cut_in)
-    with pytest.raises(ArtefactError, match=r"erased|no reward_model|no snapshot"):
+    with pytest.raises(ArtefactError, match=r"erased|no reward model|no snapshot"):
         align(context, params)
     monkeypatch.undo()
     assert kept == [after]
