@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import wilson
 from backend.learning.policies.shipped import load_conditioned, load_queries
-from backend.learning.preferences.from_paths import NOISE, WeightsOfPaths, credible
+from backend.learning.preferences.from_paths import NOISE_OF_INTERVALS, WeightsOfPaths, credible
 from backend.learning.preferences.measures import measures, typical_differences
 from backend.learning.preferences.objectives import NAMES, OPPOSITES, gains, preference_weights
 from backend.learning.preferences.oracles import HELD_OUT, TUNING, ResponseModel, make_oracle
@@ -53,7 +53,6 @@ class TellingConfig:
     looks: int = 24
     slider_scenes: int = 3
     blur: float = 0.2
-    path_noise: float = NOISE
     lapse_rate: float = 0.1
 
 
@@ -131,9 +130,11 @@ class _Seed:
             imagined = [one[scene] for one in self.imagined]
             best = imagined[int(np.argmax(self.worth(shares, imagined)))]
             drawn.append(self.wobbled(best))
-        mass = self.candidates.given(scenes.astype(np.int64), measures(drawn), self.config.path_noise)
+        measured, chosen = measures(drawn), scenes.astype(np.int64)
+        mass = self.candidates.given(chosen, measured)
+        wide = self.candidates.given(chosen, measured, NOISE_OF_INTERVALS)
         given = weights_of_shares(mass @ self.candidates.shares).astype(np.float64)
-        return given, credible(self.candidates.shares, mass, LEVEL)
+        return given, credible(self.candidates.shares, wide, LEVEL)
 
     def by_sliders(self, shares: Doubles) -> Doubles:
         """A slider at a time is put elsewhere and stays there if the rollouts look better to them."""
