@@ -316,3 +316,19 @@ def test_changes_are_told_under_their_metrics_names_for_who_ever_chose_different
     assert all(cell.endswith("(n = 2)") for cell in row[1:])
     alone = analyse(study(flips[:2], people[:1]), trajectories.__getitem__, plan=plan)
     assert disagreement_section(alone).tables[0].rows[0][1:] == ["–", "–"]
+
+
+def test_only_the_ranking_that_the_plan_names_is_tested() -> None:
+    people = [replace(PERSON, code=f"P-{k}") for k in range(6)]
+    ratings = [
+        Rating(one.code, None, of, "best", [THERE, HERE] if of == "asked_first" else [HERE, THERE])
+        for one in people
+        for of in ("asked_first", "asked_last")
+    ]
+    data = study([choice(one.code, HERE, 0, "a") for one in people], people, ratings=ratings)
+    both = analyse(data, nothing, plan=PLAN).rankings
+    assert [one.item.questionnaire for one in both] == ["asked_first", "asked_last"]
+    assert [one.places[HERE] for one in both] == [[0, 6], [6, 0]]
+    (named,) = analyse(data, nothing, plan=AnalysisPlan(metrics=(), ranking="asked_last")).rankings
+    assert (named.item.questionnaire, named.places[HERE], named.test.n) == ("asked_last", [6, 0], 6)
+    assert named.test.p == pytest.approx(2 / 2**6)

@@ -188,3 +188,11 @@ def test_ratings_of_rankers_shift_by_what_is_shown() -> None:
     first, second = (f"{ITEMS_OF_AWARENESS[0]}_{k}" for k in (1, 2))
     assert mean(first, "plain-lidar") - mean(first, "plain-bare") > 1.5
     assert mean(second, "plain-lidar") - mean(second, "plain-bare") < -1.5
+
+
+def test_a_factor_that_does_not_vary_is_not_shown() -> None:
+    data = made_up_rankings(PUBLISHED, 1, trials=1, factors=("outline",))
+    assert [(one.condition, one.outline, one.lidar) for one in data.importance] == [
+        ("plain-bare", False, False),
+        ("outline-bare", True, False),
+    ]
