@@ -81,6 +81,23 @@ def adaptable(out: Out, budget: BudgetName = "small", processes: Processes = 2, 
     say(reproduce_adaptable(out, chosen, **_run("adaptable", budget, processes)), as_json)
 
 
+@commands.command()
+@plain_errors
+def explanations(
+    out: Out,
+    budget: BudgetName = "small",
+    seed: Annotated[int, typer.Option(min=0, max=99)] = 0,
+    processes: Processes = 2,
+    as_json: JsonFlag = False,
+) -> None:
+    """Chapter 8: the policy, its 48 scenarios, simulated rankers with and without outlines; tables 8.1 and 8.2."""
+    from backend.experiments.reproduction.explanations.run import BUDGETS, reproduce_explanations
+
+    chosen = _chosen(BUDGETS, budget)
+    run = _run("explanations", budget, processes, f"--seed {seed} ")
+    say(reproduce_explanations(out, chosen, seed=seed, **run), as_json)
+
+
 def _chosen(budgets: Mapping[str, Budget], name: str) -> Budget:
     if name not in budgets:
         raise LookupError(f"--budget {name!r}: known are {', '.join(budgets)}")

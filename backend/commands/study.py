@@ -212,6 +212,10 @@ def power_command(
     shown: Annotated[
         float, typer.Option(min=0, max=1, help="Share of those who finish that the gate lets compare their own policy.")
     ] = 1.0,
+    tau: Annotated[
+        float, typer.Option(min=0, max=0.95, help="Agreement of importance rankings where nothing is shown.")
+    ] = 0.42,
+    tau_gain: Annotated[float, typer.Option(min=0, max=0.95, help="What outlines (or the lidar) add to it.")] = 0.1,
     condition: Annotated[
         str | None, typer.Option(help="The condition with the effect; default the last by name.")
     ] = None,
@@ -241,6 +245,8 @@ def power_command(
         items_alike=items_alike,
         drop_out=drop_out,
         shown=shown,
+        tau=tau,
+        tau_gain=tau_gain,
         walk=walk,
         cohorts=cohorts,
         seed=seed,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 import torch
@@ -33,9 +34,10 @@ GOAL_INPUTS = (0, 1)  # distance and bearing, as every lidar setup lays them out
 class Explanation:
     """T moments explained. inputs: (T, obs) float64, the attribution of each scaled input, sign kept.
 
-    things: the sight's and the goal. scores: (T, things) in [0, 1], the greatest attribution of what tells of the
-    thing, absolute and scaled to 0-1 at each moment over all rays and positions: the pooled rays that end at it; for
-    person and goal also what the robot sees of their position. 0: nothing seen of it.
+    things: the sight's and the goal. scores: (T, things) in [0, 1], the greatest attribution of the pooled rays that
+    end at the thing, absolute and scaled to 0-1 at each moment over all pooled rays (equation 8.2); 0: not seen.
+    For person and goal also what the robot is told of their position, on the rays' scale, at most 1 (ours).
+    weights: (T, things), the same before scaling, which orders them also where two score 1.
     """
 
     method: Method
@@ -43,6 +45,7 @@ class Explanation:
     inputs: Doubles
     things: tuple[str, ...]
     scores: Doubles
+    weights: Doubles
 
 
 def attribute(
@@ -88,19 +91,29 @@ def baseline(observations: Floats, setup: Setup) -> Floats:
 def explain(
     actor: Actor, sight: Sight, *, method: Method = "saliency", command: Command = "speed", seed: int = 0
 ) -> Explanation:
-    """Score what was seen at each moment by how much it moved the command. Raises AttributionError."""
-    inputs = attribute(actor, sight.observations, setup=sight.setup, method=method, command=command, seed=seed)
+    """Score what was seen at each moment by how much it moved the command. Raises AttributionError.
+
+    In double precision: where a command is at its limit, tanh's slope is lost in single, and with it every gradient.
+    """
+    double = cast("Floats", sight.observations.astype(np.float64))
+    inputs = attribute(actor, double, setup=sight.setup, method=method, command=command, seed=seed)
     rays = np.abs(inputs[:, sight.first_ray :])
-    seen = [np.abs(inputs[:, list(pair)]).max(axis=1) for pair in (GOAL_INPUTS, sight.setup.person_inputs) if pair]
-    every = np.column_stack([rays, *seen])
-    low, high = every.min(axis=1, keepdims=True), every.max(axis=1, keepdims=True)
-    scaled = (every - low) / np.where(high > low, high - low, 1.0)
-    sectors = rays.shape[1]
-    scores = np.zeros((len(inputs), len(sight.things) + 1))
+    weights = np.zeros((len(inputs), len(sight.things) + 1))
+    scores = np.zeros_like(weights)
+    low, high = rays.min(axis=1, keepdims=True), rays.max(axis=1, keepdims=True)
+    spread = np.where(high > low, high - low, 1.0)
+    scaled = (rays - low) / spread
     for number in range(len(sight.things)):
-        scores[:, number] = np.where(sight.provider == number, scaled[:, :sectors], 0.0).max(axis=1)
-    scores[:, -1] = scaled[:, sectors]
-    if sight.setup.person_inputs is not None:
-        at = sight.things.index(PERSON)
-        scores[:, at] = np.maximum(scores[:, at], scaled[:, sectors + 1])
-    return Explanation(method, command, inputs, (*sight.things, GOAL), scores)
+        own = sight.provider == number
+        weights[:, number] = np.where(own, rays, 0.0).max(axis=1)
+        scores[:, number] = np.where(own, scaled, 0.0).max(axis=1)
+    for at, pair in ((len(sight.things), GOAL_INPUTS), (_person(sight), sight.setup.person_inputs)):
+        if at is not None and pair is not None:
+            seen = np.abs(inputs[:, list(pair)]).max(axis=1)
+            weights[:, at] = np.maximum(weights[:, at], seen)
+            scores[:, at] = np.maximum(scores[:, at], np.clip((seen - low[:, 0]) / spread[:, 0], 0.0, 1.0))
+    return Explanation(method, command, inputs, (*sight.things, GOAL), scores, weights)
+
+
+def _person(sight: Sight) -> int | None:
+    return sight.things.index(PERSON) if PERSON in sight.things else None

@@ -49,7 +49,7 @@ def faithfulness(actor: Actor, sight: Sight, explained: Explanation, *, seed: in
     moments = np.flatnonzero(sight.seen.sum(axis=1) >= LEAST_SEEN)
     if not len(moments):
         return None
-    scores = explained.scores[:, : len(sight.things)]  # the goal is no thing that could be taken out
+    scores = explained.weights[:, : len(sight.things)]  # the goal is no thing that could be taken out
     ours = [_curves(actor, sight, explained.command, moments, -scores)]
     lots = [
         _curves(actor, sight, explained.command, moments, random.random(scores.shape)) for _ in range(RANDOM_ORDERS)

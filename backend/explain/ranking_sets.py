@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -147,10 +147,7 @@ def explained_rollout(
             f"scene {scene.seed}: the rollout is over ({whole.outcome.name.lower()}) after {whole.duration_s:.1f} s, "
             f"before the halt at {drive_s:.1f} s; leave the scene out"
         )
-    sight = sight_of(whole)
-    # Where a command is at its limit, tanh's slope is lost in single precision, and with it every gradient.
-    double = replace(sight, observations=cast("Floats", sight.observations.astype(np.float64)))
-    explained = explain(actor, double, method=method, command=command)
+    explained = explain(actor, sight_of(whole), method=method, command=command)
     things = tuple(thing_names(scene)[: len(scene.obstacles)])
     scores = explained.scores[:, : len(things)].astype(np.float32)
     return ExplainedRollout(_cut(whole, steps), things, scores, practice)

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, 
 from pydantic_core import PydanticUndefined
 
 SetupName = Literal["study_room", "open_field"]
+TrainedSetup = Literal["study_room", "open_field", "explained_room"]  # whose base policy can be trained anew
 # backend/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
 MOST_SCENES = 10_000
 LARGEST_SEED = 9_999
@@ -247,7 +248,7 @@ class TrainBaseParams(Params):
 
     RENAMED: ClassVar[Mapping[str, str]] = {"calm_weight": "smoothness_penalty"}
 
-    setup: SetupName = _from("ours", "study_room")
+    setup: TrainedSetup = _from("ours", "study_room")
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     updates: int = _from("ours_two_minutes", 60_000, ge=100, le=2_000_000)
     n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)

@@ -2,31 +2,42 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import card_of, keep, load_policy
 from backend.jobs.kinds import EnsembleParams, QueriesParams, TrainBaseParams
 from backend.learning.cards import DEPARTURES
+from backend.learning.policies.shape import FAST_HEADS
 from backend.learning.queries.queries import QueryConfig
 from backend.learning.queries.queries import generate_queries as make_queries
 from backend.learning.scene_sets import Purpose, describe
-from backend.learning.td3.base import BaseConfig
+from backend.learning.td3.base import BaseConfig, base_config
 from backend.learning.td3.base import train_base as learn_base
 from backend.learning.td3.ensemble import PolicyEnsembleConfig
 from backend.learning.td3.ensemble import train_ensemble as learn_ensemble
 from backend.store.query_sets import save_query_set
 
-BASE_DEPARTURES = ("heads", "environments", "average")
+BASE_DEPARTURES = ("environments", "average")
 ENSEMBLE_DEPARTURES = ("ensemble_start", "ensemble_choice")
+
+
+def config_of(params: TrainBaseParams) -> BaseConfig:
+    """The training that is asked for, with the network that the setup's base policy has."""
+    return replace(base_config(params.setup), **params.model_dump())
 
 
 def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
     """A new base policy of a setup."""
-    config = BaseConfig(**params.model_dump())
+    config = config_of(params)
     trained = learn_base(config, context.progress)
     result = {"selection_success": trained.selection_success, "transitions": trained.transitions}
-    ours = {"progress": params.progress_weight, "smoothness": params.smoothness_penalty}
+    ours = {
+        "progress": params.progress_weight,
+        "smoothness": params.smoothness_penalty,
+        "heads": config.heads == FAST_HEADS,
+    }
     kept = keep(
         context,
         kind="policy",

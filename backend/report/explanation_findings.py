@@ -78,9 +78,14 @@ class Explained:
     items: Sequence[tuple[str, str]]
 
     @property
+    def outcomes(self) -> list[Outcome]:
+        """All that was measured, in the report's order."""
+        return [self.agreement, *self.rated]
+
+    @property
     def tests(self) -> list[Tested]:
         """Every test, in the report's order."""
-        return [test for one in (self.agreement, *self.rated) for test in one.tests]
+        return [test for one in self.outcomes for test in one.tests]
 
     @property
     def undefined(self) -> int:

@@ -148,6 +148,12 @@ def _curve() -> tuple[Doubles, Doubles]:
     return noise, np.minimum.accumulate(taus)
 
 
+def made_up_ratings(cohort: RankerCohort, code: str, number: int) -> list[Rating]:
+    """What somebody says after each of the four blocks of outline x lidar, whatever they ranked."""
+    of_cell = [dict(zip(FACTORS, cell, strict=True)) for cell in product((False, True), repeat=len(FACTORS))]
+    return _rated(cohort, code, number, [condition_name(**of) for of in of_cell], of_cell)
+
+
 def _rated(
     cohort: RankerCohort, code: str, number: int, names: Sequence[str], of_cell: Sequence[Mapping[str, bool]]
 ) -> list[Rating]:

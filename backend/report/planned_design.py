@@ -14,6 +14,7 @@ from backend.analysis.scales import Scale
 from backend.report.findings import Findings
 from backend.report.item_tests import ItemResult
 from backend.report.made_up_cohorts import OPPONENTS, Cohort, made_up_study
+from backend.report.ranking_power import RankedDesign
 from backend.report.study_data import StudyData
 from backend.report.study_design import CONDITION, StudyDesign
 
@@ -27,7 +28,9 @@ class Assumed:
     consistency: chance of the same answer to the same query. own, own_against_other: mean chance that the own policy is
     preferred to the base policy, and to another participant's (default: the same). items_alike: correlation between
     items. drop_out: share of participants who do not finish. shown: of those who do, the share that is shown a policy
-    as theirs; the gate refuses the others, who compare nothing.
+    as theirs; the gate refuses the others, who compare nothing. tau: agreement of importance rankings (Kendall's tau)
+    where nothing is shown; tau_gain: what outlines add to it, or the lidar where outlines are no factor; the defaults
+    are chapter 8's.
     """
 
     condition: str
@@ -42,6 +45,8 @@ class Assumed:
     drop_out: float = 0.0
     seed: int = 0
     shown: float = 1.0
+    tau: float = 0.42
+    tau_gain: float = 0.10
 
     def cohort(self, cells: Sequence[str] = ()) -> Cohort:
         """Raises CohortError for what no cohort can have. cells: what can be ranked; a level is none of them."""
@@ -63,7 +68,7 @@ class Assumed:
 class PlannedDesign:
     """What of a study the power depends on, read from its protocol. conditions: as answers carry them. within, between:
     factors with their levels; without any the conditions are one that everybody meets. scales: with items of theirs in
-    `items`, each by its name."""
+    `items`, each by its name. ranked: its importance rankings."""
 
     conditions: tuple[str, ...]
     items: tuple[str, ...]
@@ -74,6 +79,7 @@ class PlannedDesign:
     within: Mapping[str, Sequence[str]] = field(default_factory=dict)
     between: Mapping[str, Sequence[str]] = field(default_factory=dict)
     scales: tuple[Scale, ...] = ()
+    ranked: RankedDesign = field(default_factory=RankedDesign)
 
     def study(self, cohort: Cohort, participants: int, first: int) -> StudyData:
         """A made-up study of this design."""

@@ -289,12 +289,17 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
     compared = any("own against" in test for test in tests)
     own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
     own += f" by the {100 * assumed.shown:.0f} % who are shown one" if compared and assumed.shown < 1 else ""
+    ranked = any(test.startswith("tau, ") for test in tests)
+    rated = (
+        f"agreement of importance rankings is {assumed.tau:g}, with what is shown {assumed.tau + assumed.tau_gain:g}; "
+        if ranked
+        else ""
+    )
     caption = (
-        f"Simulated: share of {cohorts} made-up studies in which the analysis finds what "
-        f"was assumed, with 95 % Wilson intervals. Assumed: {labelled(assumed.item)} is rated {assumed.effect:g} "
-        f"standard deviations higher under {labelled(assumed.condition)}; {100 * assumed.first_choice:.0f} % rank it "
-        f"first for {labelled(assumed.ranking)}; the same query gets the same answer in "
-        f"{100 * assumed.consistency:.0f} %{own}. "
+        f"Simulated: share of {cohorts} made-up studies in which the analysis finds what was assumed, with 95 % Wilson "
+        f"intervals. Assumed: {rated}{labelled(assumed.item)} is rated {assumed.effect:g} standard deviations higher "
+        f"under {labelled(assumed.condition)}; {100 * assumed.first_choice:.0f} % rank it first for "
+        f"{labelled(assumed.ranking)}; the same query gets the same answer in {100 * assumed.consistency:.0f} %{own}. "
         f"Dotted line: {100 * WANTED:.0f} %."
     )
     return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])

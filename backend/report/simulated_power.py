@@ -18,6 +18,7 @@ from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, NothingToReport, analyse
 from backend.report.planned_design import Assumed, PlannedDesign, found_tests, power_tests
 from backend.report.planned_statements import statements
+from backend.report.ranking_power import assumed_cohort, ranking_found
 from backend.report.study_data import StudyData
 
 Tell = Callable[[float], None]
@@ -90,6 +91,8 @@ def power(
 ) -> list[Power]:
     """Share of cohorts in which the analysis finds what was assumed, for each number of participants."""
     plan, cohort = plan or AnalysisPlan(), assumed.cohort(design.conditions)
+    ranked = design.ranked
+    rankers = assumed_cohort(ranked, assumed.tau, assumed.tau_gain, assumed.seed) if ranked.factors else None
     beside = statements(design, assumed, plan)
     results: list[Power] = []
     for size in participants:
@@ -104,7 +107,10 @@ def power(
             found.update(found_tests(findings, design, assumed, plan.alpha))
             found.update(name for name, is_said in beside.items() if is_said(findings))
             widths += [of.share.high - of.share.mean for of in findings.between.values()]
-        rates = [rate(test, found[test], cohorts) for test in (*power_tests(design, assumed), *beside)]
+        if rankers is not None:
+            found += ranking_found(ranked, rankers, size, cohorts, plan=plan, drop_out=assumed.drop_out)
+        tests = (*ranked.tests, *power_tests(design, assumed), *beside)
+        rates = [rate(test, found[test], cohorts) for test in tests]
         results.append(Power(size, rates, float(np.mean(widths)) if widths else None))
     return results
 

@@ -17,6 +17,7 @@ from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import Findings, analyse
 from backend.report.made_up_cohorts import Cohort
 from backend.report.planned_design import Assumed, PlannedDesign, as_planned
+from backend.report.ranking_power import RankedDesign
 from backend.report.simulated_power import Power, enough, power
 from backend.report.study_data import StudyData
 from backend.report.tidy_tables import read_study
@@ -70,6 +71,8 @@ def plan_power(
     items_alike: float = 0.0,
     drop_out: float = 0.0,
     shown: float = 1.0,
+    tau: float = Assumed.tau,
+    tau_gain: float = Assumed.tau_gain,
     walk: int = 6,
     cohorts: int = 500,
     seed: int = 0,
@@ -103,6 +106,8 @@ def plan_power(
         items_alike=items_alike,
         drop_out=drop_out,
         shown=shown,
+        tau=tau,
+        tau_gain=tau_gain,
         seed=seed + 1,
     )
     results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)
@@ -145,7 +150,16 @@ def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> 
         ),
         comparisons=comparison.scenes if comparison is not None else 0,
         opponents=comparison.opponents if comparison is not None else (),
+        ranked=_ranked(found),
     )
+
+
+def _ranked(found: Findings) -> RankedDesign:
+    """What was ranked by importance, if anything, as everybody met it."""
+    if found.explained is None or not found.explained.factors:
+        return RankedDesign()
+    each = {(one.of.person, one.of.condition) for one in found.explained.trials}
+    return RankedDesign(tuple(found.explained.factors), round(len(found.explained.trials) / len(each)))
 
 
 def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:

@@ -15,6 +15,7 @@ from sqlalchemy import select
 from backend.api.core.dependencies import Services
 from backend.store.events import log_event
 from backend.store.models import Response, Session, StrokeRow, Study, Trial, new_id
+from backend.store.shipped_policies import policy_artefact, register_shipped
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
@@ -94,6 +95,24 @@ def test_a_rated_trajectory_is_replayed_alone_without_a_letter(lab, lab_services
     assert asked.status_code == 404, "allowed, but no stage is open in this test"
     views = [on_stage(lab_services, shown(lab, link)[1]).orders[0][1][1] for link in links]
     assert sorted(views) == ["first_person"] * 2 + ["top_down"] * 2
+
+    with lab_services.database.transaction() as s:
+        register_shipped(s, lab_services.files)
+        policy, field = (policy_artefact(s, f"{setup}/base").id for setup in ("study_room", "open_field"))
+    page, data = shown(lab, f"{links[0]}?policy={policy}&command=turning")
+    assert "What moves study_room/base along this way (Turning)." in page
+    assert page.count('class="ink-line cursor"') == 1
+    order, given_to, _ = on_stage(lab_services, data).orders[0]
+    assert order == "show", "nothing is explained before it is played"
+    order, given_to, named = on_stage(lab_services, data).orders[-1]
+    assert (named["explained"].outlines, named["explained"].lidar) == (True, True)
+    assert len(named["explained"].scores) == len(given_to[0].poses)
+    assert max(max(row) for row in named["explained"].scores) == 1.0
+    plain, _ = shown(lab, links[0])
+    assert "cursor" not in plain
+    assert policy in plain
+    assert field not in plain, "of another setup"
+    assert lab.get(f"{links[0]}?policy={field}").status_code == 404
 
 
 def drawing(text: str) -> str:

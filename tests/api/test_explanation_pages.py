@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import re
 import shutil
 from collections.abc import Iterator
@@ -58,6 +59,12 @@ def test_two_policies_are_explained_side_by_side(analyst: TestClient, known: Sim
     assert {row["command"] for row in first}
     assert [row["score"] for row in first] != [row["score"] for row in second]
     assert "person" in {row["thing"] for row in first if float(row["score"]) > 0}
+    assert page.text.count('class="ink-line cursor"') == 2  # a chart of each, with the moment under the cursor
+    assert page.text.count('data-moments="policies"') == 2
+    lanes = [len(json.loads(found)["lanes"]) for found in re.findall(r'json">(\{"at".*?)</script>', page.text)]
+    assert len(lanes) == 2
+    assert all(0 < count <= 7 for count in lanes)
+    assert "What one looks at that the other does not" in page.text
     command = "desirepath explain study_room/base --scene 3500000003 --method integrated_gradients --command turning"
     assert command in page.text
     again = analyst.get(sources[0][0].replace("&amp;", "&"), headers={"If-None-Match": tables[0].headers["etag"]})

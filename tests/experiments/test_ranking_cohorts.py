@@ -8,8 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from backend.cli import app
-from backend.experiments.cohorts.ranking_cohorts import ANY, ranking_cohorts, ranking_power
+from backend.experiments.cohorts.ranking_cohorts import ANY, ranking_cohorts
 from backend.report.made_up_rankers import PUBLISHED, RankerCohort
+from backend.report.planned_design import Assumed, PlannedDesign
+from backend.report.ranking_power import RankedDesign, ranking_found
+from backend.report.simulated_power import power
 
 
 def test_effects_put_in_are_found_and_nulls_are_not() -> None:
@@ -24,10 +27,21 @@ def test_effects_put_in_are_found_and_nulls_are_not() -> None:
     assert nothing[ANY].found <= 3
 
 
-def test_power_grows_with_people() -> None:
-    few, many = ranking_power(PUBLISHED, (6, 30), 8)[::3]
-    assert (few["test"], many["test"]) == ("tau, outline", "tau, outline")
-    assert float(str(few["power"])) < float(str(many["power"]))
+def test_power_grows_with_people_and_falls_with_who_leaves() -> None:
+    design = RankedDesign(("outline", "lidar"))
+    outline, lidar, both = design.tests
+    few, many = (ranking_found(design, PUBLISHED, size, 8) for size in (6, 30))
+    assert few[outline] < many[outline]
+    assert many[lidar] + many[both] <= 2
+    assert ranking_found(design, PUBLISHED, 30, 8, drop_out=0.9)[outline] < many[outline]
+
+
+def test_a_planned_study_of_rankings_is_told_the_power_of_each_of_their_tests() -> None:
+    planned = PlannedDesign((), (), (), 0, 0, ranked=RankedDesign(("lidar",), trials=6))
+    assert planned.ranked.tests == ["tau, lidar (over 1 test)"]
+    found = power(planned, Assumed("", "", "", tau=0.3, tau_gain=0.4), (12,), cohorts=4)
+    assert [(one.test, one.n) for one in found[0].rates] == [("tau, lidar (over 1 test)", 4)]
+    assert found[0].rates[0].found == 4
 
 
 def test_the_command_says_that_it_is_simulated() -> None:

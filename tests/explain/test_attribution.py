@@ -193,3 +193,30 @@ def test_a_policy_is_explained_from_the_command_line(tmp_path: Path) -> None:
     late = CliRunner().invoke(app, ["explain", "study_room/base", "--scene", "7", "--at", "999", "--json"])
     assert late.exit_code == 1
     assert "at = 999.0 s: the trajectory has moments from 0 to" in late.stdout + late.stderr
+
+
+def test_objects_are_scored_over_the_rays_alone_however_much_the_goal_matters(sights: list[Sight]) -> None:
+    """Equation 8.2 scales the lidar's part of the gradient; the goal scores at most as much as the first thing."""
+    sight = next(one for one in sights if (one.provider[0] >= 0).any())
+    sector = int(np.flatnonzero(sight.provider[0] >= 0)[0])
+
+    def goal_first(seen: Tensor) -> Tensor:
+        speed = 9 * seen[:, 0] + 0.3 * seen[:, SETUP.polar_size + sector]
+        return torch.stack([speed, 0 * speed], dim=1)
+
+    found = explain(goal_first, sight)
+    thing = int(sight.provider[0, sector])
+    assert found.scores[0, thing] == 1.0
+    assert found.scores[0, -1] == 1.0
+    assert found.weights[0, -1] == pytest.approx(9.0)
+    assert found.weights[0, thing] == pytest.approx(0.3)
+
+
+def test_a_command_at_its_limit_is_explained_too(sights: list[Sight]) -> None:
+    """In single precision tanh(12) is 1 and has no slope."""
+
+    def saturated(seen: Tensor) -> Tensor:
+        speed = torch.tanh(12 + seen[:, SETUP.polar_size])
+        return torch.stack([speed, 0 * speed], dim=1)
+
+    assert explain(saturated, sights[0]).inputs[:, SETUP.polar_size].min() > 0

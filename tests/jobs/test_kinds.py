@@ -21,11 +21,12 @@ from backend.jobs.kinds import (
     ThesisParams,
     get_kind,
 )
+from backend.jobs.policy_training import config_of
 from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
 from backend.learning.alignment.fine_tuning import FineTuningConfig
 from backend.learning.alignment.thesis import thesis_config
 from backend.learning.queries.queries import QueryConfig
-from backend.learning.td3.base import BaseConfig
+from backend.learning.td3.base import BaseConfig, base_config
 from backend.learning.td3.ensemble import PolicyEnsembleConfig
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
@@ -50,6 +51,11 @@ def valid_params(kind: str) -> dict[str, object]:
 def test_defaults_are_those_of_the_algorithm(kind, config):
     params = KINDS[kind].parse({}).model_dump(exclude={"base", "members" if kind == "queries" else ""})
     assert params == {name: getattr(config, name) for name in params}
+
+
+@pytest.mark.parametrize("setup", ["study_room", "open_field", "explained_room"])
+def test_a_base_policy_is_trained_as_the_shipped_one_of_its_setup(setup):
+    assert config_of(KINDS["train_base"].parse({"setup": setup, "seed": 3})) == base_config(setup, 3)
 
 
 def test_alignment_without_settings_is_the_algorithm_as_learning_defines_it():

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from sqlalchemy import select
 
+from backend.api.core.catalogues import Texts
 from backend.learning.measures.named import NAMED
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import analyse
@@ -21,12 +22,14 @@ from backend.store.snapshots import take_snapshot
 from backend.study.grammar.source import ProtocolError
 from backend.study.kinds.live import distance
 from backend.study.personalising.believed import beyond_nine
+from backend.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.studies import queries_of_study
 from tests.study.small_protocol import BLOCK, COME_BACK, small_protocol
 from tests.study.walking import answer
 
+LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 TRAIN = {"train": {"job": "align", "recipe": "instant"}}
 COMPARISON = {"comparison": {"arms": ["base", "own"], "scenes": 1, "guess": False}}
 MEET = {"meet_your_robot": {"scenes": 2}}
@@ -212,3 +215,15 @@ def test_who_taught_nothing_is_passed_over(walk):
     walker.watch(key)
     walker.submit(key, {"choice": "a"})
     assert walker.view.kind == "debriefing"
+
+
+def test_where_the_protocol_asks_for_it_what_a_robot_turns_for_is_told_by_things_that_pages_can_name(walk):
+    said = {"meet_your_robot": {"scenes": 2, "reasons": True}}
+    planned = walk(LEARN, TRAIN, COMPARISON, said).session.plan[-2]
+    assert (planned["kind"], planned["reasons"]) == ("meet_your_robot", True)
+    texts = Texts(LOCALES)
+    for setup in ("study_room", "open_field"):
+        policy, scene = conditioned_on(setup, {"farther": 1.0}), scenes_of(setup)[0]
+        named = looks_at(policy, rolled_out(policy, scene))
+        assert 0 < len(named) <= 2
+        assert all(texts.get(language).knows(f"explanation.things.{one}") for one in named for language in ("en", "de"))

@@ -6,7 +6,7 @@ Which policies and which scene an address asks for is `chosen_policies.py`'s; `f
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
@@ -31,6 +31,7 @@ from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.figure_process import ExplanationOrder
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.core.media import FIGURE_ENDINGS, answers_with, figure_file
+from backend.api.core.moment_charts import MomentChart, ScoresOverTime, compared, lanes_of, moment_chart, scores_in
 from backend.explain.flow_words import ExplanationWords
 from backend.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, checked
 from backend.store.artefacts import ArtefactStore
@@ -51,6 +52,22 @@ class Explained:
     letter: str
     mark: str
     figure: FigureFiles
+
+    @property
+    def over_time(self) -> ScoresOverTime:
+        return scores_in(self.figure.files["explanation.csv"])
+
+    def chart(self, t: Catalogue, thing: Callable[[str], str]) -> MomentChart:
+        """Its scores over time, with the cursor at the moment of the figure."""
+        found = self.over_time
+        lanes = lanes_of(found.things, found.scores, {name: thing(name) for name in found.things})
+        return moment_chart(
+            lanes,
+            found.dt,
+            title=t("explanation.over_time_of", name=self.side.name),
+            time_label=t("explanation.words.time"),
+            at_s=float(self.figure.numbers["at_s"]),
+        )
 
 
 @dataclass(frozen=True)
@@ -83,6 +100,7 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
         problem = t("explanation.problem", message=str(wrong))
     except NOT_DRAWN as wrong:
         problem = problem_of(t, wrong)
+    thing = ExplanationWords(things=t.table("explanation.things")).thing
     return lab_page(
         request,
         "analyst/explanation.html",
@@ -94,7 +112,9 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
         asked=asked,
         options=options,
         shown=shown,
-        thing=ExplanationWords(things=t.table("explanation.things")).thing,
+        thing=thing,
+        charts=[one.chart(t, thing) for one in shown],
+        looked_at=compared(*(one.over_time for one in shown)) if len(shown) == len(SIDES) else [],
         command_line=command_line,
     )
 

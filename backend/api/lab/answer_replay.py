@@ -21,13 +21,17 @@ from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, contact, page, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.lab.preview import QueryPreview
+from backend.api.lab.replay_reasons import Reasons, policies_for, reasons_of
 from backend.api.lab.study_tabs import the_study
 from backend.api.participant.session_view import leads_to, next_kind
 from backend.api.stage.drawing_sheet import as_drawn
 from backend.api.stage.replay_stages import Played
+from backend.explain.methods import COMMANDS
+from backend.explain.shown_explanation import ShownExplanation
 from backend.store.artefacts import ArtefactError, ArtefactStore, load_trajectory
-from backend.store.models import Event, Participant, Session, StrokeRow, Trial
+from backend.store.models import Artefact, Event, Participant, Session, StrokeRow, Trial
 from backend.store.models import Response as Answered
+from backend.store.sides import Side
 from backend.study.drawing import paths, walks
 from backend.study.kinds import kind_of, read_plan
 from backend.study.kinds.base import Moment, Page, Step
@@ -45,13 +49,21 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
 @dataclass(frozen=True)
 class SeenQuery(QueryPreview):
-    """A pair, or one trajectory alone, on a stage with as much detail as the participant's device was given."""
+    """A pair, or one trajectory alone, on a stage with as much detail as the participant's device was given.
+
+    reasons: of A and B, where somebody asks what a policy would look at; they were not shown to the participant.
+    """
 
     light: bool = False
+    reasons: tuple[ShownExplanation, ...] = ()
 
     def show(self, stage: Stage) -> None:
         stage.detail = "light" if self.light else "full"
         super().show(stage)
+
+    def play(self, stage: Stage, side: Side) -> None:
+        of = self.reasons[min("ab".index(side), len(self.reasons) - 1)] if self.reasons else self.explained
+        QueryPreview.play(replace(self, explained=of, reasons=()) if self.reasons else self, stage, side)
 
 
 @dataclass(frozen=True)
@@ -76,7 +88,7 @@ class SeenPath:
 class _Seen:
     """What an answer is about. step: whose page it is shown on; shown: on the stage; durations_s: of what plays there;
     state: of the page where it is not a trial's; view, block: of the trial or drawing; payload: what the page is given
-    beside what it is always."""
+    beside what it is always; reasons, policies: what moved the robots, and by which policies it can be asked."""
 
     step: Step
     shown: Played
@@ -85,11 +97,17 @@ class _Seen:
     block: str | None = None
     state: dict[str, Any] | None = None
     payload: dict[str, Any] = field(default_factory=dict)
+    reasons: Reasons | None = None
+    policies: list[Artefact] = field(default_factory=list)
+    trial: Trial | None = None
 
 
 @router.get("/lab/studies/{study_id}/answers/{response_id}")
-def replay(request: Request, study_id: str, response_id: str, database: Db, files: Files) -> Response:
-    """The step of an answer with what was seen there. 404 for answers that are about no trajectory."""
+def replay(
+    request: Request, study_id: str, response_id: str, database: Db, files: Files, policy: str = "", command: str = ""
+) -> Response:
+    """The step of an answer with what was seen there, and on request what a policy would look at along the same way.
+    404 for answers that are about no trajectory."""
     with database.session() as s:
         study = the_study(s, study_id)
         given = s.get(Answered, response_id)
@@ -99,6 +117,8 @@ def replay(request: Request, study_id: str, response_id: str, database: Db, file
         device = _device_at(s, session, given)
         try:
             seen = _seen(s, files, session, given, light=device.get("scene_detail") == "light")
+            if seen is not None:
+                seen = _with_reasons(request, s, files, seen, policy, command)
         except ArtefactError:
             seen = None
         if seen is None:
@@ -137,6 +157,9 @@ def replay(request: Request, study_id: str, response_id: str, database: Db, file
         durations=[round(seconds, 1) for seconds in seen.durations_s],
         shown_state=seen.state,
         shown_window=_window(device),
+        reasons=seen.reasons,
+        policies=seen.policies,
+        commands=COMMANDS,
         csrf=request.state.sign_in.csrf,
     )
 
@@ -157,7 +180,24 @@ def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Ans
     shown = SeenQuery(a, b, view=cast("View", trial.view), alone=alone, light=light, explained=explained)
     durations = [one.duration_s for one in ((a,) if alone else (a, b))]
     ranked = {"ranked": given.value["ranking"], **kind_of(step).payload_now(step, moment)} if explained else {}
-    return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked)
+    return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked, trial=trial)
+
+
+def _with_reasons(
+    request: Request, s: DatabaseSession, files: ArtefactStore, seen: _Seen, policy: str, command: str
+) -> _Seen:
+    """With the charts of what moved the robots, and on the stage what a policy that is asked for would look at."""
+    if seen.trial is None or not isinstance(seen.shown, SeenQuery):
+        return seen
+    trajectories = (seen.shown.a,) if seen.shown.alone else (seen.shown.a, seen.shown.b)
+    policies = policies_for(s, request, seen.trial, seen.shown.a.scene.setup)
+    t = services_of(request).texts.get(lab_language(request))
+    found = reasons_of(
+        files, t, trajectories, policies, asked=policy, command=command, shown=seen.shown.explained
+    )  # fmt: skip
+    if found is None or found.policy is None:
+        return replace(seen, reasons=found, policies=policies)
+    return replace(seen, reasons=found, policies=policies, shown=replace(seen.shown, reasons=found.explained))
 
 
 def _seen_path(

@@ -25,6 +25,7 @@ from backend.api.lab.study_tabs import the_study
 from backend.store.query_sets import query_sets_here
 from backend.study.grammar.conditions import Ordered
 from backend.study.kinds.comparison import ComparisonStage
+from backend.study.kinds.importance_ranking import ImportanceRankingStage
 from backend.study.kinds.rating import RATING, RatingStage
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.session.versions import newest_protocol
@@ -49,6 +50,8 @@ class PowerForm(BaseModel):
     items_alike: Written
     drop_out: Written
     shown: Written
+    tau: Written
+    tau_gain: Written
     cohorts: Written
     condition: Named
     item: Named
@@ -171,6 +174,8 @@ def _fields(frozen: FrozenProtocol) -> list[str]:
     left_out = set() if comparison is not None else {"own", "shown"}
     if comparison is None or "other" not in comparison.opponents:
         left_out.add("own_against_other")
+    if frozen.protocol.stage_of(ImportanceRankingStage) is None:
+        left_out |= {"tau", "tau_gain"}
     return [name for name in NUMBERS if name not in left_out]
 
 

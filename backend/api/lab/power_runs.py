@@ -55,6 +55,8 @@ NUMBERS: dict[str, Number] = {
     "items_alike": Number(0.0, 0, 1),
     "drop_out": Number(0.0, 0, 1),
     "shown": Number(1.0, 0, 1),
+    "tau": Number(0.42, 0, 0.95, 0.01),
+    "tau_gain": Number(0.1, 0, 0.95, 0.01),
     "cohorts": Number(500, 20, 1000, 1),
 }
 """In the words of the command's options, which say what each means."""

@@ -191,6 +191,8 @@ def _preview_page(
     return page(
         request,
         "lab/preview.html",
+        reasons=None,
+        policies=[],
         language=language,
         step=StepView(
             kind=step.kind,

@@ -51,14 +51,22 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
     if len(poses) != len(policies):
         raise BadValue("poses", len(poses), f"must be one per robot, which are {len(policies)}")
     try:
-        rolled_out = [
-            live.path_of(live.rolled_out(policy, scene, pose)) for policy, pose in zip(policies, poses, strict=True)
-        ]
+        trajectories = [live.rolled_out(policy, scene, pose) for policy, pose in zip(policies, poses, strict=True)]
     except SceneError as wrong:  # it has arrived, or brushes past something between two steps
         raise BadValue("poses", None, f"must be where a robot can go on from; {wrong}") from None
+    rolled_out = [live.path_of(one) for one in trajectories]
+    looks_at: list[list[str]] = [[] for _ in rolled_out]
+    if step.reasons and not body.poses:
+        looks_at = [live.looks_at(policy, one) for policy, one in zip(policies, trajectories, strict=True)]
     return reply_of(
         LivePaths,
-        {"place": place, "paths": [{"track": one.track, "arrives": one.arrives} for one in rolled_out]},
+        {
+            "place": place,
+            "paths": [
+                {"track": one.track, "arrives": one.arrives, "looks_at": things}
+                for one, things in zip(rolled_out, looks_at, strict=True)
+            ],
+        },
     )
 
 

@@ -49,10 +49,12 @@ class DrawingReply(SessionState):
 
 
 class LiveRollout(Reply):
-    """track: rows of [t s, x m, y m, yaw rad], yaw without jumps; arrives: whether it comes to the goal."""
+    """track: rows of [t s, x m, y m, yaw rad], yaw without jumps; arrives: whether it comes to the goal; looks_at: what
+    moved its turning most on this way, the most first, where the step says so."""
 
     track: list[list[float]]
     arrives: bool
+    looks_at: list[str] = []
 
 
 class LivePaths(Reply):

@@ -6,8 +6,6 @@ Everything here is simulated. The people are `report/made_up_rankers.py`'s, the 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -54,32 +52,3 @@ def ranking_cohorts(
         tell((k + 1) / cohorts)
     rates = [rate(name, found[name], seen[name]) for name in seen]
     return rates, {name: round(float(np.mean(values)), 4) for name, values in means.items()}
-
-
-def ranking_power(
-    cohort: RankerCohort,
-    participants: Sequence[int],
-    cohorts: int = 500,
-    *,
-    plan: AnalysisPlan | None = None,
-    tell: Tell = lambda done: None,
-) -> list[dict[str, object]]:
-    """Share of made-up studies in which each effect on tau is found after correction, a row per size and effect."""
-    plan = plan or AnalysisPlan()
-    rows: list[dict[str, object]] = []
-    for done, size in enumerate(participants):
-        found, names = Counter[str](), list[str]()
-        for k in range(cohorts):
-            data = made_up_rankings(replace(cohort, seed=cohort.seed + 1), size, first=k * size)
-            of = explained(data.importance, (), plan, intervals=False)
-            assert of is not None  # noqa: S101  everybody ranked
-            names = [test.about for test in of.agreement.tests]
-            found.update(test.about for test in of.agreement.tests if test.significant(plan.alpha))
-        for name in names:
-            of_test = rate(name, found[name], cohorts)
-            rows.append(
-                {"test": name, "participants": size, "power": of_test.rate, "low": of_test.low, "high": of_test.high,
-                 "cohorts": cohorts}
-            )  # fmt: skip
-        tell((done + 1) / len(participants))
-    return rows

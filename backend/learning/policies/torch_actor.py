@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from functools import cache
 
@@ -31,7 +32,8 @@ def actor_of(policy: Policy) -> Actor:
 
 
 def actor_of_sb3(model: object) -> Actor:
-    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations.
+    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations, in
+    the precision of what it is given.
 
     Raises PolicyError for anything else.
     """
@@ -39,8 +41,11 @@ def actor_of_sb3(model: object) -> Actor:
     if not isinstance(policy, torch.nn.Module):
         raise PolicyError(f"model = {type(model).__name__}: needs a Stable-Baselines3 model, which has a policy")
 
+    in_double = cache(lambda: copy.deepcopy(policy).double())
+
     def act(observations: Tensor) -> Tensor:
-        actions = policy(observations, deterministic=True)
+        chosen = in_double() if observations.dtype == torch.float64 else policy
+        actions = chosen(observations, deterministic=True)
         first: Tensor = actions[0] if isinstance(actions, tuple) else actions
         return first
 

@@ -82,13 +82,15 @@ class LiveStage(Part):
 
 class LiveStep(Step):
     """setup: whose conditioned policy drives; scenes: how many of the setup's places there are to try it in;
-    objectives: the corners of the triangle, None: sliders for all.
+    objectives: the corners of the triangle, None: sliders for all; reasons: whether it is
+    said what the robot looks at.
     """
 
     setup: str
     scenes: int
     view: View
     objectives: list[str] | None = None
+    reasons: bool = False
 
 
 def _numbers(given: object) -> object:

@@ -51,15 +51,18 @@ BEGAN = "met_robot"
 
 class MeetYourRobotStage(LiveStage, Stage):
     """After the blind comparison: what was learned and how sure it is, in plain words; own and usual robot in the same
-    scenes; whether that is them; the weights to correct it. Passed over where nothing was learned.
+    scenes; whether that is them; the weights to correct it. Passed over where nothing was learned. reasons: what each
+    robot looks at on its way is said, too.
     """
+
+    reasons: bool = False
 
     once = True
     for_everybody = True
 
     def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
         own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key}
-        return [MeetYourRobotStep.model_validate(own | self.said)]
+        return [MeetYourRobotStep.model_validate(own | self.said | {"reasons": self.reasons})]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         return TAKES_S
@@ -130,6 +133,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
             "verdict": "shown",
             "believed": None,
             "points": POINTS,
+            "reasons": step.reasons,
         }
 
     def payload_now(self, step: MeetYourRobotStep, moment: Moment) -> dict[str, Any]:

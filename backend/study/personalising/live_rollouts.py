@@ -7,6 +7,7 @@ is the routes'.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,6 +26,7 @@ PLACES: Mapping[str, tuple[int, ...]] = {
 """Setup -> which of the figures' scenes: of the first 40 those in which each weight alone arrives and the ways of the
 ten policies differ most in their middle, so that there is something to see. The same for everybody (ours)."""
 MOST_PLACES = min(map(len, PLACES.values()))
+LOOKED_AT, LEAST_LOOKED = 2, 0.1  # ours: things that are named, and the mean score below which none is
 
 
 @dataclass(frozen=True)
@@ -108,3 +110,22 @@ def path_of(trajectory: Trajectory) -> LivePath:
     poses = np.asarray(trajectory.poses, np.float64)
     rows = np.round(np.column_stack([trajectory.times, poses[:, :2], np.unwrap(poses[:, 2])]), 4)
     return LivePath(rows.tolist(), trajectory.outcome == Outcome.SUCCESS, trajectory.duration_s)
+
+
+def looks_at(policy: Policy, trajectory: Trajectory) -> list[str]:
+    """The things that moved the policy's turning most on this way, the most first, at most `LOOKED_AT`; none that
+    hardly did. Turning, as what moves the study room's speeds is told apart from chance by no method (docs/numbers.md).
+    """
+    from backend.explain.attribution import explain  # torch comes with it: only where a protocol asks
+    from backend.explain.sight import WALLS, sight_of
+    from backend.learning.policies.torch_actor import actor_of
+
+    found = explain(actor_of(policy), sight_of(trajectory), command="turning")
+    means = dict(zip(found.things, found.scores.mean(axis=0).tolist(), strict=True))
+    named: dict[str, float] = {}
+    for thing, score in means.items():
+        kind = "wall" if thing in WALLS else re.sub(r" \d+$", "", thing)
+        if thing != "goal":
+            named[kind] = max(named.get(kind, 0.0), score)
+    ordered = sorted(named, key=lambda kind: -named[kind])
+    return [kind for kind in ordered[:LOOKED_AT] if named[kind] >= LEAST_LOOKED]

@@ -129,7 +129,20 @@ export class LivePanel extends StageBar {
     const order = { do: "paths", id: String(this.orders), onward, paths, legend: this.legend(colours) };
     this.tell({ type: "steer", ...order });
     this.tellWay();
+    this.tellLooks();
     if (!this.busy) this.show();
+  }
+
+  /** What each robot looks at on its way, where the protocol wants that said; while they drive what was said stays. */
+  tellLooks() {
+    const line = /** @type {HTMLElement | null} */ (this.root.querySelector("#live-looks"));
+    const names = this.legend([[], []]).map((entry) => entry.name);
+    const list = new Intl.ListFormat(this.language);
+    const said = (this.found ?? []).map(({ looks_at }, i) => {
+      const things = list.format((looks_at ?? []).map((/** @type {string} */ thing) => this.own(`things.${thing}`)));
+      return things && names[i] ? this.own("looks_at", { robot: names[i], things }) : "";
+    }).filter(Boolean);
+    if (line && said.length) line.textContent = said.join(" ");
   }
 
   /** @param {number[][]} _colours @returns {import("./contract.js").LegendEntry[]} */
