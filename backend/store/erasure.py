@@ -29,6 +29,7 @@ from backend.store.models import (
     ArtefactAnswer,
     ArtefactParent,
     Audit,
+    Coding,
     Erasing,
     Event,
     Job,
@@ -235,6 +236,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     answers = select(Response.id).where(Response.session_id.in_(of_sessions))
     drawn = list(s.scalars(select(StrokeRow.id).where(StrokeRow.session_id.in_(of_sessions))))
     strokes = _count(s, delete(StrokeRow).where(StrokeRow.session_id.in_(of_sessions)))
+    coded = _count(s, delete(Coding).where(Coding.response_id.in_(answers)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.response_id.in_(answers)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(doomed.artefacts)))
     edges = or_(ArtefactParent.artefact_id.in_(doomed.artefacts), ArtefactParent.parent_id.in_(doomed.artefacts))
@@ -244,6 +246,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     s.execute(delete(Job).where(Job.id.in_(doomed.jobs)))
     counts = {
         "strokes": strokes,
+        "codings": coded,
         "responses": _count(s, delete(Response).where(Response.session_id.in_(of_sessions))),
         "trials": _count(s, delete(Trial).where(Trial.session_id.in_(of_sessions))),
         "events": _count(s, delete(Event).where(Event.session_id.in_(of_sessions))),

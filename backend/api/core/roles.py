@@ -20,6 +20,7 @@ class Right(StrEnum):
     ERASE = "erase"  # destroy a participant's data
     TAKE = "take"  # take data sets and learned things away as files
     PAY = "pay"  # see the platform's ids of recruited people beside their codes
+    CODE = "code"  # read what participants wrote in their own words by the lab's codebook
     ANALYSE = "analyse"  # take snapshots, start jobs
     PLAN = "plan"  # have the power of a study computed, which takes minutes of processor
     TIDY = "tidy"  # cancel and retry jobs; rename, archive and delete what they made
@@ -29,8 +30,8 @@ class Right(StrEnum):
 SHARED = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE})
 """Of what belongs to no study (shipped policies, lists, launch forms) these are enough in any one study."""
 
-EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY, Right.PLAN})
-ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY, Right.PLAN})
+EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY, Right.PLAN, Right.CODE})
+ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY, Right.PLAN, Right.CODE})
 ROLES: dict[str, frozenset[Right]] = {
     "owner": frozenset(Right),
     "researcher": EXPERIMENTER | ANALYST,  # one person who does both, as in small labs
@@ -109,6 +110,10 @@ CHANGING: dict[str, Rule] = {
     "/lab/studies/{study_id}/paths/{stroke_id}/leave-out": Rule(Right.ANALYSE, "path_left_out"),
     "/lab/studies/{study_id}/paths/{stroke_id}/take-back": Rule(Right.ANALYSE, "path_taken_back"),
     "/lab/studies/{study_id}/paths/train": Rule(Right.ANALYSE, "job_started"),
+    "/lab/studies/{study_id}/coding/{item}/codes": Rule(Right.CODE, "codebook_changed"),
+    "/lab/studies/{study_id}/coding/{item}/codes/{code_id}/remove": Rule(Right.CODE, "codebook_changed"),
+    "/lab/studies/{study_id}/coding/{item}/answers/{response_id}": Rule(Right.CODE),
+    "/lab/studies/{study_id}/coding/{item}/answers/{response_id}/settle": Rule(Right.CODE),
     "/lab/settings": Rule(Right.MANAGE, "settings_changed"),
     "/lab/settings/accounts": Rule(Right.MANAGE, "account_added"),
     "/lab/settings/accounts/{name}/role": Rule(Right.MANAGE, "role_changed"),
@@ -145,6 +150,9 @@ SHOWING: dict[str, Rule] = {
     "/lab/studies/{study_id}/analysis/{who}/{name:path}.json": Rule(Right.TAKE, "report_taken"),
     "/lab/studies/{study_id}/people/{code}/learnt.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/paths/{environment}-{pair}.csv": Rule(Right.TAKE),
+    "/lab/studies/{study_id}/coding/{item}": Rule(Right.CODE),
+    "/lab/studies/{study_id}/coding/{item}/differences": Rule(Right.CODE),
+    "/lab/studies/{study_id}/coding/{item}/codings.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/protocol.yaml": Rule(Right.TAKE),  # may hold the completion code, which is worth money
     "/lab/settings": Rule(Right.MANAGE),
     "/lab/audit": Rule(Right.MANAGE),

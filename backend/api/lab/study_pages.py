@@ -27,6 +27,7 @@ from backend.api.lab import (
     analysis_pages,
     answer_replay,
     audit_pages,
+    coding_pages,
     guide_pages,
     monitoring,
     new_study,
@@ -58,6 +59,7 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(answer_replay.router)
 router.include_router(audit_pages.router)
+router.include_router(coding_pages.router)
 router.include_router(guide_pages.router)
 router.include_router(new_study.router)
 router.include_router(payments.router)

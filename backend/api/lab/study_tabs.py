@@ -36,6 +36,8 @@ def study_tab(
 ) -> Response:
     """A page of a study; without a template, the tab's own."""
     drawn = any("demonstrations" in entry and entry["demonstrations"] for entry in study.protocol.get("stages", []))
-    tabs = (*TABS[:2], "paths", *TABS[2:]) if drawn else TABS
+    written = any(name.startswith("questionnaires/") and "type: text" in text for name, text in study.files.items())
+    beside = [name for name, there in (("paths", drawn), ("coding", written)) if there]
+    tabs = (*TABS[:2], *beside, *TABS[2:])
     shown = template or f"lab/study_{tab}.html"
     return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, **context)

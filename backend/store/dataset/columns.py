@@ -59,7 +59,8 @@ class Column:
 @dataclass(frozen=True)
 class Table:
     """One table: one row per `row`. key: the columns that tell its rows apart. refers: (column, table, column of that
-    table that it names). older_columns: of data sets of before format 6 alone."""
+    table that it names). older_columns: of data sets of before format 6 alone. newer: older data sets that can still be
+    read do not have the table."""
 
     name: str
     row: str
@@ -68,6 +69,7 @@ class Table:
     key: tuple[str, ...] = ()
     refers: tuple[tuple[str, str, str], ...] = ()
     older_columns: tuple[Column, ...] = ()
+    newer: bool = False
 
     def all_columns(self) -> Iterator[Column]:
         yield from self.columns

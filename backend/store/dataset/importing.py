@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from backend.store.dataset.coding_rows import add_codings
 from backend.store.dataset.columns import PROTOCOL_FOLDER, STUDY_FILE, TRAJECTORY_FOLDER
 from backend.store.dataset.reading import (
     About,
@@ -32,7 +33,17 @@ from backend.store.dataset.reading import (
     version_in,
 )
 from backend.store.dataset.stroke_rows import add_strokes
-from backend.store.dataset.tables import EVENTS, PARTICIPANTS, RESPONSES, SESSIONS, STROKES, TRAJECTORIES, TRIALS
+from backend.store.dataset.tables import (
+    CODEBOOK,
+    CODINGS,
+    EVENTS,
+    PARTICIPANTS,
+    RESPONSES,
+    SESSIONS,
+    STROKES,
+    TRAJECTORIES,
+    TRIALS,
+)
 from backend.store.demonstration_snapshots import StrokeError
 from backend.store.models import (
     Event,
@@ -69,7 +80,8 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
     """
     check_files(folder)
     about = read_about(folder)
-    tables = read_tables(folder, (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS, TRAJECTORIES, STROKES))
+    read = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS, TRAJECTORIES, STROKES, CODEBOOK, CODINGS)
+    tables = read_tables(folder, read)
     try:
         with db.transaction() as s:
             if s.get(Study, about.study) is not None:
@@ -78,6 +90,7 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
             _add_trajectories(s, files, folder, tables[TRAJECTORIES.name])
             _add_rows(s, about.study, tables)
             add_strokes(s, files, folder, tables[STROKES.name])
+            add_codings(s, about.study, tables[CODEBOOK.name], tables[CODINGS.name])
     except KeyError as missing:
         raise DatasetError(f"{folder}: {missing} is missing or names nothing in the data set") from missing
     except StrokeError as problem:

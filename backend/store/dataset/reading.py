@@ -245,6 +245,8 @@ def _rows(folder: Path, table: Table) -> Iterator[Row]:
 def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
     """Rows as they lie there, a part of the file at a time."""
     name = f"{table.name}.parquet"
+    if table.newer and not (folder / name).exists():
+        return
     try:
         # texts as a dictionary: a small file may hold one long text a million times
         texts = [one.name for one in pq.read_schema(folder / name) if one.type == TEXT]

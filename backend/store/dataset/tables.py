@@ -279,6 +279,40 @@ RANKINGS = Table(
     key=("response", "thing"),
     refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT, ("trial", "trials", "trial")),
 )
+CODEBOOK = Table(
+    "codebook",
+    "code that the lab reads answers in participants' own words by",
+    (
+        Column("item", TEXT, "key of the open question", form=IS_KEY),
+        Column("code", TEXT, "name of the code, unique in the question's codebook"),
+        Column("definition", TEXT, "when it is given"),
+        Column("created_at", MOMENT, "when it was written"),
+    ),
+    key=("item", "code"),
+    newer=True,
+)
+CODINGS = Table(
+    "codings",
+    "code that a coder gave to an answer in a participant's own words",
+    (
+        Column("response", TEXT, "id of the answer", form=IS_ID),
+        _SESSION,
+        _PARTICIPANT,
+        *_MARKS,
+        Column("item", TEXT, "key of the open question", form=IS_KEY),
+        Column(
+            "coder",
+            TEXT,
+            "first or second, who did not know of each other's codes nor of the condition; agreed: what was settled on "
+            "where they differed",
+        ),
+        Column("code", TEXT, "a code that was given; empty: none of the codebook fits"),
+        Column("coded_at", MOMENT, "when"),
+    ),
+    key=("response", "item", "coder", "code"),
+    refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT),
+    newer=True,
+)
 EVENTS = Table(
     "events",
     "event of the append-only log",
@@ -458,6 +492,6 @@ STEPS = Table(
 )
 TABLES = (
     *(PARTICIPANTS, SESSIONS, PLANNED_STEPS, TRIALS, RESPONSES, ITEMS, TUNING_CHANGES, RANKINGS),
-    *(EVENTS, PAIRS, STROKES),
+    *(CODEBOOK, CODINGS, EVENTS, PAIRS, STROKES),
     *(TRAJECTORIES, METRICS, STEPS),
 )

@@ -24,6 +24,7 @@ from sqlalchemy.orm import Session
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
+from backend.store.dataset.coding_rows import code_rows, coding_rows
 from backend.store.dataset.columns import (
     CHECKSUMS_FILE,
     DICTIONARY_FILE,
@@ -39,6 +40,8 @@ from backend.store.dataset.preference_pairs import write_pairs
 from backend.store.dataset.rows import Content
 from backend.store.dataset.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
 from backend.store.dataset.tables import (
+    CODEBOOK,
+    CODINGS,
     EVENTS,
     ITEMS,
     METRICS,
@@ -142,6 +145,8 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         ITEMS: list(content.items()),
         TUNING_CHANGES: list(content.tuning_changes()),
         RANKINGS: list(content.rankings()),
+        CODEBOOK: list(code_rows(s, study)),
+        CODINGS: list(coding_rows(s, study, content.answers, content.of_session)),
         EVENTS: list(content.events()),
         PAIRS: list(content.pairs(stored)),
         STROKES: list(stroke_rows(strokes, content.of_session)),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from backend.store.models.asked import MARKS, Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
 from backend.store.models.base import Base, UtcDateTime, new_id, utc_now
+from backend.store.models.coding import CodebookCode, Coding
 from backend.store.models.lab import Audit, Note, Setting, SignIn, StudyRole, User
 from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobMetric
 from backend.store.models.server import RateWindow, ServerProcess
@@ -30,6 +31,8 @@ __all__ = [
     "ArtefactParent",
     "Audit",
     "Base",
+    "CodebookCode",
+    "Coding",
     "Erasing",
     "Event",
     "Job",
