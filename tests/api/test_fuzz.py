@@ -279,6 +279,10 @@ NOT_THERE = {
     "/lab/studies/{study_id}/paths/{environment}-{pair}.csv",
     "/lab/studies/{study_id}/revise/{draft_id}",
     "/lab/studies/{study_id}/revise/{draft_id}/preview/{number}",
+    # the study asks nothing in one's own words
+    "/lab/studies/{study_id}/coding/{item}",
+    "/lab/studies/{study_id}/coding/{item}/differences",
+    "/lab/studies/{study_id}/coding/{item}/codings.csv",
     # nobody asked for these figures, no session stands at a trial
     "/api/session/{token}/trial-data",
     "/lab/flow-field/{name}",

@@ -14,16 +14,15 @@ from backend.learning.shipped_files import resolve
 RAYS = """([t, x, y, yaw]) => {
   const { explained, viser } = window.desirePath;
   explained.at(t, x, y, yaw);
-  const name = Object.keys(window.__viserMutable.nodePoseData).find((one) => one.endsWith("/rays"));
-  const { position, color } = viser.meshes(name)[0].geometry.attributes;
+  const { position, color } = viser.meshes("/scene1/rays")[0].geometry.attributes;
   const [rays, at] = [[], (corner, axis) => position.array[3 * corner + axis]];
   for (let ray = 0; ray < position.count; ray += 8) {
     if (at(ray, 2) < 0) continue; // not drawn
     const marked = Math.hypot(at(ray + 4, 0) - at(ray + 6, 0), at(ray + 4, 1) - at(ray + 6, 1)) > 0.01;
     rays.push({ marked, red: color.array[4 * ray] > color.array[4 * ray + 1] });
   }
-  const outlines = Object.keys(window.__viserMutable.nodePoseData).filter((one) => /outline\\d+$/.test(one));
-  return { rays, outlines: outlines.map((one) => viser.meshes(one).some((mesh) => mesh.visible)) };
+  const shown = (_, k) => viser.meshes(`/scene1/outline${k}`).some((mesh) => mesh.visible);
+  return { rays, outlines: explained.objects().map(shown) };
 }"""
 
 

@@ -182,8 +182,10 @@ def remove_code(
     study_id: str, item: str, code_id: str, database: Db, user: CheckedCsrf, who: Annotated[str, Form()] = ""
 ) -> Response:
     with database.transaction() as s:
+        study = the_study(s, study_id)
+        _question(s, study, item)
         try:
-            coding.remove_code(s, the_study(s, study_id), item, code_id)
+            coding.remove_code(s, study, item, code_id)
         except CodingError as problem:
             raise _refused(problem) from None
     return RedirectResponse(f"/lab/studies/{study_id}/coding?who={_known(who)}#{item}", status_code=303)
