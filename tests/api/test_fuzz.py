@@ -181,7 +181,12 @@ def known_words(services: Services, walked: Walked, people: TestClient) -> dict[
     for token in tokens[2:]:
         submit(people, token, "information", {})
     with services.database.session() as s:
-        jobs, answers = list(s.scalars(select(Job.id))), list(s.scalars(select(Response.id).limit(6)))
+        jobs = list(s.scalars(select(Job.id)))
+        answers = [  # some that can be replayed, some that cannot
+            one
+            for seen in (Response.trial_id.is_not(None), Response.trial_id.is_(None))
+            for one in s.scalars(select(Response.id).where(seen).limit(3))
+        ]
         artefacts = list(s.scalars(select(Artefact.id).where(Artefact.kind.in_(("evaluation", "snapshot"))))) * 3
         artefacts += s.scalars(select(Artefact.id).where(Artefact.kind.in_(("policy", "reward_model"))))
         policies = ["study_room/base", "open_field/base", *artefacts[-2:]]

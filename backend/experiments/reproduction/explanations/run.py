@@ -123,7 +123,7 @@ def _policy(found: Mapping[str, Any]) -> Section:
         "Policy and scenarios",
         [
             f"{100 * of['success']:.1f} % of fresh scenes succeed, {100 * of['collision']:.1f} % end in a collision. "
-            f"The policy slows down in {100 * slowed['trajectories_with_one']:.0f} % of the trajectories; for what, by "
+            f"The policy slows down in {100 * slowed['share_of_trajectories_that_slow_down']:.0f} % of the trajectories; for what, by "
             f"taking things out where it drives slowest: {causes}.",
             f"{scenarios['scenarios']} scenarios of five objects; scores where the robot halts are tied in "
             f"{scenarios['with_tied_scores']}, {scenarios['objects_without_score']} objects are not seen and score 0.",
