@@ -117,13 +117,14 @@ def _sections(found: Mapping[str, Any], budget: ExplanationsBudget) -> list[Sect
 def _policy(found: Mapping[str, Any]) -> Section:
     of, scenarios = found["policy"], found["scenarios"]
     slowed = of["slowing"]
+    share = slowed["share_of_trajectories_that_slow_down"]
     times = sum(slowed["for_what"].values()) or 1
     causes = ", ".join(f"{thing} {100 * count / times:.0f} %" for thing, count in list(slowed["for_what"].items())[:6])
     return Section(
         "Policy and scenarios",
         [
             f"{100 * of['success']:.1f} % of fresh scenes succeed, {100 * of['collision']:.1f} % end in a collision. "
-            f"The policy slows down in {100 * slowed['share_of_trajectories_that_slow_down']:.0f} % of the trajectories; for what, by "
+            f"The policy slows down in {100 * share:.0f} % of the trajectories; for what, by "
             f"taking things out where it drives slowest: {causes}.",
             f"{scenarios['scenarios']} scenarios of five objects; scores where the robot halts are tied in "
             f"{scenarios['with_tied_scores']}, {scenarios['objects_without_score']} objects are not seen and score 0.",
