@@ -25,7 +25,7 @@ QUESTIONNAIRE = """
 title: {en: Words, de: Worte}
 blocks:
   - items:
-      - {key: remark, type: text, text: {en: What rules did it follow?, de: Welchen Regeln folgte er?}}
+      - {key: remark, type: text, text: {en: "What rules did it follow?", de: "Welchen Regeln folgte er?"}}
 """
 
 

@@ -30,7 +30,15 @@ def test_both_tables_stand_beside_the_published_ones_and_are_marked_as_simulated
     assert told["table_8_1"]["outline"]["p"] < 0.05
     assert set(told["table_8_2"]) == {"awareness", "trust", "plausibility"}
     html = (out / "report.html").read_text(encoding="utf-8")
-    for printed in ("(15.20)", "(22.77)", "(6.90)", "(p &lt; .001)", "0.52 (0.11)", "Simulated throughout", "F(1, 23)"):
+    for printed in (
+        "(15.20)",
+        "(22.77)",
+        "(6.90)",
+        "&lt;\u00a0.001)",
+        "0.52 (0.11)",
+        "Simulated throughout",
+        "F(1, 23)",
+    ):
         assert printed in html, printed
     assert summary["found"]["tau, outline"] > 0.4
 
