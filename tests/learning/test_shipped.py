@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from backend.learning.adaptable.policy import AdaptablePolicy
 from backend.learning.alignment.policy_library import PolicyLibrary
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.errors import LearningError
@@ -30,6 +31,7 @@ EXPECTED = {
     *(f"{setup}/ensemble/{k}" for setup in ("open_field", "study_room") for k in range(4)),
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "explained_room/base",
+    "adaptable/policy",
     "study_room/queries_200",
     "study_room/queries_500",
     "study_room/queries_triples_50",
@@ -39,6 +41,7 @@ EXPECTED = {
 }
 KINDS = {
     "policy": Policy,
+    "adaptable_policy": AdaptablePolicy,
     "conditioned_policy": ConditionedPolicy,
     "query_set": QuerySet,
     "step_basis": StepBasis,

@@ -33,11 +33,11 @@ class VectorTd3Config:
 
     gamma: float = 1.0  # section 5.4.1
     learning_rate: float = 5e-4
-    tau: float = 0.05
+    tau: float = 0.01
     policy_delay: int = 2
     target_noise: float = 0.2
     target_noise_clip: float = 0.5
-    angle_weight: float = 0.02  # alpha, per radian, where rewards are scaled by `reward_scale` of the training
+    angle_weight: float = 0.1  # alpha, per radian, where rewards are scaled by `reward_scale` of the training
 
 
 class VectorBatch(NamedTuple):

@@ -109,4 +109,6 @@ def load_shipped(name: str) -> Policy | AdaptablePolicy | ConditionedPolicy | Qu
         "step_basis": StepBasis,
         "policy_library": PolicyLibrary,
     }
+    if card.kind not in kinds:
+        raise LearningError(f"{name} is a {card.kind}; `rewards.storage.load_reward_model` opens it")
     return kinds[card.kind].load(path)

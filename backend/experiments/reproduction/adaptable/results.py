@@ -88,7 +88,7 @@ def table(plan: AdaptablePlan, load: Load) -> dict[str, dict[str, Any]]:
     for of in found.values():
         rows = list(of["seeds"].values())
         for key, value in rows[0].items():
-            if isinstance(value, int | float):
+            if value is None or isinstance(value, int | float):
                 known = [row[key] for row in rows if row[key] is not None]
                 of[key] = float(np.mean(known)) if known else None
     return found
