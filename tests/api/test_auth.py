@@ -134,9 +134,9 @@ def test_a_device_is_known_until_the_password_changes_and_for_its_account_only(l
     with lab_services.database.session() as s:
         user = s.scalars(select(User)).one()
     asked = SimpleNamespace(cookies={DEVICE_COOKIE: kept})
-    assert auth._known_device(asked, "experimenter", user.password_hash)
-    assert auth._known_device(asked, "someone", user.password_hash) is None
-    assert auth._known_device(asked, "experimenter", user.password_hash + "x") is None
+    assert auth.known_device(asked, "experimenter", user.password_hash)
+    assert auth.known_device(asked, "someone", user.password_hash) is None
+    assert auth.known_device(asked, "experimenter", user.password_hash + "x") is None
 
 
 def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_services):

@@ -180,8 +180,8 @@ def test_drawing_process_survives_a_bad_order_and_is_replaced_when_it_dies():
             process.draw(FlowOrder(policy, 1, 0.001, ()))
         first, made = process.draw(FlowOrder(policy, 1, 1.0, ()))
         assert process.draw(FlowOrder(policy, 1, 1.0, ()))[1] is made
-        process._child.kill()
-        process._child.wait()
+        process.child.kill()
+        process.child.wait()
         second, other = process.draw(FlowOrder(policy, 2, 1.0, (("x", "across"),)))
         assert first != second
         assert made.files["flow_field.csv"] != other.files["flow_field.csv"]

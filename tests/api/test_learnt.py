@@ -40,7 +40,7 @@ def test_the_part_that_changes_comes_alone(lab, walked):
 
 def test_what_takes_long_to_compute_keeps_no_page_waiting(lab, walked, monkeypatch):
     monkeypatch.setattr("backend.study.personalising.learnt.SOON", 6)
-    monkeypatch.setattr("backend.study.personalising.learnt._known", OrderedDict())
+    monkeypatch.setattr("backend.study.personalising.learnt.known_so_far", OrderedDict())
     address = page_of(walked, walked.half_way)
     page = lab.get(address).text
     assert "It is being computed" in page

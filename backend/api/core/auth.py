@@ -267,7 +267,7 @@ def sign_in(
         user = s.scalar(select(User).where(User.name == name))
         known_hash = user.password_hash if user else _nobody()
         user_id = user.id if user else None
-    device = _known_device(request, name, known_hash) if user else None
+    device = known_device(request, name, known_hash) if user else None
     windows = _windows(request, name, device)
 
     def again(status: int, problem: str, **values: Any) -> Response:
@@ -334,7 +334,7 @@ def _windows(request: Request, name: str, device: str | None) -> list[tuple[Rate
     ]
 
 
-def _known_device(request: Request, name: str, known_hash: str) -> str | None:
+def known_device(request: Request, name: str, known_hash: str) -> str | None:
     """The id of this browser, where it has signed in to that account since its password was set last."""
     device, _, proof = request.cookies.get(DEVICE_COOKIE, "").partition(".")
     return device if device and hmac.compare_digest(proof.encode(), _device_proof(device, name, known_hash)) else None

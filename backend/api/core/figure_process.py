@@ -82,7 +82,7 @@ class FigureProcess:
         self._turn = threading.Lock()
         self._waiting = threading.BoundedSemaphore(MOST_WAITING)
         self._kept: OrderedDict[str, FigureFiles] = OrderedDict()
-        self._child: subprocess.Popen[bytes] | None = None
+        self.child: subprocess.Popen[bytes] | None = None
         self._idle: threading.Timer | None = None
 
     def draw(self, order: FlowOrder | ExplanationOrder) -> tuple[str, FigureFiles]:
@@ -116,14 +116,14 @@ class FigureProcess:
 
         if self._idle is not None:
             self._idle.cancel()
-        if self._child is None or self._child.poll() is not None:
-            self._child = subprocess.Popen(
+        if self.child is None or self.child.poll() is not None:
+            self.child = subprocess.Popen(
                 [sys.executable, "-m", "backend.api.core.figure_process"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 env={**os.environ, **ONE_THREAD},
             )
-        child = self._child
+        child = self.child
         assert child.stdin is not None  # noqa: S101 - pipes were asked for
         assert child.stdout is not None  # noqa: S101
         watchdog = threading.Timer(LONGEST_S, child.kill)
@@ -151,13 +151,13 @@ class FigureProcess:
         )
 
     def _end(self) -> None:
-        if self._child is not None:
-            for pipe in (self._child.stdin, self._child.stdout):
+        if self.child is not None:
+            for pipe in (self.child.stdin, self.child.stdout):
                 if pipe is not None:
                     pipe.close()
-            self._child.kill()
-            self._child.wait()
-            self._child = None
+            self.child.kill()
+            self.child.wait()
+            self.child = None
 
 
 def _draw(asked: dict[str, Any]) -> dict[str, Any]:

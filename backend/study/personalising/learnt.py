@@ -42,7 +42,7 @@ class Learnt:
 def takes_long(s: DatabaseSession, session: Session) -> bool:
     """Whether `learnt_in` would keep a page waiting: many answers, and nobody has asked since the last of them."""
     answers = next_query.answers_of(s, session)
-    return len(answers) > SOON and (session.id, answers) not in _known
+    return len(answers) > SOON and (session.id, answers) not in known_so_far
 
 
 def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
@@ -50,25 +50,25 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     measured = next_query.measured_queries(s, files, row_of(s, session))
     answers = next_query.answers_of(s, session)
     key = (session.id, answers)
-    if key in _known:
-        _known.move_to_end(key)
-        return _known[key]
+    if key in known_so_far:
+        known_so_far.move_to_end(key)
+        return known_so_far[key]
     from backend.learning.preferences.objectives import NAMES, SIZE
 
     after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
     weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
-    _known[key] = learnt = Learnt(
+    known_so_far[key] = learnt = Learnt(
         shares=tuple(posterior.importance() for posterior in after[1:]),
         weights={name: float(weight) for name, weight in zip(NAMES, weights, strict=True) if weight},
         entropy_bits=after[-1].entropy_bits(),
         pairs=_trajectories(measured.setup, weights),
     )
-    while len(_known) > KEPT:
-        _known.popitem(last=False)
+    while len(known_so_far) > KEPT:
+        known_so_far.popitem(last=False)
     return learnt
 
 
-_known: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
+known_so_far: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
 
 
 def _trajectories(setup: str, weights: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:
