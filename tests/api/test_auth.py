@@ -27,7 +27,7 @@ from backend.api.core.auth import (
     safe_next,
     set_role,
 )
-from backend.api.core.throttle import memory_limiter
+from backend.api.core.throttle import limiter_for
 from backend.settings import Settings
 from backend.store.models import Event, Setting, SignIn, User, utc_now
 from tests.api.lab_services import PASSWORD, csrf, sign_in
@@ -97,7 +97,7 @@ def test_too_many_wrong_passwords_are_stopped_and_told_how_long(visitor, lab_ser
     assert 0 < int(answers[-1].headers["retry-after"]) <= 300
     even_the_right_one = visitor.post("/lab/sign-in", data={"name": "experimenter", "password": PASSWORD})
     assert even_the_right_one.status_code == 429
-    lab_services.limiter = memory_limiter()  # as after a restart
+    lab_services.limiter = limiter_for(None)  # as after a restart
     sign_in(visitor)
 
 
