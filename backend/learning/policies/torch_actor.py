@@ -32,8 +32,8 @@ def actor_of(policy: Policy) -> Actor:
 
 
 def actor_of_sb3(model: object) -> Actor:
-    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations, in
-    the precision of what it is given.
+    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations. Of TD3
+    and DDPG it computes in the precision of what it is given, of others in single.
 
     Raises PolicyError for anything else.
     """
@@ -41,11 +41,16 @@ def actor_of_sb3(model: object) -> Actor:
     if not isinstance(policy, torch.nn.Module):
         raise PolicyError(f"model = {type(model).__name__}: needs a Stable-Baselines3 model, which has a policy")
 
-    in_double = cache(lambda: copy.deepcopy(policy).double())
+    actor = getattr(policy, "actor", None)
+    whole = None
+    if isinstance(actor, torch.nn.Module) and not hasattr(actor, "latent_pi"):  # TD3, DDPG
+        whole = copy.deepcopy(actor).double()
 
     def act(observations: Tensor) -> Tensor:
-        chosen = in_double() if observations.dtype == torch.float64 else policy
-        actions = chosen(observations, deterministic=True)
+        if observations.dtype == torch.float64 and whole is not None:
+            exact: Tensor = whole.get_submodule("mu")(whole.get_submodule("features_extractor")(observations))
+            return exact
+        actions = policy(observations, deterministic=True)
         first: Tensor = actions[0] if isinstance(actions, tuple) else actions
         return first
 
