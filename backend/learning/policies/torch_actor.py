@@ -32,8 +32,9 @@ def actor_of(policy: Policy) -> Actor:
 
 
 def actor_of_sb3(model: object) -> Actor:
-    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations. Of TD3
-    and DDPG it computes in the precision of what it is given, of others in single.
+    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations.
+
+    Of TD3 and DDPG it computes in the precision of what it is given, of others in single.
 
     Raises PolicyError for anything else.
     """
@@ -48,7 +49,8 @@ def actor_of_sb3(model: object) -> Actor:
 
     def act(observations: Tensor) -> Tensor:
         if observations.dtype == torch.float64 and whole is not None:
-            exact: Tensor = whole.get_submodule("mu")(whole.get_submodule("features_extractor")(observations))
+            features = whole.get_submodule("features_extractor")(observations)
+            exact: Tensor = whole.get_submodule("mu")(features)
             return exact
         actions = policy(observations, deterministic=True)
         first: Tensor = actions[0] if isinstance(actions, tuple) else actions
