@@ -288,10 +288,11 @@ NOT_THERE = {
     "/lab/studies/{study_id}/coding/{item}",
     "/lab/studies/{study_id}/coding/{item}/differences",
     "/lab/studies/{study_id}/coding/{item}/codings.csv",
-    # nobody asked for these figures, no session stands at a trial
+    # nobody asked for these figures and ways, no session stands at a trial
     "/api/session/{token}/trial-data",
     "/lab/flow-field/{name}",
     "/lab/explain/{letter}/{name}",
+    "/lab/live/paths",
     "/lab/new/{draft_id}/power/{name}",
     "/lab/studies/{study_id}/power/{name}",
 }
