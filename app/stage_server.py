@@ -61,12 +61,12 @@ class StageServer:
         with self._lock:
             return self._stage_of_key.get(key)
 
-    def retire(self, key: str) -> None:
-        """That key's stage stands elsewhere now: tell its page here, and drop it."""
+    def retire(self, key: str, stage: Stage) -> None:
+        """That key's stage stands elsewhere now: tell the page of this one, and drop it."""
         with self._lock:
-            stage = self._stage_of_key.pop(key, None)
-        if stage is not None:
-            stage.retire()
+            if self._stage_of_key.get(key) is stage:
+                del self._stage_of_key[key]
+        stage.retire()
 
     def connected_keys(self) -> list[str]:
         """Of the stages that are connected."""

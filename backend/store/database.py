@@ -34,6 +34,7 @@ TURN_PATIENCE_S = 4.0  # ours: and before that for those of its own process; tog
 MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vacuum would fill the disk
 PROBE_BYTES = 64 * 1024
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
+NO_SERVER = ("connection failed", "connection is bad", "could not translate host name")  # in what psycopg says
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
 COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
 COMPACT_TRIES_S = 15.0
@@ -178,7 +179,7 @@ class Database:
 
         Raises StorageError if the database cannot be opened or is newer than this version.
         """
-        with self._explained():
+        with self.explained():
             if self.file is not None:
                 self.file.parent.mkdir(parents=True, exist_ok=True)
             with self.engine.begin() as connection:
@@ -215,7 +216,7 @@ class Database:
         set. Raises DatabaseBusy if the turn does not come in time.
         """
         engine = self.engine if durable else self._passing
-        with self._turn(), self._explained(), Session(engine, expire_on_commit=False) as s, s.begin():
+        with self._turn(), self.explained(), Session(engine, expire_on_commit=False) as s, s.begin():
             if not (durable or self.is_sqlite):
                 s.execute(text("SET LOCAL synchronous_commit = off"))
             yield s
@@ -236,7 +237,7 @@ class Database:
     @contextlib.contextmanager
     def session(self) -> Iterator[Session]:
         """A session that only reads, one consistent view; the database refuses writes in it."""
-        with self._explained(), Session(self._reading, expire_on_commit=False) as s:
+        with self.explained(), Session(self._reading, expire_on_commit=False) as s:
             yield s
 
     def compact(self) -> bool:
@@ -286,7 +287,7 @@ class Database:
                 s.delete(row)
 
     @contextlib.contextmanager
-    def _explained(self) -> Iterator[None]:
+    def explained(self) -> Iterator[None]:
         """Turn what the disk or the connection did into a StorageError with a sentence; other errors pass."""
         try:
             yield
@@ -309,8 +310,9 @@ class Database:
                     f"database {where}: another process kept writing for more than {BUSY_TIMEOUT_MS / 1000:.0f} s; "
                     f"nothing was stored ({message})"
                 ) from problem
-            elif "connection failed" in message or "could not translate host name" in message:
+            elif any(words in message for words in NO_SERVER):
                 said = "no database server answers there; check DESIREPATH_DATABASE_URL and that the server runs"
+                raise DatabaseBusy(f"database {where}: {said} ({message})") from problem
             elif isinstance(problem, OperationalError) and problem.connection_invalidated:
                 # Where it was lost at the commit itself nobody knows whether it was stored; requests may be repeated.
                 raise DatabaseBusy(f"database {where}: the connection was lost; ask again ({message})") from problem

@@ -124,10 +124,9 @@ def coders_of(s: DatabaseSession, study: Study, item: str) -> dict[str, str]:
 
 def role_for(coders: dict[str, str], name: str) -> str | None:
     """In which role somebody codes, or would; None where two others do."""
-    for role in CODERS:
-        if coders.get(role, name) == name:
-            return role
-    return None
+    held = [role for role in CODERS if coders.get(role) == name]  # the other one may have become free by an erasure
+    free = [role for role in CODERS if role not in coders]
+    return next(iter([*held, *free]), None)
 
 
 def next_for(answers: Iterable[CodedAnswer], role: str, name: str) -> CodedAnswer | None:
@@ -141,6 +140,7 @@ def next_for(answers: Iterable[CodedAnswer], role: str, name: str) -> CodedAnswe
 
 def write_code(s: DatabaseSession, study: Study, item: str, name: str, definition: str, *, by: str) -> CodebookCode:
     """A new code. Raises CodingError without a name or definition, for one that is there, for too many."""
+    s.get(Study, study.id, with_for_update=True)
     name, definition = " ".join(name.split())[:LONGEST_NAME], definition.strip()[:LONGEST_DEFINITION]
     if not name or not definition:
         raise CodingError("code_incomplete")
@@ -157,6 +157,7 @@ def write_code(s: DatabaseSession, study: Study, item: str, name: str, definitio
 
 def remove_code(s: DatabaseSession, study: Study, item: str, code_id: str) -> None:
     """Take a code out of the codebook. Raises CodingError where there is none, or where it was given to an answer."""
+    s.get(Study, study.id, with_for_update=True)  # nobody gives it to an answer meanwhile
     code = s.get(CodebookCode, code_id)
     if code is None or (code.study_id, code.item) != (study.id, item):
         raise CodingError("no_code")
@@ -189,6 +190,7 @@ def code_answer(
 
 def settle(s: DatabaseSession, study: Study, item: str, response_id: str, codes: Collection[str], *, by: str) -> Coding:
     """What is agreed on where both differ; what each said is kept beside it. Raises CodingError where they do not."""
+    s.get(Study, study.id, with_for_update=True)
     _check(s, study, item, response_id, codes)
     first, second = (_coding(s, response_id, item, role) for role in CODERS)
     if first is None or second is None or set(first.codes) == set(second.codes):

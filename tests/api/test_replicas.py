@@ -12,13 +12,14 @@ from typing import Any, cast
 
 import pytest
 from limits import parse
-from sqlalchemy import update
+from sqlalchemy import text, update
 from typer.testing import CliRunner
 
 from app.stage_server import StageServer
 from backend.api.application import build_services
 from backend.api.core.dependencies import Services
 from backend.api.replicas import shared_limits
+from backend.api.replicas.claims import Claims
 from backend.api.stage.listening import Listener
 from backend.api.stage.replay_stages import Replay
 from backend.cli import app
@@ -90,7 +91,7 @@ def test_of_windows_opened_at_the_same_moment_one_stays_whichever_process_has_it
             services.listeners.leave(session, one)
         return [one.taken_over for _, one in opened]
 
-    for number in range(5):
+    for number in range(20):
         assert sum(not taken for taken in asyncio.run(open_everywhere(number))) == 1
 
 
@@ -109,6 +110,31 @@ def test_what_is_asked_of_several_processes_counts_once_for_all(two: Pair, monke
     assert limiters[0].hit(limit, "somebody")
     limiters[1].clear(limit, "somebody")
     assert limiters[0].get_window_stats(limit, "somebody").remaining == 6
+
+
+def test_what_is_counted_leaves_answers_on_the_disk(two: Pair) -> None:
+    limit = parse("1000 per 1 hour")
+    for _ in range(30):
+        two.first.limiter.hit(limit, "who answers")
+        with two.first.database.transaction() as s:
+            assert s.scalar(text("SHOW synchronous_commit")) == "on"
+
+
+def test_a_claim_whose_notice_was_lost_is_announced_again(two: Pair, monkeypatch: pytest.MonkeyPatch) -> None:
+    lost: list[str] = []
+    claims = [
+        Claims(one.notices, "tried", lambda key, holder: lost.append(f"{holder} {key}"))
+        for one in (two.first, two.second)
+    ]
+    heard: list[bool] = []
+    two.first.notices.hear("tried", lambda notice: heard.append(notice.own))
+    with monkeypatch.context() as lossy:
+        lossy.setattr(two.first.notices, "tell", lambda *_, **__: None)
+        claims[0].claim("key", "first")
+    two.first.notices.missed()
+    until(lambda: heard == [True])
+    claims[1].claim("key", "second")
+    until(lambda: lost == ["first key"])
 
 
 def test_counts_of_many_at_once_are_exact(two: Pair) -> None:
@@ -153,8 +179,9 @@ class FakeServer:
     def stage(self, key: str) -> FakeStage | None:
         return self.stages.get(key)
 
-    def retire(self, key: str) -> None:
-        self.stages.pop(key).retire()
+    def retire(self, key: str, stage: FakeStage) -> None:
+        assert self.stages.pop(key) is stage
+        stage.retire()
 
     def connected_keys(self) -> list[str]:
         return list(self.stages)

@@ -102,12 +102,17 @@ def test_a_robot_that_is_freed_keeps_the_rule() -> None:
     slowed = replace(room, slowing=RULE).at(SLOWER)
     assert len(slowed.recovery_policies) == 2
     freed = replace(slowed, actor=tuple(np.zeros_like(layer) for layer in slowed.actor))  # stands and is stuck
-    speeds = [
-        np.hypot(*np.diff(one.poses[:, :2], axis=0).T).max() / one.dt
-        for one in rollout(get_setup("study_room"), freed.rollout_policy, draw_scenes("study_room", range(3)))
-        if one.scene.person.pose is not None
-    ]
-    assert max(speeds) <= get_setup("study_room").limits.v_max + 1e-6
+    scenes = draw_scenes("study_room", range(3))
+
+    def fastest(policy: Policy) -> list[float]:
+        return [
+            float(np.hypot(*np.diff(one.poses[:, :2], axis=0).T).max() / one.dt)
+            for one in rollout(get_setup("study_room"), policy.rollout_policy, scenes)
+        ]
+
+    without = fastest(replace(freed, slowing=None))
+    assert max(without) > 0.7, "somebody is freed, and drives"
+    assert max(fastest(freed)) < 0.7 * max(without)
 
 
 def test_files_keep_the_rule_and_the_strengths_and_as_trained_gives_the_old_bytes(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from fastapi import Request
@@ -12,6 +13,7 @@ from starlette.responses import Response
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.store.models import Participant, Study
 
+OPEN = re.compile(r"""\btype:\s*["']?text\b""")  # an open question, in a questionnaire's YAML
 TABS = ("now", "people", "protocol", "recruit", "data", "report", "team")
 
 
@@ -36,7 +38,7 @@ def study_tab(
 ) -> Response:
     """A page of a study; without a template, the tab's own."""
     drawn = any("demonstrations" in entry and entry["demonstrations"] for entry in study.protocol.get("stages", []))
-    written = any(name.startswith("questionnaires/") and "type: text" in text for name, text in study.files.items())
+    written = any(name.startswith("questionnaires/") and OPEN.search(text) for name, text in study.files.items())
     beside = [name for name, there in (("paths", drawn), ("coding", written)) if there]
     tabs = (*TABS[:2], *beside, *TABS[2:])
     shown = template or f"lab/study_{tab}.html"

@@ -22,11 +22,24 @@ from backend.study.studies import study_by_link
 async def not_too_often(request: Request) -> None:
     """Bound what one link may change, and refuse links that lead nowhere once an address asked for many of them; links
     that lead somewhere stay open to all."""
+    if services_of(request).notices.shared:  # counts are in the database
+        await asyncio.to_thread(_check_count, request)
+        return
+    if _counted(request):
+        await asyncio.to_thread(_check_link, request)
+
+
+def _check_count(request: Request) -> None:
+    if _counted(request):
+        _check_link(request)
+
+
+def _counted(request: Request) -> bool:
+    """Count a change, if it is one; whether the link has to be looked at. Raises Refused."""
     token = request.path_params.get("token")
     if token and request.method == "POST" and not count(request, CHANGES_PER_SESSION, "change", token_hash(token)):
         raise too_many()
-    if exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request)):
-        await asyncio.to_thread(_check_link, request)
+    return exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request))
 
 
 def _check_link(request: Request) -> None:

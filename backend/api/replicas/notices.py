@@ -65,6 +65,11 @@ class Notices:
         """Call `handler` when notices may have been missed."""
         self._missed.append(handler)
 
+    def missed(self) -> None:
+        """Notices may have been missed: tell whoever asked for that."""
+        for handler in self._missed:
+            handler()
+
     def tell(self, topic: str, key: str, **data: Any) -> None:
         """Tell all processes, this one among them. Nobody waits for it."""
         self._hear(Notice(topic, key, data, own=True))
@@ -165,8 +170,7 @@ class PostgresNotices(Notices):
                     self._listening.set()
                     if before:
                         self._orders.put(("look", "", None))
-                        for missed in self._missed:
-                            missed()
+                        self.missed()
                     before = True
                     while not self._ending.is_set():
                         for one in connection.notifies(timeout=LISTEN_S):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import structlog
 from sqlalchemy import delete, select
@@ -60,11 +60,15 @@ class Peers:
         self._thread.join(BEAT_S)
         with suppress(SQLAlchemyError, StorageError), self._database.transaction(durable=False) as s:
             s.execute(delete(ServerProcess).where(ServerProcess.id == self._notices.process_id))
+        if self._counts is not None:
+            self._counts.close()
 
-    def living(self) -> list[Peer]:
-        """All of them, this one among them."""
+    def living(self, *, since: datetime | None = None) -> list[Peer]:
+        """All of them, this one among them. since: those that began later."""
         with self._database.session() as s:
             asked = select(ServerProcess).where(ServerProcess.seen_at > utc_now() - SILENT)
+            if since is not None:
+                asked = asked.where(ServerProcess.started_at >= since)
             return [Peer(one.id, one.address) for one in s.scalars(asked.order_by(ServerProcess.started_at))]
 
     def mark(self, token: str) -> str:

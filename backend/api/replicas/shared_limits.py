@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import time
+from collections.abc import Iterator
 from typing import Any
 
 from limits.storage import Storage
 from limits.storage.base import SlidingWindowCounterSupport
-from sqlalchemy import text
+from sqlalchemy import Connection, create_engine, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from backend.store.database import Database
@@ -40,7 +42,14 @@ class SharedCounts(Storage, SlidingWindowCounterSupport):
 
     def __init__(self, database: Database) -> None:
         super().__init__()
-        self._engine = database.engine.execution_options(isolation_level="AUTOCOMMIT")
+        self._database = database
+        # Connections of their own: a count may be lost with the machine's power, what others commit must not.
+        self._engine = create_engine(
+            database.url,
+            isolation_level="AUTOCOMMIT",
+            pool_pre_ping=True,
+            connect_args={"options": "-c synchronous_commit=off"},
+        )
 
     @property
     def base_exceptions(self) -> type[Exception]:
@@ -58,14 +67,13 @@ class SharedCounts(Storage, SlidingWindowCounterSupport):
             "share": 1 - into / expiry,
             "expires": (int(window) + 2) * expiry,
         }
-        with self._engine.connect() as connection:
-            connection.exec_driver_sql("SET synchronous_commit = off")  # a count may be lost with the machine's power
+        with self._connected() as connection:
             return connection.execute(_COUNT, values).first() is not None
 
     def get_sliding_window(self, key: str, expiry: int) -> tuple[int, float, int, float]:
         number, into = divmod(time.time(), expiry)
         left = expiry - into
-        with self._engine.connect() as connection:
+        with self._connected() as connection:
             row = connection.execute(_READ, {"key": _hashed(key)}).first()
         window, current, previous = row or (0, 0, 0)
         if window == int(number):
@@ -86,7 +94,7 @@ class SharedCounts(Storage, SlidingWindowCounterSupport):
         self._change("DELETE FROM rate_window WHERE expires_at < :now", now=time.time())
 
     def check(self) -> bool:
-        with self._engine.connect() as connection:
+        with self._connected() as connection:
             return connection.execute(text("SELECT 1")).scalar() == 1
 
     # The fixed window of `limits`, which nothing here uses.
@@ -101,8 +109,17 @@ class SharedCounts(Storage, SlidingWindowCounterSupport):
         raise NotImplementedError("counts are of sliding windows")
 
     def _change(self, statement: str, **values: Any) -> int:
-        with self._engine.connect() as connection:
+        with self._connected() as connection:
             return connection.execute(text(statement), values).rowcount
+
+    def close(self) -> None:
+        """Give the connections back."""
+        self._engine.dispose()
+
+    @contextlib.contextmanager
+    def _connected(self) -> Iterator[Connection]:
+        with self._database.explained(), self._engine.connect() as connection:
+            yield connection
 
 
 def _hashed(key: str) -> str:

@@ -20,6 +20,7 @@ from backend.api.server import ServerError, check_ports
 from backend.jobs.process import environment_of, start_worker
 from backend.settings import Settings
 from backend.store.database import Database
+from backend.store.models import utc_now
 
 AGAIN_AFTER_S = 2.0  # a process that dies at once is not started faster than this
 START_PATIENCE_S = 60.0
@@ -49,7 +50,7 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
         signal.signal(number, lambda *_: stopping.set())
     servers = [_start(settings) for _ in range(processes)]
     worker = None
-    began, ready = time.monotonic(), False
+    began, begun_at, ready = time.monotonic(), utc_now(), False
     started_at = [began] * processes
     try:
         while not stopping.wait(LOOK_S):
@@ -60,7 +61,7 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
                         raise ServerError(f"a server process ended with {process.returncode}; its log says why")
                     log.warning("a server process ended and is started again", exit_code=process.returncode)
                     servers[place], started_at[place] = _start(settings), now
-            if not ready and len(peers.living()) >= processes:
+            if not ready and len(peers.living(since=begun_at)) >= processes:
                 ready = True
                 on_ready()
             if not ready and now - began > START_PATIENCE_S:

@@ -44,7 +44,7 @@ class Listeners:
         self._lock = threading.Lock()
         self._listeners: dict[str, list[Listener]] = {}
         self._notices = notices
-        self._windows = Claims(notices, "window", self._moved_elsewhere)
+        self._windows: Claims[Listener] = Claims(notices, "window", self._moved_elsewhere)
         notices.hear("changed", self._heard)
         notices.when_missed(self._wake_all)
 
@@ -56,7 +56,7 @@ class Listeners:
             self._listeners[session_id] = [listener]
         for one in older:
             one.take_over()
-        self._windows.claim(session_id)
+        self._windows.claim(session_id, listener)
         return listener
 
     def leave(self, session_id: str, listener: Listener) -> None:
@@ -90,8 +90,5 @@ class Listeners:
         if not notice.own:
             self._wake(notice.key)
 
-    def _moved_elsewhere(self, session_id: str) -> None:
-        with self._lock:
-            listeners = list(self._listeners.get(session_id, []))
-        for one in listeners:
-            one.take_over()
+    def _moved_elsewhere(self, _session_id: str, listener: Listener) -> None:
+        listener.take_over()  # and none that came after it

@@ -66,7 +66,7 @@ class Presenter:
     ) -> None:
         self._database, self._files, self._replays, self._listeners = database, files, replays, listeners
         self._notices = notices
-        self._claims = Claims(notices, "stage", self._stands_elsewhere)
+        self._claims: Claims[Stage] = Claims(notices, "stage", self._stands_elsewhere)
         notices.hear("order", self._ordered)
         notices.hear("replay", self._replay_ordered)
         notices.when_missed(self._missed)
@@ -82,7 +82,7 @@ class Presenter:
         if self._replays.show(stage, key):
             return
         self._notices.hold(_held_as(key))
-        self._claims.claim(key)
+        self._claims.claim(key, stage)
         changed = self._interrupted(key, "stage_connected")
         if changed is None:
             return
@@ -96,11 +96,12 @@ class Presenter:
             self._notices.let_go(_held_as(key))
             self._claims.give_up(key)
 
-    def _stands_elsewhere(self, session_id: str) -> None:
+    def _stands_elsewhere(self, session_id: str, stage: Stage) -> None:
         """The session's page has its stage from another process now."""
+        if self.server is None or self.server.stage(session_id) not in (None, stage):
+            return  # and a newer one from this process again
         self._notices.let_go(_held_as(session_id))
-        if self.server is not None:
-            self._line.submit(self.server.retire, session_id)
+        self._line.submit(self.server.retire, session_id, stage)
 
     def _interrupted(self, session_id: str, reason: str) -> bool | None:
         """Apply the checkpoint rule, however busy the database. Whether it changed anything; None: no such session."""

@@ -27,7 +27,7 @@ from backend.experiments.benchmarks.persistent import Persistent
 from backend.experiments.benchmarks.processes import children_of, command_of
 from backend.experiments.benchmarks.serving import QUICK_STUDY, await_processes
 from backend.experiments.loopback import loopback_server
-from backend.experiments.own_postgres import own_postgres
+from backend.experiments.own_postgres import own_postgres, own_postgres_pid
 from backend.jobs.heartbeat import FILE as HEARTBEAT
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
@@ -38,7 +38,7 @@ from backend.store.shipped_policies import register_shipped
 from backend.study.protocol.freezing import freeze
 from backend.study.studies import create_study
 
-Fault = Literal["server", "worker", "connections", "disk"]
+Fault = Literal["server", "worker", "connections", "database", "disk"]
 PAUSE_S = (0.5, 3.0)  # between two faults; a process is there again before the next one
 RECOVERY_PATIENCE_S = 120.0
 JOBS_PATIENCE_S = 600.0
@@ -77,7 +77,8 @@ def benchmark_faults(
     tell: Callable[[str], None] = lambda words: None,
 ) -> dict[str, Any]:
     """Kill so often, in turn and at random moments: a server process or the worker (kill -9), connections to the
-    database (half of them, ended by it), and fill the disk for a moment (where a small one may be mounted).
+    database (half of them, ended by it), the database (one of its own processes: it ends all connections and recovers),
+    and fill the disk for a moment (where a small one may be mounted).
 
     Participants answer pairs all the while, as pages do: what is not acknowledged is sent again under the same request
     id. Jobs run beside them.
@@ -103,7 +104,7 @@ def benchmark_faults(
         with database.transaction() as s:
             register_shipped(s, files)
             study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark faults", created_by=None)
-        sorts: list[Fault] = ["server", "worker", "connections"]
+        sorts: list[Fault] = ["server", "worker", "connections", "database"]
         if mounted:
             sorts.append("disk")
         arguments = ("--processes", str(processes))
@@ -182,6 +183,11 @@ class _Scene:
                             "AND pid <> pg_backend_pid() AND random() < 0.5"
                         )
                     )
+            case "database":
+                # PostgreSQL ends all connections where one of its processes is killed, and recovers from its log.
+                serving = own_postgres_pid(str(self._database.url.query["host"]))
+                clients = [one for one in children_of(serving) if "postgres: desirepath" in command_of(one)]
+                os.kill(int(random.choice(clients)), signal.SIGKILL)
             case "disk":
                 with _full(self._data):
                     time.sleep(FULL_S)

@@ -94,7 +94,7 @@ class Persistent:
                 if response.is_success or (may_refuse and response.status_code == 409):
                     answered: dict[str, Any] = response.json()
                     return answered
-                if response.status_code not in (500, 503, 507):
+                if response.status_code not in (503, 507):
                     raise Gone(self.last)
                 wait_s = min(put_off_s(response) or AGAIN_AFTER_S, 1.0)
             if time.monotonic() > deadline:

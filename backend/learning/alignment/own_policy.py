@@ -12,7 +12,7 @@ import numpy as np
 
 from backend.learning.alignment.library_measures import measured_against
 from backend.learning.alignment.own_reward import OwnRewardConfig, OwnRewardResult, tune_to_reward
-from backend.learning.alignment.policy_library import PolicyLibrary, expected_gains
+from backend.learning.alignment.policy_library import PolicyLibrary, gains_by_posterior
 from backend.learning.measures.step_basis import StepBasis
 from backend.learning.policies.policy import Policy
 from backend.learning.preferences.free_posterior import FreePosterior
@@ -55,9 +55,11 @@ def fine_tuned(
     candidates = [start.without_critic(), replace(tuned.policy, actor=halfway), tuned.policy]
     scenes = scene_set(base.setup, SCENES, purpose=Purpose.ALIGN_SELECT, seed=JUDGING_SEED + config.seed)
     measures = measured_against(base, candidates, basis, scenes)
-    expected = expected_gains(measures, believed, steps)
+    by_posterior = gains_by_posterior(measures, believed, steps)
+    expected = by_posterior.sum(axis=0)
     enough = min(config.min_success, float(measures.success[0])) - config.max_selection_loss
     allowed = (measures.success >= enough) & (measures.longer_s <= max(library.longest_s, measures.longer_s[0]))
+    allowed &= (by_posterior >= by_posterior[:, :1]).all(axis=0)  # neither expects less of it than of the start
     best = int(np.where(allowed, expected, -np.inf).argmax())
     by_name = dict(zip(CANDIDATES, (round(float(one), 4) for one in expected), strict=True))
     return OwnPolicy(candidates[best], CANDIDATES[best], by_name, tuned)

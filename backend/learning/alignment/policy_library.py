@@ -141,16 +141,20 @@ class PolicyLibrary:
 
 
 def expected_gains(measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior) -> Doubles:
-    """(n,) what each is expected to gain over the base policy, by both posteriors, each in its own largest gain, less
-    doubt."""
+    """(n,) what each is expected to gain over the base policy, by both posteriors together."""
+    total: Doubles = gains_by_posterior(measures, believed, steps).sum(axis=0)
+    return total
+
+
+def gains_by_posterior(measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior) -> Doubles:
+    """(2, n) what each is expected to gain over the base policy by the free-form and by the step posterior, each in its
+    own largest gain, less doubt."""
     mirrored = believed.config.posterior.left_right_symmetry
-    found = np.zeros(len(measures.steps))
-    for mean, deviation in (
+    both = (
         believed.advantages(measures.mirrored if mirrored else measures.pairs),
         steps.advantages(measures.steps),
-    ):
-        found += (mean - DOUBT * deviation) / max(float(np.abs(mean).max()), 1e-9)
-    return found
+    )
+    return np.stack([(mean - DOUBT * deviation) / max(float(np.abs(mean).max()), 1e-9) for mean, deviation in both])
 
 
 def best_of(library: PolicyLibrary, believed: FreePosterior, steps: StepPosterior) -> int:

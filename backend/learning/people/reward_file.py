@@ -27,6 +27,7 @@ from backend.learning.rewards.storage import reward_model_from_bytes
 from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
+MOST_NUMBERS = 4_000_000
 MOST_LAYERS = 20
 LEAK = 0.01
 HIDDEN: dict[str, Callable[[Floats], Floats]] = {
@@ -117,6 +118,9 @@ def _layers(content: bytes, path: Path, manifest: RewardManifest) -> Callable[[F
 
     try:
         state: Any = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+        # A tensor can be far larger than its file: all of its rows may be one.
+        if (numbers := sum(tensor.numel() for tensor in state.values())) > MOST_NUMBERS:
+            raise ValueError(f"{numbers:,} numbers; at most {MOST_NUMBERS:,} are read")
         named = {str(name): tensor.detach().numpy().astype(np.float32) for name, tensor in state.items()}
     except Exception as problem:  # torch raises what it likes for files of others
         raise LearningError(f"{path}: not a state dict of tensors: {str(problem).splitlines()[0]}") from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -114,12 +114,18 @@ def bars(found: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
         bar("time at full efficiency, s", [r["time_s"] for r in rows], printed["time_s"], False),
         bar(
             "Spearman along edges, least",
-            [min((v for v in r["spearman"].values() if v is not None), default=None) for r in rows],
+            [_least(r["spearman"].values()) for r in rows],
             SPEARMAN_AT_LEAST,
             True,
         ),
         bar("one training, seconds of one core", [r["core_seconds"] for r in rows], CORE_SECONDS_AT_MOST, False),
     ]
+
+
+def _least(values: Iterable[float | None]) -> float | None:
+    """The least of them, None where one is not known: an edge on which nobody arrived meets no bar."""
+    known = list(values)
+    return None if not known or None in known else min(v for v in known if v is not None)
 
 
 def rewards(plan: AdaptablePlan, load: Load) -> dict[str, Any]:
