@@ -157,7 +157,9 @@ def test_the_true_explanation_beats_chance_and_the_reversed_one_loses(sights: li
     for sight in sights:
         explained = explain(actor, sight, method="integrated_gradients")
         true.append(faithfulness(actor, sight, explained))
-        backwards = type(explained)(explained.method, "speed", explained.inputs, explained.things, -explained.scores)
+        backwards = type(explained)(
+            explained.method, "speed", explained.inputs, explained.things, -explained.scores, -explained.weights
+        )
         reversed_.append(faithfulness(actor, sight, backwards))
     better = gain_over_chance([one for one in true if one])
     worse = gain_over_chance([one for one in reversed_ if one])

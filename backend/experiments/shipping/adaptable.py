@@ -62,7 +62,10 @@ def store_policy(
         seed,
         folder,
         config=made.meta["config"],
-        scenes={"report": describe(Purpose.REPORT, params["rollouts"], seed)},
+        scenes={
+            "select": describe(Purpose.ALIGN_SELECT, made.meta["config"]["selection_scenes"], seed),
+            "report": [describe(Purpose.REPORT, params["rollouts"], seed)],
+        },
         results=row_of(rolled)
         | {key: made.meta[key] for key in ("selection_success", "transitions")}
         | {"solutions": made.arrays["solutions"].tolist()},
