@@ -22,6 +22,9 @@ from backend.study.session.leaving import LONGEST_PROBLEM
 from backend.study.session.versions import protocol_of
 from backend.study.simulated.known import known_to_simulated
 
+HELPED = ("words", "tuning", "feedback", "meet_your_robot")
+"""Kinds of step with a help of their own."""
+
 
 def page_context(request: Request, s: DatabaseSession, session: Session, token: str) -> dict[str, Any]:
     frozen = protocol_of(s, session)
@@ -39,6 +42,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "step": view,
         "next_kind": next_kind(plan, session.position),
         "leads_to": leads_to(plan, session.position),
+        "helps_with": helps_with(leads_to(plan, session.position)),
         "state": state_of(request, s, session, view),
         "expires_at": session.expires_at,
         "address": public_url(request) if view.kind == "appointment" else None,
@@ -54,6 +58,11 @@ def next_kind(plan: list[Step], position: int) -> str:
 def leads_to(plan: list[Step], position: int) -> str | None:
     """The kind of what is done on the stage next, None where nothing more is."""
     return next((step.kind for step in plan[position:] if kind_of(step).shows != "page"), None)
+
+
+def helps_with(kind: str | None) -> str:
+    """Which help is shown on the way to, and during, that kind of step; "": that of the pairs."""
+    return "page" if kind is None else kind if kind in HELPED else ""
 
 
 def state_of(request: Request, s: DatabaseSession, session: Session, view: machine.StepView) -> dict[str, Any]:

@@ -88,6 +88,8 @@ const onStage = Boolean(step.querySelector(".trialbar"));
 // what is shown on the stage, where an example of it can be
 const shown = onStage && data.durations.length > 0;
 document.body.dataset.layout = shown ? "stage" : "text";
+const way = step.querySelector("#live-way");
+if (way && !shown) way.textContent = data.running_only;
 if (shown || !onStage) {
   const module = await kindModule(data.kind);
   const mounted = module.mount({

@@ -122,6 +122,9 @@ async function mount(mine = arrival) {
   const kind = body?.dataset.kind ?? "";
   const [index, total] = [Number(body?.dataset.index ?? 0), Number(body?.dataset.total ?? 1)];
   showProgress(index, total, false);
+  for (const one of $("help-dialog").querySelectorAll("[data-help]")) {
+    /** @type {HTMLElement} */ (one).hidden = /** @type {HTMLElement} */ (one).dataset.help !== (body?.dataset.helpsWith ?? "");
+  }
   localTimes(step);
   notice("viewed", { step: body?.dataset.key, kind });
 

@@ -49,6 +49,14 @@ class Wording extends LivePanel {
     this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!(this.isRead && this.isAnswered)));
   }
 
+  /** How the way is; while a question is open, also why the answer cannot be given yet. */
+  tellWay() {
+    super.tellWay();
+    if (!this.found || !this.isRead || this.isAnswered) return;
+    const way = this.root.querySelector("#live-way")?.textContent ?? "";
+    this.text("#live-way", `${way} ${this.own("question_open")}`);
+  }
+
   async readIt() {
     const sentence = this.field.value;
     this.reading = true;
@@ -61,6 +69,7 @@ class Wording extends LivePanel {
       this.meant = [];
       this.controls.put(got.weights, "words");
       this.tellRead();
+      this.tellWay();
       this.note();
     } finally {
       this.reading = false;
@@ -77,7 +86,7 @@ class Wording extends LivePanel {
     const { parts, questions, weights } = this.read.got;
     const shown = /** @type {HTMLElement} */ (this.root.querySelector("#words-marked"));
     shown.replaceChildren(...parts.map((part) => this.stretch(part)));
-    const missed = parts.filter((part) => part.as === "missed").map((part) => `“${part.text}”`).join(", ");
+    const missed = parts.filter((part) => part.as === "missed").map((part) => this.own("quoted", { words: part.text })).join(", ");
     const nothing = Object.keys(weights).length === 0 && questions.length === 0;
     const line = /** @type {HTMLElement} */ (this.root.querySelector("#words-missed"));
     line.hidden = !missed && !nothing;
@@ -140,6 +149,7 @@ class Wording extends LivePanel {
       to[one.objective] = Math.max(to[one.objective] ?? 0, meant_weight);
     }
     this.controls.put(to, "words");
+    this.tellWay(); // the same weights ask for no new way
     this.note();
     this.show();
   }
@@ -159,6 +169,7 @@ class Wording extends LivePanel {
       this.controls.put(this.read?.got.weights ?? {}, "words"); // back to what the words said
       this.meant = [];
       this.tellRead();
+      this.tellWay();
       this.note();
       this.show();
     } else super.clicked(event);
