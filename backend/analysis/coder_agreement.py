@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,8 @@ class CoderAgreement:
     """Agreement on one code (`code`), or on all of them (None), over n answers.
 
     both, first_only, second_only, neither: to how many answers (over all codes: decisions) who gave it. kappa is NaN
-    where chance alone would give full agreement, as for a code that nobody used. low, high: its 95 % interval.
+    where chance alone would give full agreement, as for a code that nobody used. low, high: its 95 % interval, NaN
+    where the answers tell none, as where both always said the same.
     """
 
     code: str | None
@@ -62,8 +63,11 @@ def agreement_on_all(
 ) -> CoderAgreement:
     """Pooled kappa over all codes (de Vries et al. 2008): observed and expected agreement are averaged over the codes.
 
-    Decisions on one answer depend on each other, so the interval is from answers drawn anew with replacement.
+    Decisions on one answer depend on each other, so the interval is from answers drawn anew with replacement. Of a
+    single code it is that code's own (`agreement_on`).
     """
+    if len(codes) == 1:
+        return replace(agreement_on(codes[0], first, second), code=None)
     a = np.array([_given(code, first) for code in codes], dtype=bool).reshape(len(codes), len(first))
     b = np.array([_given(code, second) for code in codes], dtype=bool).reshape(len(codes), len(second))
     table = _table(a.ravel(), b.ravel())
@@ -83,7 +87,15 @@ def _agreement(
 ) -> CoderAgreement:
     (both, first_only), (second_only, neither) = table.tolist()
     return CoderAgreement(
-        code, n, both, first_only, second_only, neither, float(kappa), max(-1.0, float(low)), min(1.0, float(high))
+        code,
+        n,
+        both,
+        first_only,
+        second_only,
+        neither,
+        float(kappa),
+        max(float(low), -1.0),
+        min(float(high), 1.0),  # NaN stays NaN
     )
 
 

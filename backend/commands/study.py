@@ -256,7 +256,7 @@ def power_command(
     if out is not None:
         from backend.report.report_figures import power_picture
 
-        picture = power_picture(found.power, found.assumed)
+        picture = power_picture(found.power, found.assumed, queried=found.design.queries > 0)
         result["files"] = [str(path) for path in picture.save(out)]
         result["caption"] = picture.caption
     say(result, as_json)

@@ -361,7 +361,7 @@ class Kind:
         if error["type"] == "extra_forbidden":
             known = self.variants.get(str(error["loc"][0]), self.params).model_fields
             return f"is no parameter here; there are {', '.join(sorted(known))}"
-        return str(error["msg"]).replace("Input should be", "must be")
+        return str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
 
     def _problem(self, error: Any) -> dict[str, Any]:
         if error["type"].startswith("union_tag"):

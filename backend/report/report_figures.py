@@ -265,8 +265,8 @@ def personalised_picture(found: Findings) -> Picture:
     return Picture("personalised", "The own policy against others", caption, figure, rows)
 
 
-def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
-    """Power against participants, one line per test."""
+def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = True) -> Picture:
+    """Power against participants, one line per test. queried: whether the design asks preference queries."""
     tests = [rate.test for rate in found[0].rates]
     cohorts = found[0].rates[0].n if tests else 0
     with mpl.rc_context(STYLE):
@@ -287,20 +287,30 @@ def power_picture(found: Sequence[Power], assumed: Assumed) -> Picture:
         quiet(ax)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
     compared = any("own against" in test for test in tests)
-    own = f"; the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
+    own = f"the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
     own += f" by the {100 * assumed.shown:.0f} % who are shown one" if compared and assumed.shown < 1 else ""
     ranked = any(test.startswith("tau, ") for test in tests)
     rated = (
-        f"agreement of importance rankings is {assumed.tau:g}, with what is shown {assumed.tau + assumed.tau_gain:g}; "
+        f"agreement of importance rankings is {assumed.tau:g}, with what is shown {assumed.tau + assumed.tau_gain:g}"
         if ranked
         else ""
     )
+    under = f" under {labelled(assumed.condition)}" if assumed.condition else ""
+    first = "it" if assumed.item else labelled(assumed.condition)
+    said = [  # what the design does not have is named by nothing
+        rated,
+        f"{labelled(assumed.item)} is rated {assumed.effect:g} standard deviations higher{under}"
+        if assumed.item
+        else "",
+        f"{100 * assumed.first_choice:.0f} % rank {first} first for {labelled(assumed.ranking)}"
+        if assumed.ranking and assumed.condition
+        else "",
+        f"the same query gets the same answer in {100 * assumed.consistency:.0f} %" if queried else "",
+        own,
+    ]
     caption = (
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what was assumed, with 95 % Wilson "
-        f"intervals. Assumed: {rated}{labelled(assumed.item)} is rated {assumed.effect:g} standard deviations higher "
-        f"under {labelled(assumed.condition)}; {100 * assumed.first_choice:.0f} % rank it first for "
-        f"{labelled(assumed.ranking)}; the same query gets the same answer in {100 * assumed.consistency:.0f} %{own}. "
-        f"Dotted line: {100 * WANTED:.0f} %."
+        f"intervals. Assumed: {'; '.join(filter(None, said))}. Dotted line: {100 * WANTED:.0f} %."
     )
     return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])
 

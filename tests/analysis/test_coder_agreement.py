@@ -56,6 +56,8 @@ def test_over_all_codes_kappa_is_pooled_and_its_interval_is_over_answers():
     """de Vries et al. 2008: with one code it is Cohen's; codes that hardly occur do not carry it off."""
     one = codings(20, 5, 10, 15)
     assert agreement_on_all(["x"], *one).kappa == pytest.approx(agreement_on("x", *one).kappa)
+    assert agreement_on_all(["x"], *one).low == agreement_on("x", *one).low
+    assert math.isnan(agreement_on("x", *codings(4, 0, 0, 5)).low)  # always the same: no interval, not [-1, 1]
     pooled = agreement_on_all(["x", "rare"], *one)
     assert pooled.kappa == pytest.approx((0.85 - 0.75) / (1 - 0.75))
     assert pooled.low < pooled.kappa < pooled.high

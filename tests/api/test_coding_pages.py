@@ -120,6 +120,11 @@ def test_two_coders_read_every_answer_blind_and_settle_where_they_differ(lab, la
     assert "Cohen" in lab.get(ada.at).text
     response, _ = bob.handed_out()
     assert bob.post(f"remark/answers/{response}") == 422  # neither codes nor "no code fits"
+    undecided = {"csrf": bob.token, "codes": [ids["Distance"]], "none_fits": "1"}
+    again = bob.client.post(f"{bob.at}/remark/answers/{response}", data=undecided).text
+    assert "tick at least one code" in again
+    assert f"answers/{response}" in again  # the same answer, with what was ticked
+    assert again.count(" checked") == 2
     assert bob.post(f"remark/answers/{response}", codes=["nothing"]) == 404
     assert len(bob.code(other, ids)) == 4
     carol = Coder(colleague(lab_services, "carol"), written.id)
@@ -128,7 +133,7 @@ def test_two_coders_read_every_answer_blind_and_settle_where_they_differ(lab, la
 
     page = lab.get(ada.at).text
     assert "4 of 4 coded" in page
-    assert re.search(r">1\.00 ", page)  # Distance: the same every time
+    assert re.search(r">1\.00<", page)  # Distance: the same every time, which tells no interval
     assert "0.50" in page  # Efficiency: 3 of 4 alike, chance 1/2
     assert "Differences (1 open)" in page
     differing = lab.get(f"{ada.at}/remark/differences").text
@@ -140,7 +145,7 @@ def test_two_coders_read_every_answer_blind_and_settle_where_they_differ(lab, la
     page = lab.get(ada.at).text
     assert "Differences (0 open)" in page
     assert "2 of 4" in page  # have Distance
-    assert re.search(r">1\.00 ", page)
+    assert re.search(r">1\.00<", page)
     assert "0.50" in page  # agreement stays what it was before they talked
     assert ada.post(f"remark/codes/{ids['Distance']}/remove") == 409
 

@@ -66,7 +66,18 @@ def test_three_can_be_weighed_in_a_triangle(analyst, services):
     page = analyst.get(f"{PAGE}?policy_a={policy}&corner=farther&corner=faster&corner=smoother").text
     assert 'data-triangle="farther faster smoother"' in page
     refused = analyst.get(f"{PAGE}?policy_a={policy}&corner=farther&corner=closer&corner=smoother")
-    assert (refused.status_code, "only one may be above 0" in refused.text) == (422, True)
+    assert (refused.status_code, "only one can be above 0" in refused.text) == (422, True)
+    german = {"Accept-Language": "de"}
+    for corners, says in (
+        (("farther", "closer", "smoother"), "sind Gegensätze"),
+        (("farther", "faster"), "gewählt sind aber 2"),
+        (("farther", "farther", "faster"), "ist zweimal gewählt"),
+    ):
+        address = f"{PAGE}?policy_a={policy}" + "".join(f"&corner={one}" for one in corners)
+        refused = analyst.get(address, headers=german)
+        assert (refused.status_code, says in refused.text) == (422, True), corners
+        assert not {*corners} & set(re.findall(r"[a-z_]+", refused.text.partition('role="alert"')[2][:300]))
+        assert "von oben" in refused.text
 
 
 def test_the_way_follows_the_weights_and_goes_on_from_where_the_robot_is(analyst, services):

@@ -322,6 +322,8 @@ def test_power_is_drawn_over_participants_with_its_intervals() -> None:
     assert "same query gets the same answer in 80 %" in picture.caption
     assert "Dotted line: 80 %." in picture.caption
     assert "own policy" not in power_picture([Power(12, [rate(names[0], 3, 100)], None)], assumed).caption
+    bare = power_picture(power, replace(assumed, item="", ranking="", condition=""), queried=False).caption
+    assert "Assumed: the own policy is preferred in 65 %. Dotted line" in bare
     assert len(picture.rows) == 4
     assert power_picture([Power(12, [], None)], assumed).rows == []
 

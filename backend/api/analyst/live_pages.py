@@ -24,13 +24,14 @@ from backend.api.analyst.chosen_policies import (
     problem_of,
 )
 from backend.api.core.auth import checked_csrf
+from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.shipped_policies import shipped_as
 from backend.study.grammar.words import View
-from backend.study.kinds.live import CONTROLS, OBJECTIVES, in_triangle, three_corners
+from backend.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, in_triangle, three_corners
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -64,7 +65,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
     start: dict[str, float] = {}
     view: View = next((one for one in VIEWS if one == request.query_params.get("view")), VIEWS[0])
     try:
-        corners = _corners(request)
+        corners = _corners(request, t)
         asked = _asked(request, database)
         if asked is not None:
             side = asked.sides[0]
@@ -137,14 +138,23 @@ def _asked(request: Request, database: Db) -> Asked | None:
     return asked
 
 
-def _corners(request: Request) -> list[str] | None:
-    """The three that are weighed in a triangle, None: sliders for all."""
+def _corners(request: Request, t: Catalogue) -> list[str] | None:
+    """The three that are weighed in a triangle, None: sliders for all. Raises Undrawable, naming them as the page."""
     named = [one for one in request.query_params.getlist("corner") if one]
     if not named:
         return None
     try:
         return three_corners(named)
     except ValueError as wrong:
+        words = {name: t(f"flow.objectives.{name}") for name in OBJECTIVES}
+        pair = next((pair for pair in CONTROLS if len(pair) == 2 and set(pair) <= set(named)), None)
+        if len(named) != CORNERS:
+            raise Undrawable("corners_count", count=len(named)) from None
+        if set(named) <= set(words) and len(set(named)) < CORNERS:
+            twice = next(name for name in named if named.count(name) > 1)
+            raise Undrawable("corners_twice", name=words[twice]) from None
+        if set(named) <= set(words) and pair:
+            raise Undrawable("corners_opposite", first=words[pair[0]], second=words[pair[1]]) from None
         raise Undrawable("corners", message=str(wrong)) from None
 
 

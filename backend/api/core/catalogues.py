@@ -96,6 +96,10 @@ class Catalogue:
             value, format="#,##0" + ("." + "0" * digits if digits else "") + unit, locale=self._locale
         )
 
+    def interval(self, low: str, high: str) -> str:
+        """Two ends that are written already, in brackets: with a semicolon where decimals have a comma."""
+        return f"[{low}{';' if self._locale.language == 'de' else ','} {high}]"
+
     def date(self, value: date) -> str:
         """A day in words, e.g. `21 November 2026`."""
         return format_date(value, format="long", locale=self._locale)

@@ -6,6 +6,7 @@ condition, no time, and nothing of what the other coder said.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Request
@@ -68,34 +69,52 @@ def questions(request: Request, study_id: str, database: Db, who: str = "") -> R
 @router.get("/lab/studies/{study_id}/coding/{item}")
 def code_next(request: Request, study_id: str, item: str, database: Db, who: str = "", answer: str = "") -> Response:
     """One answer to code: the next, or one that this coder has coded before."""
-    name = request.state.sign_in.name
     with database.session() as s:
-        study = the_study(s, study_id)
-        question, group = _question(s, study, item), _group(s, study, who)
-        role = coding.role_for(coding.coders_of(s, study, item), name)
-        if role is None:
-            raise _refused(CodingError("two_others_code"))
-        answers = coding.answers_to(s, study, item, group)
-        done = [one for one in answers if role in one.codes]
-        shown = next((one for one in done if one.response == answer), None) or coding.next_for(answers, role, name)
-        return study_tab(
-            request,
-            study,
-            "coding",
-            "lab/coding_answer.html",
-            who=group,
-            question=question,
-            codebook=codebook_of(s, study.id, item),
-            shown=shown,
-            ticked=shown.codes.get(role, frozenset()) if shown else frozenset(),
-            changeable=[one for one in done if not one.by_both],
-            count=len(answers),
-            done=len(done),
-        )
+        return _answer_page(request, s, the_study(s, study_id), item, who, answer)
+
+
+def _answer_page(
+    request: Request,
+    s: DatabaseSession,
+    study: Study,
+    item: str,
+    who: str,
+    answer: str,
+    refused: Collection[str] | None = None,
+) -> Response:
+    """refused: the codes that were ticked where the form came without a decision; shown again beside the reason."""
+    name = request.state.sign_in.name
+    question, group = _question(s, study, item), _group(s, study, who)
+    role = coding.role_for(coding.coders_of(s, study, item), name)
+    if role is None:
+        raise _refused(CodingError("two_others_code"))
+    answers = coding.answers_to(s, study, item, group)
+    done = [one for one in answers if role in one.codes]
+    shown = next((one for one in done if one.response == answer), None) or coding.next_for(answers, role, name)
+    said = shown.codes.get(role, frozenset()) if shown else frozenset()
+    changeable = [one for one in done if not one.by_both]
+    return study_tab(
+        request,
+        study,
+        "coding",
+        "lab/coding_answer.html",
+        status=200 if refused is None else 422,
+        who=group,
+        question=question,
+        codebook=codebook_of(s, study.id, item),
+        shown=shown,
+        ticked=said if refused is None else refused,
+        none_ticked=bool(refused) or (refused is None and shown in changeable and not said),
+        refused=refused is not None,
+        changeable=changeable,
+        count=len(answers),
+        done=len(done),
+    )
 
 
 @router.post("/lab/studies/{study_id}/coding/{item}/answers/{response_id}")
 def code_one(
+    request: Request,
     study_id: str,
     item: str,
     response_id: str,
@@ -107,7 +126,8 @@ def code_one(
 ) -> Response:
     """Give an answer its codes; none at all has to be said, as it is easily clicked past."""
     if bool(codes) == bool(none_fits):
-        raise LabRefusal(422, "coding_nothing_chosen")
+        with database.session() as s:
+            return _answer_page(request, s, the_study(s, study_id), item, who, response_id, codes or [])
     with database.transaction() as s:
         study = the_study(s, study_id)
         _question(s, study, item)

@@ -146,6 +146,7 @@ def _power_page(
     shown: dict[str, Any] = {
         "subject": subject,
         "run": run,
+        "assumptions": _assumptions(subject.frozen, asked, run),
         "files": f"{subject.here}/{{}}?{urlencode(asked.query)}",
         "command": asked.command(subject.named),
     }
@@ -177,6 +178,22 @@ def _fields(frozen: FrozenProtocol) -> list[str]:
     if frozen.protocol.stage_of(ImportanceRankingStage) is None:
         left_out |= {"tau", "tau_gain"}
     return [name for name in NUMBERS if name not in left_out]
+
+
+def _assumptions(frozen: FrozenProtocol, asked: PowerAsked, run: power_runs.PowerRun | None) -> dict[str, float]:
+    """What the studies of a run were made up with, by field: of those that the design has something for."""
+    if run is None or "design" not in run.result:
+        return {}
+    found, design, given = run.result["assumed"], run.result["design"], dict(asked.numbers)
+    left_out = {"cohorts"}
+    if not found["item"]:
+        left_out |= {"effect", "items_alike"}
+    if not (found["ranking"] and found["condition"]):
+        left_out.add("first_choice")
+    if not design["queries"]:
+        left_out.add("consistency")
+    usual = {name: given.get(name, NUMBERS[name].usual) for name in _fields(frozen) if name not in left_out}
+    return {name: value for name, value in usual.items() if value is not None}
 
 
 def _places(frozen: FrozenProtocol) -> dict[str, list[str]]:
