@@ -13,9 +13,12 @@ from sqlalchemy import select, update
 from starlette.responses import Response
 
 from backend.api.core.dependencies import Services
-from backend.api.lab.whole_reports import ReportFiles, Reports
+from backend.api.lab.whole_reports import ReportError, ReportFiles, Reports
 from backend.store.models import Participant, Session, Study, new_id, utc_now
 from backend.store.models import Response as Answer
+from backend.study.protocol.freezing import freeze
+from backend.study.studies import create_study
+from tests.api.lab_services import QUICK
 
 PATIENCE_S = 120.0
 
@@ -93,6 +96,24 @@ def test_why_there_is_no_report_is_said(walked, lab, here):
     page = awaited(lab, f"{here}/analysis/simulated")
     assert "There is no report" in page.text
     assert "none of them has a completed session" in page.text
+
+
+def test_a_report_of_pilots_alone_says_where_the_pilot_phase_ends(lab, lab_services, monkeypatch):
+    def refused(reports: Reports, study: str, who: str) -> ReportFiles:
+        raise ReportError("none of them counts")
+
+    monkeypatch.setattr(Reports, "_made", refused)
+    with lab_services.database.transaction() as s:
+        study = create_study(s, lab_services.files, freeze(QUICK), name="Pilot", created_by=None)
+        study.pilot = True
+        here = f"/lab/studies/{study.id}"
+        s.add(Participant(study_id=study.id, code="B-90", simulated=True, pilot=True))
+    page = awaited(lab, f"{here}/analysis/simulated").text
+    assert "joined during the pilot phase" in page
+    assert f'href="{here}/recruit">End the pilot phase' in page
+    assert "none of them counts" not in page
+    german = lab.get(f"{here}/analysis/simulated", headers={"Accept-Language": "de"}).text
+    assert "während der Pilotphase" in german
 
 
 def test_the_report_needs_a_sign_in(visitor, lab_services):

@@ -9,6 +9,7 @@ import re
 from typing import Any
 
 from fastapi import APIRouter, Depends, Request
+from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
@@ -19,7 +20,7 @@ from backend.api.core.media import answers_with, figure_file
 from backend.api.core.roles import Right
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.api.lab.whole_reports import MadeFrom, ReportFiles
-from backend.store.models import Study
+from backend.store.models import Participant, Study
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
@@ -32,6 +33,15 @@ def _study_of(s: DatabaseSession, study_id: str, who: str) -> Study:
     if who not in WHO:
         raise LabRefusal(404, "no_report")
     return the_study(s, study_id)
+
+
+def _only_pilots(s: DatabaseSession, study: Study, who: str) -> bool:
+    """Whether some of these joined, and all of them during a pilot phase, which no report counts."""
+    joined = select(Participant.pilot).where(
+        Participant.study_id == study.id, Participant.simulated.is_(who == "simulated")
+    )
+    phases = set(s.scalars(joined))
+    return phases == {True}
 
 
 def _there(request: Request, study: Study, who: str, s: DatabaseSession) -> ReportFiles | None:
@@ -52,6 +62,7 @@ def analysis(request: Request, study_id: str, who: str, database: Db, anew: bool
             "who": who,
             "ready": report.ready,
             "problem": report.problem,
+            "only_pilots": report.problem is not None and _only_pilots(s, study, who),
             "report": report,
             "newer": now.answers - report.made_from.answers,
             "old": now != report.made_from,
