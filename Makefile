@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: mutation run test setup setup-test lint lock secrets clean
+.PHONY: mutation run test soak setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -60,3 +60,7 @@ clean:
 mutation: setup
 	nice $(BIN)/python scripts/mutation.py --named
 	nice $(BIN)/python scripts/mutation.py --sample 150
+
+# Half an hour of 50 participants against a server of its own: memory, open files and threads stay flat.
+soak: setup
+	$(BIN)/desirepath benchmark soak --sessions 50 --minutes 30

@@ -46,6 +46,37 @@ def serve(
 
 @commands.command()
 @plain_errors
+def soak(
+    sessions: Annotated[int, typer.Option(min=1, help="Participants at once.")] = 50,
+    minutes: Annotated[float, typer.Option(min=0.1, help="How long; the last round ends whole.")] = 30.0,
+    answers: Annotated[int, typer.Option(min=1, help="Answers of each participant, then fresh ones come.")] = 15,
+    pace: Annotated[float, typer.Option(help="Seconds between two answers of one participant.")] = 20.0,
+    processes: Annotated[
+        int, typer.Option(min=1, help="Server processes; more than one on a PostgreSQL server of the benchmark's own.")
+    ] = 1,
+    postgresql: Annotated[bool, typer.Option("--postgresql", help="On PostgreSQL with one process, too.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Participants come and go for half an hour: do the server's memory, open files and threads stay as they are?"""
+    from backend.experiments.benchmarks.soaking import benchmark_soak
+
+    result = benchmark_soak(
+        sessions=sessions,
+        minutes=minutes,
+        answers=answers,
+        pace_s=pace,
+        processes=processes,
+        postgresql=postgresql,
+        tell=lambda words: typer.echo(words, err=True),
+    )
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
+@commands.command()
+@plain_errors
 def faults(
     kills: Annotated[int, typer.Option(min=1, help="How often something is killed.")] = 20,
     participants: Annotated[int, typer.Option(min=1, help="Who answer all the while.")] = 6,

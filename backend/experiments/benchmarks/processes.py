@@ -45,6 +45,22 @@ def family_s(pid: int) -> float:
     return sum(_of_living(processor_s, one) for one in family(pid))
 
 
+def open_files(pid: int) -> int:
+    """How many file descriptors a process has open; 0 when it has ended."""
+    try:
+        return sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir())
+    except OSError:
+        return 0
+
+
+def threads_of(pid: int) -> int:
+    """How many threads a process runs; 0 when it has ended."""
+    try:
+        return sum(1 for _ in Path(f"/proc/{pid}/task").iterdir())
+    except OSError:
+        return 0
+
+
 def _of_living(what: Callable[[int], float], pid: int) -> float:
     try:
         return what(pid)

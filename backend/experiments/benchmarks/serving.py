@@ -12,6 +12,7 @@ import ssl
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -95,29 +96,26 @@ def benchmark_serve(
     postgresql = postgresql or processes > 1
     with (
         tempfile.TemporaryDirectory(prefix="desirepath-benchmark-") as folder,
-        own_postgres() if postgresql else contextlib.nullcontext() as server_url,
+        installation(Path(folder), postgresql) as found,
     ):
-        # Named here, so that no setting of the surroundings leads to an installation that is in use.
-        settings = Settings(data=Path(folder), database_url=server_url, artefacts_url=None)
-        database, files = Database(settings.database), ArtefactStore(settings.artefacts)
-        database.migrate()
-        with database.transaction() as s:
-            register_shipped(s, files)
-            study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark serve", created_by=None)
+        settings, database, files, study = found.settings, found.database, found.files, found.study
         log = Path(folder) / "server.log"
         try:
             with loopback_server(
                 settings, worker=during_alignment, log=log, arguments=("--processes", str(processes))
             ) as (url, server):
-                await_processes(database, processes)
-                result = {"sessions": sessions, **_walk(database, url, server.pid, study, sessions, answers, pace)}
+                found.await_processes(processes)
+                result = {
+                    "sessions": sessions,
+                    **walk_everybody(database, url, server.pid, study, sessions, answers, pace),
+                }
                 if during_alignment:
                     with _alignments(database, files, study) as running:
-                        walked = _walk(database, url, server.pid, study, sessions, answers, pace, running)
-                    result["during_alignment"] = walked
+                        result["during_alignment"] = walk_everybody(
+                            database, url, server.pid, study, sessions, answers, pace, running
+                        )
         except ServeBenchmarkError as problem:
             raise ServeBenchmarkError(f"{problem}\nThe server's log ends with:\n{_end_of_errors(log)}") from None
-        database.close()
     return {
         **result,
         "processes": processes,
@@ -127,7 +125,38 @@ def benchmark_serve(
     }
 
 
-def _walk(
+@dataclass(frozen=True)
+class BenchmarkInstallation:
+    """An installation of a benchmark's own with one open study of the quick protocol."""
+
+    settings: Settings
+    database: Database
+    files: ArtefactStore
+    study: Study
+
+    def await_processes(self, processes: int) -> None:
+        """See `await_processes`."""
+        await_processes(self.database, processes)
+
+
+@contextlib.contextmanager
+def installation(folder: Path, postgresql: bool) -> Iterator[BenchmarkInstallation]:
+    """An installation in this folder, on a PostgreSQL server of its own where that is asked for. Raises NoPostgres."""
+    with own_postgres() if postgresql else contextlib.nullcontext() as server_url:
+        # Named here, so that no setting of the surroundings leads to an installation that is in use.
+        settings = Settings(data=folder, database_url=server_url, artefacts_url=None)
+        database, files = Database(settings.database), ArtefactStore(settings.artefacts)
+        database.migrate()
+        with database.transaction() as s:
+            register_shipped(s, files)
+            study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark", created_by=None)
+        try:
+            yield BenchmarkInstallation(settings, database, files, study)
+        finally:
+            database.close()
+
+
+def walk_everybody(
     database: Database,
     url: str,
     server_pid: int,
@@ -137,7 +166,7 @@ def _walk(
     pace_s: float,
     aligning: Callable[[], bool] | None = None,
 ) -> dict[str, Any]:
-    """One walk of everybody, checked against the database."""
+    """One walk of everybody, checked against the database. Returns what `benchmark_serve` says of it."""
     tally = Tally()
     memory_before = family_mb(server_pid)
     processor_before = family_s(server_pid)
