@@ -85,8 +85,8 @@ def benchmark_faults(
 
     Returns kills, answers_acknowledged, answers_lost (acknowledged, and not stored once with the same choice),
     half_trials (answered without an answer or the other way round), jobs, jobs_lost (that did not succeed in the end),
-    faults (by sort: times, next_answer_after_s and there_again_after_s with median and worst), sent_again, not_tried
-    and why, lost_because (what jobs that were lost say), seconds.
+    faults (by sort: times, next_answer_after_s and there_again_after_s with median and worst), sent_again,
+    watched_again (pairs that started over, seen though they were: a database that crashed forgot it), not_tried and why, lost_because (what jobs that were lost say), seconds.
     Raises ServeBenchmarkError where nobody gets on any more, ValueError for bad numbers, NoPostgres.
     """
     if kills < 1 or participants < 1:
@@ -148,6 +148,7 @@ def benchmark_faults(
         "jobs_lost": len(unfinished),
         "lost_because": unfinished,
         "sent_again": sum(one.sent_again for one in people),
+        "watched_again": sum(one.watched_again for one in people),
         "faults": {sort: outcome.as_dict() for sort, outcome in outcomes.items()},
         "not_tried": [] if mounted else ["disk: no small file system may be mounted here"],
         "seed": seed,

@@ -23,9 +23,14 @@ class Gone(RuntimeError):
     """The server did not answer for too long, or refused what it may not refuse."""
 
 
+class WatchAgain(RuntimeError):
+    """The database lost where in a trial somebody was: the trial starts over, as the page shows it then."""
+
+
 class Persistent:
     """Joins, answers pairs, joins again, until told to stop. acknowledged: request id -> (hash of the session's token,
-    step, choice), of answers to pairs; problem: why it could not go on."""
+    step, choice), of answers to pairs; watched_again: pairs that were seen and started over; problem: why it could not
+    go on."""
 
     def __init__(self, address: str, link: str, seed: int, stopping: threading.Event) -> None:
         self._client = httpx.Client(base_url=address, timeout=20.0)
@@ -33,7 +38,7 @@ class Persistent:
         self._random = np.random.default_rng([seed, 23])
         self.acknowledged: dict[str, tuple[str, str, str]] = {}
         self.acknowledged_at: list[float] = []  # by `time.monotonic`
-        self.sent_again = 0
+        self.sent_again = self.watched_again = 0
         self.problem = self.last = ""
 
     def walk(self) -> None:
@@ -57,7 +62,11 @@ class Persistent:
                 self._watch(api, step["key"])
                 choice = "ab"[int(self._random.integers(2))]
                 request_id = uuid4().hex
-                state = self._submit(api, step["key"], {"choice": choice}, request_id)
+                try:
+                    state = self._submit(api, step["key"], {"choice": choice}, request_id)
+                except WatchAgain:
+                    self.watched_again += 1
+                    continue
                 self.acknowledged[request_id] = (token_hash(token), step["key"], choice)
                 self.acknowledged_at.append(time.monotonic())
                 answered += 1
@@ -94,6 +103,8 @@ class Persistent:
                 if response.is_success or (may_refuse and response.status_code == 409):
                     answered: dict[str, Any] = response.json()
                     return answered
+                if response.status_code == 409 and response.json()["error"]["code"] == "too_early":
+                    raise WatchAgain(self.last)
                 if response.status_code not in (503, 507):
                     raise Gone(self.last)
                 wait_s = min(put_off_s(response) or AGAIN_AFTER_S, 1.0)
