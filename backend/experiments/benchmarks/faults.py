@@ -86,7 +86,8 @@ def benchmark_faults(
     Returns kills, answers_acknowledged, answers_lost (acknowledged, and not stored once with the same choice),
     half_trials (answered without an answer or the other way round), jobs, jobs_lost (that did not succeed in the end),
     faults (by sort: times, next_answer_after_s and there_again_after_s with median and worst), sent_again,
-    watched_again (pairs that started over, seen though they were: a database that crashed forgot it), not_tried and why, lost_because (what jobs that were lost say), seconds.
+    watched_again (pairs that started over, seen though they were: a database that crashed forgot it), not_tried and
+    why, lost_because (what jobs that were lost say), seconds.
     Raises ServeBenchmarkError where nobody gets on any more, ValueError for bad numbers, NoPostgres.
     """
     if kills < 1 or participants < 1:
