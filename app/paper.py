@@ -14,8 +14,9 @@ import numpy as np
 from app import furniture
 from app.orders import Drawn, PaperOrder, StrokeTrouble, Surroundings, Track
 from app.views import View
+from backend.demonstrations.stroke import drawn_limits
 from backend.simulation.scene import Scene
-from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
 
 TIGHT_M = 0.08  # ours: nearer than this nobody can tell from the picture whether it still fits
 Points = Sequence[tuple[float, float]]
@@ -72,7 +73,7 @@ class Paper:
 
     def as_message(self, scene: Scene, view: View) -> PaperOrder:
         """Plain data for the page."""
-        limits = get_setup(scene.setup).limits
+        limits = drawn_limits(scene.setup)
         return {
             **surroundings(scene, "person" if view == "top_down" else "you"),
             "id": self.id,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.demonstrations.stroke import Doubles, PathSpline, Stroke, StrokeProblem, fit_spline
+from backend.demonstrations.stroke import Doubles, PathSpline, Stroke, StrokeProblem, drawn_limits, fit_spline
 from backend.simulation import kernels as k
 from backend.simulation.fast import Floats, replay
 from backend.simulation.npz import from_npz, to_npz
@@ -101,7 +101,7 @@ class Demonstration:
                     arrays["spline_coefficients"],
                     arrays["speed_knots"],
                     arrays["speed_coefficients"],
-                    get_setup(scene.setup).limits,
+                    drawn_limits(scene.setup),
                 ),
                 commands=arrays["commands"],
                 trajectory=Trajectory.from_bytes(arrays["trajectory"].tobytes()),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,14 @@ FARTHEST_END_M = 0.8  # from the goal
 SHORTEST_M = 0.5
 FADE = 2.5  # a shifted beginning fades out over so many times its shift, and over 1 m at least
 MOST_POINTS = 20_000
+SLOWEST_M_S = 0.1  # ours: where a robot may stand still, a path is driven no slower than this, as in ch. 2
 CUBIC = 3
+
+
+def drawn_limits(setup: str) -> Limits:
+    """What a drawn path's speeds are cut to in that setup."""
+    limits = get_setup(setup).limits
+    return replace(limits, v_min=max(limits.v_min, SLOWEST_M_S))
 
 
 class StrokeProblem(ValueError):
@@ -204,7 +211,7 @@ def fit_spline(stroke: Stroke, scene: Scene) -> PathSpline:
         )
     except ValueError as problem:  # points that fold back onto one place
         raise StrokeProblem("unreadable", f"no smooth path leads through the stroke: {problem}", even[0]) from None
-    limits = get_setup(scene.setup).limits
+    limits = drawn_limits(scene.setup)
     wanted = np.clip(np.interp(places, lengths, speeds), limits.v_min, limits.v_max)
     even_weights = np.full(len(places), 1 / SPEED_JITTER_M_S)
     speed_knots, speed_coefficients, _ = interpolate.splrep(

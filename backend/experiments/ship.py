@@ -11,6 +11,7 @@ from pathlib import Path
 
 from backend.experiments.shipping.adaptable import ship_adaptable
 from backend.experiments.shipping.explained_room import ship_explained, ship_ranking_set
+from backend.experiments.shipping.path_weights import ship_path_weights
 from backend.experiments.shipping.policies import (
     ship_added,
     ship_base,
@@ -46,6 +47,7 @@ def main() -> None:
         "added",
         "adaptable",
         "words",
+        "path-weights",
     )
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS), nargs="?", help="of all but words")
@@ -78,6 +80,8 @@ def main() -> None:
         ship_manner_queries(*given, count=arguments.count)
     elif arguments.what == "step-basis":
         ship_step_basis(*given)
+    elif arguments.what == "path-weights":
+        ship_path_weights(*given)
     elif arguments.what == "policy-library":
         ship_policy_library(*given[:3], arguments.work, show)
     elif arguments.what == "varied-queries":

@@ -56,6 +56,8 @@ DEPARTURES = {
     "free_form": "The answers are about something that is not among the nine objectives: weights of a step basis are "
     "learned from them, and of a library the policy that is expected to gain most by two posteriors is taken; behind "
     "it, that one is trained on by the reward per step, less what it has reached, so that waiting pays nobody.",
+    "path_weights": "Not in the thesis: what a conditioned policy measures at weights drawn from the prior, to read "
+    "weights from drawn paths.",
     "step_basis": "Not in the thesis: numbers of a step of which weighted sums come near random rewards of observation "
     "and action; nobody's answers have a part in it.",
     "policy_library": "Not in the thesis: policies that were trained on from the base policy by orthogonal weights of "

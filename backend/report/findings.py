@@ -28,6 +28,7 @@ from backend.report.explanation_findings import Explained, explained
 from backend.report.further_findings import Further, further
 from backend.report.item_tests import ItemResult, item_results
 from backend.report.meeting_findings import Met, met
+from backend.report.method_findings import Methods, methods_of
 from backend.report.own_findings import Guessed, Personalised, guessed, personalised
 from backend.report.rating_findings import (
     Described,
@@ -88,6 +89,7 @@ class Findings:
     own_policies: Mapping[str, int]
     guessed: Guessed | None
     met: Met | None
+    ways: Methods | None
     further: Further | None
     explained: Explained | None
     devices: Mapping[tuple[str, str], int]
@@ -97,6 +99,7 @@ class Findings:
         """Every tested result, in the report's order."""
         families = [[*one.tests, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
         own = [one.test for one in self.personalised] + ([self.guessed.test] if self.guessed else [])
+        own += self.ways.tests if self.ways else []
         return [
             *(test for family in families for test in family), *(self.explained.tests if self.explained else ()), *own
         ]  # fmt: skip
@@ -134,7 +137,8 @@ def analyse(
     own = data.of({one.code for one in kept})
     conditions = own.conditions
     regular = [one for one in own.choices if one.role == "regular"]
-    queried = conditions if regular else ()  # otherwise they were rated only
+    asked = {one.condition for one in regular} | {one.condition for one in own.importance}
+    queried = tuple(one for one in conditions if one in asked) if regular else ()  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
     every_rated = measures(own, used, scales)
     ranked = explained(own.importance, every_rated, used, intervals=intervals)
@@ -164,6 +168,7 @@ def analyse(
         own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
         guessed=guessed(own.guesses),
         met=met(own.meetings),
+        ways=methods_of(own.method_choices, own.taught, used),
         further=further(own, rated, designs, used, list(combinations(queried, 2)))
         if (intervals if beside is None else beside)
         else None,

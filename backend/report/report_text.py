@@ -23,6 +23,7 @@ from backend.report.explanation_text import (
 from backend.report.findings import Findings
 from backend.report.further_text import further_sections
 from backend.report.meeting_text import meeting_section
+from backend.report.method_text import methods_section, methods_sentence
 from backend.report.rating_text import items_section, rankings_section, scales_section
 from backend.report.report_cells import (
     NONE,
@@ -56,6 +57,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         agreement_section(found),
         disagreement_section(found),
         personalised_section(found),
+        methods_section(found),
         meeting_section(found),
         *further_sections(found),
         _devices(found),
@@ -79,7 +81,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
 
 def brief(found: Findings) -> list[str]:
     """The result in a few sentences."""
-    sentences = [_who(found), *explanation_brief(found)]
+    sentences = [_who(found), *explanation_brief(found), *methods_sentence(found)]
     if found.items:
         differ = [named(one.item.key) for one in found.items if one.significant(found.plan.alpha)]
         tests = " and ".join(dict.fromkeys(test.test for one in found.items for test in one.tests))

@@ -107,6 +107,27 @@ class Meeting:
 
 
 @dataclass(frozen=True)
+class MethodChoice:
+    """One blind comparison of the robots of two methods. chosen, rejected: the methods."""
+
+    person: str
+    chosen: str
+    rejected: str
+    look_alike: bool
+
+
+@dataclass(frozen=True)
+class Taught:
+    """What a method taught of one person. weights: objective -> weight above 0 that its robot was conditioned on.
+    seconds: from the answer before the method's first thing to do to that of its last; None: not known."""
+
+    person: str
+    method: str
+    weights: Mapping[str, float]
+    seconds: float | None
+
+
+@dataclass(frozen=True)
 class ImportanceRanking:
     """One trial of chapter 8. ranking: the scene's objects, the most important first. scores: object -> how much it
     moved the robot where it stood, 0 to 1. outline, lidar: what of that was shown. role: `regular` counts."""
@@ -161,6 +182,8 @@ class StudyData:
     guesses: Sequence[Guess] = ()
     meetings: Sequence[Meeting] = ()
     importance: Sequence[ImportanceRanking] = ()
+    method_choices: Sequence[MethodChoice] = ()
+    taught: Sequence[Taught] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
@@ -172,12 +195,17 @@ class StudyData:
             guesses=[one for one in self.guesses if one.person in codes],
             meetings=[one for one in self.meetings if one.person in codes],
             importance=[one for one in self.importance if one.person in codes],
+            method_choices=[one for one in self.method_choices if one.person in codes],
+            taught=[one for one in self.taught if one.person in codes],
         )
 
     @property
     def conditions(self) -> tuple[str, ...]:
         """What is compared, by the alphabet, so that no table depends on who came first: the conditions of regular
-        queries, or of importance rankings; without either those that were rated, as an evaluation's controllers."""
+        queries, or of importance rankings; without either those that were rated, as an evaluation's controllers. Ways
+        of telling the robot are conditions, of which choosing is one."""
+        if self.taught:
+            return tuple(sorted({one.method for one in self.taught}))
         queried = {one.condition for one in self.choices if one.role == "regular"}
         queried |= {one.condition for one in self.importance if one.role == "regular"}
         return tuple(sorted(queried or {one.condition for one in self.ratings if one.condition is not None}))

@@ -125,3 +125,5 @@ def _crossed(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, An
             if entry.get(kind):
                 numbers[kind] += 1
                 yield f"{kind}_{numbers[kind]}" if numbers[kind] > 1 else kind, entry[kind]
+        if entry.get("methods"):  # ways of telling the robot, each of which everybody meets
+            yield "methods", {"each": {"method": entry["methods"]["methods"]}}

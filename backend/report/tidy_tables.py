@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,11 @@ from backend.report.study_data import (
     ItemText,
     Load,
     Meeting,
+    MethodChoice,
     ParticipantRow,
     Rating,
     StudyData,
+    Taught,
 )
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.dataset.reading import read_dataset
@@ -37,6 +40,8 @@ from backend.store.who_counts import FURTHER
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
 QUESTIONNAIRES = "questionnaires/"
+METHOD_COMPARISON = "method_comparison"
+TAUGHT_BY = ("trial", "demonstration", "words", "tuning")  # kinds of step in which a method is done
 
 
 def read_folder(folder: Path) -> tuple[StudyData, Load]:
@@ -122,7 +127,41 @@ def tidy(
             if row["kind"] == "meet_your_robot" and "verdict" in row["value"]
         ],
         importance=list(_importance(tables)),
+        method_choices=[
+            MethodChoice(
+                row["participant"],
+                *chosen_and_rejected(answers[row["trial"]]["choice"], row["arms"]["a"], row["arms"]["b"]),
+                look_alike=bool(row["arms"].get("look_alike")),
+            )
+            for row in trials
+            if row["kind"] == METHOD_COMPARISON
+        ],
+        taught=list(_taught(tables["responses"], plans)),
     )
+
+
+def _taught(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[Taught]:
+    """What each method taught, by the answers to the comparisons of its robot."""
+    known: dict[str, dict[str, Mapping[str, float]]] = {}
+    for row in responses:
+        if row["kind"] == METHOD_COMPARISON:
+            for side in SIDES:
+                value = row["value"]
+                known.setdefault(row["session"], {})[value["methods"][side]] = value["weights"][side]
+    for session, of in known.items():
+        mine = sorted((row for row in responses if row["session"] == session), key=lambda row: row["created_at"])
+        blocks = {step["key"]: step.get("block") for step in plans[session] if step["kind"] in TAUGHT_BY}
+        for method, weights in sorted(of.items()):
+            places = [k for k, row in enumerate(mine) if blocks.get(row["step"]) == method]
+            began, ended = (mine[places[0] - 1], mine[places[-1]]) if places and places[0] else (None, None)
+            took = None
+            if began is not None and ended is not None:
+                took = (_time(ended["created_at"]) - _time(began["created_at"])).total_seconds()
+            yield Taught(mine[0]["participant"], method, weights, took)
+
+
+def _time(said: datetime | str) -> datetime:
+    return datetime.fromisoformat(said) if isinstance(said, str) else said
 
 
 def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:

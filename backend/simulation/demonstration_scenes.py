@@ -1,4 +1,5 @@
-"""The scenes of chapter 2: two environments with four position-orientation pairs each.
+"""The scenes that paths are drawn in: chapter 2's two environments with four position-orientation pairs each, and four
+scenes of the study room, where drawing is one of several ways to say what one prefers (ours).
 
 Everything that is drawn from a seed lives in `scenes.py`; here stand the places that every participant sees.
 """
@@ -31,14 +32,24 @@ _PAIRS: dict[str, tuple[tuple[Pose, Pose, Pose], ...]] = {
     ),
 }
 PAIRS = 4
+_DRAWN_IN = {"study_room": (3_500_000_034, 3_500_000_019, 3_500_000_003, 3_500_000_011)}
+"""Setup -> seeds of its scenes: of those that figures show, the ones in which weights are changed by hand, too."""
+DRAWN_IN = (*DEMONSTRATION_SETUPS, *_DRAWN_IN)
 
 
 def demonstration_scene(setup: str, pair: int) -> Scene:
-    """The scene of that environment (`corridor`, `room`) and pair 0..3. Raises SceneError for any other."""
-    if setup not in DEMONSTRATION_SETUPS:
-        raise SceneError("setup", setup, f"has no demonstration pairs; known: {', '.join(DEMONSTRATION_SETUPS)}")
+    """The scene of that environment (`corridor`, `room`, `study_room`) and pair 0..3. Raises SceneError for any other.
+
+    In the study room the robot begins by looking where the goal is, so that a drawn path and a policy begin alike.
+    """
+    if setup not in DRAWN_IN:
+        raise SceneError("setup", setup, f"has no demonstration pairs; known: {', '.join(DRAWN_IN)}")
     if not 0 <= pair < PAIRS:
         raise SceneError("pair", pair, f"must lie in 0..{PAIRS - 1}")
+    if setup in _DRAWN_IN:
+        drawn = draw_scene(setup, _DRAWN_IN[setup][pair])
+        ahead = math.atan2(drawn.goal.y - drawn.start.y, drawn.goal.x - drawn.start.x)
+        return replace(drawn, start=replace(drawn.start, yaw=ahead))
     start, goal, person = _PAIRS[setup][pair]
     towards = math.atan2(goal.y - start.y, goal.x - start.x)
     scene = replace(

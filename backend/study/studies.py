@@ -12,6 +12,7 @@ from backend.store.events import log_event
 from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
 from backend.study.kinds.demonstration import DemonstrationsStage
+from backend.study.kinds.method_comparison import TaughtByMethods
 from backend.study.plan.asked_queries import Needs
 from backend.study.protocol.freezing import FrozenProtocol
 from backend.study.protocol.planning import PlanError, make_plan
@@ -70,7 +71,9 @@ def materials_of(
     """
     wanted = frozen.protocol.query_set
     if wanted is None and query_set is None:
-        return {"query_set": None, "setup": frozen.stage(DemonstrationsStage).environment}
+        taught = frozen.protocol.stage_of(TaughtByMethods)
+        setup = taught.setup if taught is not None else frozen.stage(DemonstrationsStage).environment
+        return {"query_set": None, "setup": setup}
     try:
         artefact = query_set or import_query_set(s, files, wanted or "")
         _require_kind(artefact, frozen.protocol.needs)

@@ -105,6 +105,7 @@ STEPS: dict[str, dict[str, Any]] = {
     "instruction": {"title": "How it works", "text": "Imagine that you are the person."},
     "trial": {"role": "practice", "view": "top_down", "number": 1, "of": 15},
     "comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 3},
+    "method_comparison": {"role": "regular", "view": "top_down", "number": 1, "of": 12},
     "rating": {
         "view": "top_down",
         "number": 1,

@@ -72,6 +72,9 @@ def walk_with_browser(
         return walk_all(chain(seeing, others), character)
 
 
+CHOSEN = ("trial", "comparison", "method_comparison")  # kinds of step at which A or B is chosen
+
+
 def _within(spot: FloatRect, window: FloatRect) -> bool:
     """Whether the middle of a box lies in the window."""
     x, y = spot["x"] + spot["width"] / 2, spot["y"] + spot["height"] / 2
@@ -176,8 +179,8 @@ class BrowserSessionClient:
     def submit(self, key: str, value: Mapping[str, Any]) -> State:
         body = self._step(key)
         kind = str(body.get_attribute("data-kind"))
-        self._picture(f"choosing_{self._view()}" if kind in ("trial", "comparison") else kind + self._part(key))
-        if kind in ("trial", "comparison"):
+        self._picture(f"choosing_{self._view()}" if kind in CHOSEN else kind + self._part(key))
+        if kind in CHOSEN:
             self._page.locator(f"[data-choice={value['choice']}][aria-disabled=false]").click()
         elif kind == "demonstration":
             self._page.locator("[data-skip]" if value.get("skipped") else "[data-keep]").click()

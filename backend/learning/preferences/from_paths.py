@@ -6,12 +6,19 @@ answers is `posterior.py`'s; no policy is known here, only what its rollouts mea
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.preferences.measures import typical_differences
+from backend.learning.preferences.measures import measures, typical_differences
+from backend.learning.preferences.objectives import NAMES
+from backend.learning.preferences.posterior import weights_of_shares
+from backend.learning.shipped_files import resolve
+from backend.simulation.npz import from_npz, to_npz
+from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
 NOISE = 0.5
@@ -19,6 +26,9 @@ NOISE = 0.5
 NOISE_OF_INTERVALS = 2.5
 """The same for intervals: what somebody has in mind is no rollout of the policy, and errs alike in every path. Chosen
 among four on seeds 10 and 11 of `desirepath benchmark telling`, by coverage. Ours."""
+
+
+FORMAT = "desirepath-path-weights-1"
 
 
 @dataclass(frozen=True)
@@ -56,3 +66,35 @@ def credible(shares: Doubles, mass: Doubles, level: float = 0.9) -> tuple[Double
         ends[0, k] = shares[order[min(int(np.searchsorted(filled, lower)), len(order) - 1)], k]
         ends[1, k] = shares[order[min(int(np.searchsorted(filled, upper)), len(order) - 1)], k]
     return ends[0], ends[1]
+
+
+def as_bytes(found: WeightsOfPaths) -> bytes:
+    """The candidates as a file; the same ones always as the same bytes."""
+    arrays = {name: getattr(found, name).astype(np.float32) for name in ("shares", "measured", "mass")}
+    return to_npz({"format": FORMAT, "setup": found.setup}, arrays)
+
+
+def read_weights_of_paths(data: bytes) -> WeightsOfPaths:
+    """Read `as_bytes` back. Raises ValueError for anything else."""
+    header, arrays = from_npz(data)
+    if header.get("format") != FORMAT:
+        raise ValueError(f"format {header.get('format')!r}, what is read here is {FORMAT!r}")
+    parts = {name: arrays[name].astype(np.float64) for name in ("shares", "measured", "mass")}
+    return WeightsOfPaths(str(header["setup"]), **parts)
+
+
+@lru_cache(maxsize=2)
+def shipped_weights_of_paths(setup: str) -> WeightsOfPaths:
+    """The candidates that come with a setup, in the scenes that its paths are drawn in. Raises LearningError: none."""
+    return read_weights_of_paths(resolve(f"{setup}/path_weights").read_bytes())
+
+
+def weights_of_drawn(setup: str, drawn: Sequence[tuple[int, Trajectory]]) -> dict[str, float]:
+    """objective -> weight above 0 of paths (scene, rollout of the path) drawn in the setup's scenes; {} for none."""
+    if not drawn:
+        return {}
+    candidates = shipped_weights_of_paths(setup)
+    scenes = np.array([scene for scene, _ in drawn])
+    mass = candidates.given(scenes, measures([rollout for _, rollout in drawn]))
+    weights = weights_of_shares(mass @ candidates.shares)
+    return {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight > 0}

@@ -139,8 +139,8 @@ TRIALS = Table(
         Column(
             "kind",
             TEXT,
-            "query (two trajectories), comparison (base and own policy), or one alone: rating, evaluation, "
-            "importance_ranking",
+            "query (two trajectories), comparison (base and own policy), method_comparison (the robots that two "
+            "methods resulted in), or one alone: rating, evaluation, importance_ranking",
         ),
         Column(
             "role",
@@ -164,7 +164,8 @@ TRIALS = Table(
             TEXT,
             "comparison only: which policy (artefact id) rolled out a and b, which is their own, and which another "
             "participant's (other; lent: the same for equal policies; stand_in: a simulated person's) or the "
-            "conditioned policy without preferences (neutral), where that was compared; else the other is the base one",
+            "conditioned policy without preferences (neutral), where that was compared; else the other is the base "
+            "one. method_comparison: by which method the robots a and b were taught (choices, drawing, words, sliders)",
             True,
         ),
         Column(

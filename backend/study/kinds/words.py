@@ -19,6 +19,7 @@ from backend.study.kinds.base import Moment, Pace, Page, Planning, Simulated, St
 from backend.study.kinds.live import (
     CONTROLS,
     OBJECTIVES,
+    SAME,
     LiveAnswer,
     LiveKind,
     LiveStage,
@@ -72,9 +73,11 @@ class WordsStage(LiveStage, Stage):
     measures = True
 
     question: Localized | None = None
+    correct: bool = Field(True, description="false: the sentence alone, without sliders to correct it")
 
     def plan(self, at: Planning) -> list[WordsStep]:  # type: ignore[override]  # a list of steps
         said = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
+        said |= {} if self.correct else {"correct": False}
         return [WordsStep.model_validate({"kind": "words", "key": at.key, "stage": at.key, **said})]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
@@ -90,7 +93,10 @@ class WordsStage(LiveStage, Stage):
 
 
 class WordsStep(LiveStep):
+    """correct: by sliders, after what was understood."""
+
     kind: Literal["words"]
+    correct: bool = True
 
 
 class Meant(BaseModel):
@@ -111,6 +117,7 @@ class WordsAnswer(LiveAnswer):
 
 class AboutWords(Besides):
     language: str | None = Field(None, description="in which the sentence is read")
+    correct: bool | None = Field(None, description="whether it is corrected by sliders")
 
 
 class Words(LiveKind[WordsStep, WordsAnswer]):
@@ -136,7 +143,8 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         stage = next((one for key, one in page.frozen.protocol.keyed_stages if key == step.stage), None)
         question = stage.question if isinstance(stage, WordsStage) else None
         asked = local(question, page.language) if question else None
-        return super().payload(step, page) | {"question": asked, "longest": LONGEST}
+        own = {"question": asked, "longest": LONGEST, "correct": step.correct}
+        return super().payload(step, page) | own
 
     def check(self, step: WordsStep, answer: WordsAnswer, page: Page) -> dict[str, Any]:
         language = language_of(page.language)
@@ -151,6 +159,10 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         stored = super().check(step, answer, page)
         checked_history({}, stored)
         start = with_meant(got, answer.meant)
+        if not step.correct and distance(start, stored["weights"]) > SAME:
+            raise BadValue(
+                "value.weights", stored["weights"], "cannot be corrected here; must be what the words stand for"
+            )
         corrected = any(change.by != "words" for change in answer.history)
         return stored | {
             "sentence": answer.sentence,
@@ -163,7 +175,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         }
 
     def known_to_simulated(self, step: WordsStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
-        return {"language": moment.session.language}
+        return {"language": moment.session.language, "correct": step.correct}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """Says what it prefers, the foremost first, and corrects by hand what the words were read as."""
@@ -173,6 +185,8 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         sentence = ", ".join(parts) or NO_WISH[language]
         got = understood(sentence, language)
         spoken = [change | {"by": "words", "seconds": 0.0} for change in slid({}, got.weights)]
+        if step.get("correct") is False:
+            return {"sentence": sentence, "meant": [], "weights": got.weights, "history": spoken}
         return {
             "sentence": sentence,
             "meant": [],

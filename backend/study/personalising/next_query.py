@@ -262,6 +262,8 @@ def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:
     for entry in row.protocol["stages"]:
         for one in (entry.get("block") or {}).get("trials", []):
             yield one["queries"].get("choose", "random")
+        if "choices" in (entry.get("methods") or {}).get("methods", ()):
+            yield "information"  # whatever chooses them: what they taught is asked for while somebody waits
         further = (entry.get("train") or {}).get("ask_on")
         if further:
             yield further["choose"]

@@ -9,10 +9,11 @@ from backend.study.grammar.one_of import OneOf, with_keys
 from backend.study.grammar.skipping import When
 from backend.study.kinds import Stage, stage_kinds
 from backend.study.protocol.block import BlockStage
+from backend.study.protocol.methods import MethodsStage
 
 T = TypeVar("T", bound=Stage)
 
-_ALL: dict[str, type[Stage]] = {**stage_kinds(), "block": BlockStage}
+_ALL: dict[str, type[Stage]] = {**stage_kinds(), "block": BlockStage, "methods": MethodsStage}
 STAGES: Mapping[str, type[Stage]] = dict(sorted(_ALL.items()))
 """Key in `stages` -> what may stand under it."""
 

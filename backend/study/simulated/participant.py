@@ -24,9 +24,11 @@ from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
 from backend.store.sides import Side
 from backend.study.kinds import KINDS
+from backend.study.kinds.live import SETUPS
 
 POLL_S = 0.5  # how often a waiting bot looks
 DRAWING_TRIES = 20  # of one path, which is drawn another way every time
+COMPARED = ("comparison", "method_comparison")  # kinds of step that compare robots, blind
 PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
 
 State = Mapping[str, Any]
@@ -158,7 +160,7 @@ class SimulatedParticipant:
                 state = self._client.state()
                 continue
             value = KINDS[step["kind"]].simulate(step, self)
-            self._comparisons += step["kind"] == "comparison"
+            self._comparisons += step["kind"] in COMPARED
             state = self._client.submit(step["key"], value)
             self._responses += not state["duplicate"]
             stood_since = time.monotonic()
@@ -177,7 +179,7 @@ class SimulatedParticipant:
         condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
         preference = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
         choice = self._oracles[preference].choose(Query(a.scene, a, b, (0, 1)))
-        if self.person is not None and step["kind"] != "comparison":
+        if self.person is not None and step["kind"] not in COMPARED:
             if self.person.takes_second(condition, query, role):
                 choice = 1
             else:
@@ -206,18 +208,24 @@ class SimulatedParticipant:
         return {one: round(float(weight), 2) for one, weight in shares if weight > 0}
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
-        """A path in its style, drawn again where it touches something, then kept.
+        """A path in its style, drawn again where it touches something, then kept; of who has preference weights, where
+        a policy takes weights, the way that it likes best.
 
         Where a walk has to be chosen, any of them; where the participant walks, a walk to any free place.
         """
         from backend.demonstrations.demonstrators import STYLES, draw_stroke  # numba comes with it
+        from backend.study.simulated.imagined import imagined_stroke
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
         scenes = [Scene.from_dict(one) for one in step["scenes"]]
+        weights = self.preferred_weights(step) if scenes[0].setup in SETUPS else {}
         problem: Any = None
-        for _ in range(DRAWING_TRIES):
+        for tried in range(DRAWING_TRIES):
             choice = int(self.random.integers(len(scenes))) if len(scenes) > 1 else 0
-            stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
+            if weights:
+                stroke = imagined_stroke(scenes[choice], weights, self.random, tried)
+            else:
+                stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
             state = self._client.draw(step["key"], stroke.as_dict() | {"pointer": "bot", "walk": choice})
             if state["step"]["trial"]["walking"]:
                 state = self._walked(step["key"], scenes[choice], state["step"]["trial"])

@@ -99,7 +99,7 @@ export class Trial extends StageBar {
     pick.dataset.chosen = "";
     this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
     this.rest(true);
-    /** @type {import("./types.js").AnswerTo<"trial" | "comparison">} */
+    /** @type {import("./types.js").AnswerTo<"trial" | "comparison" | "method_comparison">} */
     const value = { choice };
     await this.decide(value);
     if (!this.over) delete pick.dataset.chosen;
