@@ -138,8 +138,11 @@ def planter(length: float, width: float, height: float) -> Shape:
 
 def couch(length: float, width: float, height: float) -> Shape:
     """A couch on short legs, its back along one long side, an arm at either end; long side along x."""
-    if width > length:
-        return couch(width, length, height).moved(yaw=math.pi / 2)
+    return sofa(width, length, height).moved(yaw=math.pi / 2) if width > length else sofa(length, width, height)
+
+
+def sofa(length: float, width: float, height: float) -> Shape:
+    """As a couch, its back always along +y, so that it and an armchair may stand against any wall of a home."""
     leg, seat = 0.08, 0.5 * height
     arm, back = min(0.16, 0.12 * length), min(0.22, 0.3 * width)
     parts = [
@@ -200,6 +203,52 @@ def cupboard(length: float, width: float, height: float) -> Shape:
     return merged(parts)
 
 
+def chair(length: float, width: float, height: float) -> Shape:
+    """A chair with its back along +y."""
+    seat, leg = 0.5 * height, 0.04
+    parts = [
+        box((length, width, 0.04), (0, 0, seat - 0.02), _OAK_WARM),
+        box((length, 0.04, 0.4 * (height - seat)), (0, width / 2 - 0.02, height - 0.2 * (height - seat)), _OAK_WARM),
+    ]
+    for along in (-1, 1):
+        x = along * (length - leg) / 2
+        parts.append(box((leg, 0.04, height - seat), (x, width / 2 - 0.02, (height + seat) / 2), _OAK_DARK))
+        for across in (-1, 1):
+            parts.append(box((leg, leg, seat - 0.04), (x, across * (width - leg) / 2, (seat - 0.04) / 2), _OAK_DARK))
+    return merged(parts)
+
+
+def bed(length: float, width: float, height: float) -> Shape:
+    """A bed whose head stands along +y; `height` is the headboard's."""
+    frame = box((length, width - 0.06, 0.14), (0, -0.03, 0.21), _OAK)
+    parts = [
+        frame,
+        box((length - 0.06, width - 0.14, 0.18), (0, -0.04, 0.37), _LINEN),
+        box((length - 0.04, 0.62 * width, 0.03), (0, -0.19 * width + 0.02, 0.465), _CLOTH_LIGHT),
+        box((length, 0.06, height), (0, width / 2 - 0.03, height / 2), _OAK_WARM),
+    ]
+    for along in (-1, 1):
+        pillow = (along * length / 4, width / 2 - 0.32, 0.462)
+        parts.append(box((0.42 * length, 0.36, 0.03), pillow, _PLASTER))
+        for across in (-1, 1):
+            foot = (along * (length / 2 - 0.06), across * (width / 2 - 0.1), 0.07)
+            parts.append(box((0.08, 0.08, 0.14), foot, _OAK_DARK))
+    return merged(parts)
+
+
+def lamp(length: float, width: float, height: float) -> Shape:
+    """A standing lamp: a flat foot, a thin pole, a shade."""
+    radius, shade = min(length, width) / 2, height - 0.28
+    foot = [(0.85 * radius, 0.0), (0.85 * radius, 0.03), (0.018, 0.031), (0.018, shade)]
+    return merged(
+        [
+            turned(foot, _BRASS, segments=20),
+            turned([(radius, shade), (0.8 * radius, height)], _LINEN, segments=24),
+            turned([(0.8 * radius, height), (0.0, height)], _LINEN, segments=24),
+        ]
+    )
+
+
 _MAKERS = {
     "column": column,
     "planter": planter,
@@ -208,14 +257,34 @@ _MAKERS = {
     "couch": couch,
     "table": table,
     "cupboard": cupboard,
+    "sofa": sofa,
+    "chair": chair,
+    "bed": bed,
+    "lamp": lamp,
 }
 
 
-def piece(obstacle: Obstacle, index: int) -> Shape:
-    """The obstacle's furniture in the world frame. Cubes alternate between crates and planters by `index`."""
+def _inner_wall(length: float, width: float, height: float) -> Shape:
+    """A wall between two rooms, with the cap that outer walls have."""
+    return merged(
+        [
+            box((length, width, height - 0.02), (0, 0, (height - 0.02) / 2), _PLASTER),
+            box((length, width, 0.02), (0, 0, height - 0.01), _WALL_CAP),
+        ]
+    )
+
+
+def piece(obstacle: Obstacle, index: int, *, cut: bool = False) -> Shape:
+    """The obstacle's furniture in the world frame. Cubes alternate between crates and planters by `index`.
+
+    cut: walls between rooms are as low as outer walls seen from above.
+    """
     size = (obstacle.length, obstacle.width, obstacle.height)
     called = name(obstacle, index)
-    made = box(size, (0, 0, obstacle.height / 2), _PLASTER) if called == "wall" else _MAKERS[called](*size)
+    if called == "wall":
+        made = _inner_wall(*size[:2], min(CUT_WALL_HEIGHT_M, obstacle.height) if cut else obstacle.height)
+    else:
+        made = _MAKERS[called](*size)
     x, y, yaw = obstacle.pose.x, obstacle.pose.y, obstacle.pose.yaw
     if called == "couch" and y * math.cos(yaw) < x * math.sin(yaw):
         yaw += math.pi  # its back is away from the middle of the room

@@ -135,7 +135,7 @@ def _about_z(yaw: float) -> tuple[float, float, float, float]:
 @lru_cache(maxsize=KEPT_PLACES)
 def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> bytes:
     """Floor, furniture and walls; `cut` low for the view from above. Kept, as participants share their queries."""
-    shapes = [furniture.piece(obstacle, index) for index, obstacle in enumerate(scene.obstacles)]
+    shapes = [furniture.piece(obstacle, index, cut=cut) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
     standing = [Surface(merged(shapes))] if shapes else []

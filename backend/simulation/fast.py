@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from backend.simulation import kernels as k
 from backend.simulation.acting import ActFunction, ActionError, EpisodicPolicy, begin
 from backend.simulation.scene import Pose, Scene
-from backend.simulation.scenes import ScenePool, check_scene, row_columns, row_to_scene, scene_to_row, scenes_to_rows
+from backend.simulation.scenes import ScenePool, check_scene, columns_of, row_to_scene, scene_to_row, scenes_to_rows
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
 from backend.simulation.social_metrics import SocialMetrics, social_metrics
 from backend.simulation.trajectory import Outcome, Trajectory
@@ -76,6 +76,15 @@ class StartPool(Protocol):
 
     def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
         """The next scenes: rows (count, columns) and their seeds (count,)."""
+        ...
+
+
+@runtime_checkable
+class WalkingStartPool(StartPool, Protocol):
+    """A pool of episodes in which people walk."""
+
+    def take_walking(self, count: int) -> tuple[k.Rows, NDArray[np.int64], NDArray[np.float64]]:
+        """As `take`, and where each person is after every step: (count, max_steps + 1, 3), NaN for who stands."""
         ...
 
 
@@ -142,7 +151,7 @@ class FastEngine:
         self.human_distance, self.obstacle_clearance, self.steps = r[4:7]
         self.min_human_distance, self.min_clearance, self.path_length, self.accumulated_angle = r[7:11]
         self.self_intersections = r[11]
-        self._state = self._fresh_state(row_columns())
+        self._state = self._fresh_state(columns_of(setup))
         self.poses = self._state.poses
         self.reset()
 
@@ -235,10 +244,17 @@ class FastEngine:
         self._pool = ScenePool(self.setup, seed)
 
     def _start_from_pool(self, which: NDArray[np.int64]) -> None:
-        rows, self._seeds[which] = self._pool.take(len(which))
         for i in which:
             self._given[i] = None
-        self._walking[which] = False
+        if isinstance(self._pool, WalkingStartPool):
+            rows, self._seeds[which], walks = self._pool.take_walking(len(which))
+            self._walking[which] = ~np.isnan(walks[:, 0, 0])
+            if self._walks.shape[1] != self.setup.max_steps + 1:
+                self._walks = np.zeros((self.n_envs, self.setup.max_steps + 1, 3))
+            self._walks[which] = walks
+        else:
+            rows, self._seeds[which] = self._pool.take(len(which))
+            self._walking[which] = False
         self._start(which, rows)
 
     def _start(self, which: NDArray[np.int64], rows: k.Rows) -> None:
@@ -267,6 +283,11 @@ class FastEngine:
         self.observations[:] = self.next_observations
         if self.auto_reset and self.dones.any():
             self._start_from_pool(np.flatnonzero(self.dones))
+
+    @property
+    def seeds(self) -> NDArray[np.int64]:
+        """(n,) what the pool called the scenes that the robots are in now."""
+        return self._seeds
 
     @property
     def rows(self) -> k.Rows:

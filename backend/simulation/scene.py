@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from backend.simulation.walks import Walk, WalkError
 
-OBSTACLE_KINDS = ("cube", "box", "pillar", "wall", "couch", "table", "cupboard")
+OBSTACLE_KINDS = ("cube", "box", "pillar", "wall", "couch", "table", "cupboard", "sofa", "chair", "bed", "lamp")
 
 
 class SceneError(ValueError):

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.simulation import home_interiors
 from backend.simulation import kernels as k
 from backend.simulation.scene import OBSTACLE_KINDS, Obstacle, Person, Pose, Room, Scene, SceneError
 from backend.simulation.setups import ROBOT_RADIUS_M, SETUPS, Setup
@@ -37,6 +38,7 @@ _RECIPES: dict[str, tuple[int, Draw, tuple[str, ...]]] = {
     "room": (22, k.draw_room, ("couch", "table", "cupboard")),
     "adaptable": (5, k.draw_adaptable, ("box",) * 3),
     "explained_room": (8, k.draw_explained_room, ("couch", "table", "cupboard", "box", "pillar")),
+    "home": (3, home_interiors.draw_home, home_interiors.KINDS),
 }
 
 
@@ -57,11 +59,16 @@ def row_columns(boxes: int = 8) -> int:
     return k.FIRST_BOX + k.BOX_COLUMNS * boxes
 
 
+def columns_of(setup: str | Setup) -> int:
+    """Width of the rows that are drawn for the setup."""
+    return row_columns(max(8, len(_RECIPES[_setup(setup).name][2])))
+
+
 def draw_rows(setup: str | Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
     """Draw one scene row per seed: (seeds, columns) float64. The same numbers as `draw_scene`, without the objects."""
     setup = _setup(setup)
-    tag, draw, kinds = _RECIPES[setup.name]
-    rows = np.zeros((len(seeds), row_columns(max(8, len(kinds)))))
+    tag, draw, _ = _RECIPES[setup.name]
+    rows = np.zeros((len(seeds), columns_of(setup)))
     rows[:, k.GOAL_RADIUS], rows[:, k.PERSON_RADIUS] = setup.goal_radius_m, Person(Pose(0.0, 0.0)).radius
     for row, seed in zip(rows, seeds, strict=True):
         _check_seed(int(seed))
@@ -163,7 +170,7 @@ class ScenePool:
         _check_seed(seed)
         self._generator = np.random.Generator(np.random.PCG64([seed, _RECIPES[self.setup.name][0], 0x9001]))
         self._seeds = self._generator.integers(2**32, LARGEST_SEED, self.SIZE)
-        self._rows = np.zeros((self.SIZE, row_columns()))
+        self._rows = np.zeros((self.SIZE, columns_of(self.setup)))
         self._drawn = 0
         self._order = self._endless_order()
 

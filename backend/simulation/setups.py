@@ -226,7 +226,17 @@ ADAPTABLE = Setup(
     with_velocity=False,
     extractors=False,
 )
-SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM, ADAPTABLE)}
+HOME = Setup(
+    name="home",  # ch. 3, sections 3.3.4 and 3.4; the goal's reward is that of exploration, half of a demonstration's
+    limits=Limits(0.0, 0.5),
+    lidar=Lidar(beams=180, sectors=30, range_m=6.0),  # ours, for the obstacle avoider that records depth frames
+    reward=CoreReward(goal=5.0, collision=-5.0, timeout=-2.5, self_intersection=0.0),
+    goal_radius_m=0.3,  # ours, as in ch. 2
+    max_steps=150,
+    gamma=0.99,
+    with_velocity=False,
+)
+SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM, ADAPTABLE, HOME)}
 PREFERENCE_SETUPS = (OPEN_FIELD.name, STUDY_ROOM.name)
 DEMONSTRATION_SETUPS = (CORRIDOR.name, ROOM.name)
 

@@ -16,6 +16,7 @@ from app.glb import Surface, to_glb
 from app.shapes import Shape, ball, box, limb, merged, turned
 from app.views import ViewError, camera_for, frame_of, require_view
 from backend.simulation.scene import Obstacle, Pose
+from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import ROBOT_RADIUS_M
 from tests.app.stage_rig import drive, open_field, study_room
 
@@ -72,6 +73,18 @@ def test_furniture_stays_inside_what_the_robot_collides_with(kind: str, size: tu
         assert made.positions[:, 2].max() <= size[2] + 1e-5
         turned_piece = furniture.piece(Obstacle(kind, Pose(1.0, 2.0, math.pi / 2), *size), index)
         assert np.all(np.abs(turned_piece.positions[:, :2] - [1.0, 2.0]) <= half[::-1] + 1e-5)
+
+
+def test_what_stands_in_a_home_stays_inside_what_the_robot_collides_with_and_inner_walls_are_cut_from_above() -> None:
+    for obstacle in draw_scene("home", 5).obstacles:
+        here = Obstacle(obstacle.kind, Pose(0.0, 0.0, 0.0), obstacle.length, obstacle.width, obstacle.height)
+        made = furniture.piece(here, 0).positions
+        assert np.all(np.abs(made[:, :2]) <= np.array([here.length, here.width]) / 2 + 0.005), obstacle.kind
+        assert made[:, 2].min() >= -1e-6
+        assert made[:, 2].max() <= here.height + 0.005
+        if obstacle.kind == "wall":
+            low = furniture.piece(here, 0, cut=True).positions[:, 2].max()
+            assert low == pytest.approx(furniture.CUT_WALL_HEIGHT_M)
 
 
 def test_robot_and_person_have_their_size_and_a_front() -> None:

@@ -108,6 +108,22 @@ def parity(
 
 @commands.command()
 @plain_errors
+def depth(
+    setup: Annotated[str, typer.Option(help="home, or another furnished setup.")] = "home",
+    frames: Annotated[int, typer.Option(min=5)] = 1_000,
+    seconds: Annotated[float, typer.Option(min=0.1, help="For both cameras together.")] = 6.0,
+    wide: Annotated[bool, typer.Option(help="120 degrees instead of 87.")] = False,
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """The depth camera against PyBullet's software renderer: errors in metres, frames per second."""
+    from backend.experiments.benchmarks.depth_camera import benchmark_depth
+
+    say(benchmark_depth(setup, frames=frames, seconds=seconds, wide=wide, seed=seed), as_json)
+
+
+@commands.command()
+@plain_errors
 def align(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
     mode: Annotated[

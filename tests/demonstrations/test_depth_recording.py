@@ -1,0 +1,102 @@
+"""Chapter 3's recordings: person modes in homes, an avoider rolled out, an encoder that learns from what it saw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backend.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
+from backend.demonstrations.depth.recording import Recording, record, train_encoder
+from backend.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
+from backend.perception.predictor import INPUTS, STEPS, PersonPredictor, PredictorConfig, fit_predictor
+from backend.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
+from backend.simulation.fast import FastEngine
+from backend.simulation.scenes import draw_scenes
+from backend.simulation.setups import HOME
+
+
+class Straight:
+    """Drives on at half speed."""
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        return np.zeros((len(observations), 2), dtype=np.float32)
+
+
+@pytest.fixture(scope="module")
+def episodes() -> Episodes:
+    return home_episodes(draw_scenes("home", range(4)), MODES[:4])
+
+
+@pytest.fixture(scope="module")
+def recording(episodes: Episodes) -> Recording:
+    return record(Straight(), episodes, steps=30, robots=8)  # type: ignore[arg-type]
+
+
+def test_people_walk_stand_or_are_not_there_as_their_mode_says(episodes: Episodes):
+    engine = FastEngine(HOME, 8, pool=EpisodePool(episodes, 0))
+    before = {}
+    for i, number in enumerate(engine.seeds):
+        before[i] = (int(number), people_of(engine.rows)[i])
+    actions = np.tile(np.array([-1.0, 0.0], dtype=np.float32), (8, 1))
+    for _ in range(10):
+        engine.step(actions)  # everybody stands still: only people move
+    after = people_of(engine.rows)
+    seen = set()
+    for i, (number, person) in before.items():
+        mode = episodes.modes[number]
+        if engine.seeds[i] != number or engine.steps[i] != 10:
+            continue
+        seen.add(mode)
+        if mode == "absent":
+            assert np.isnan(person).all()
+        elif mode == "static":
+            assert (after[i] == person).all()
+        else:
+            assert np.hypot(*(after[i] - person)[:2]) > 0.1
+    assert {"absent", "static"} <= seen
+
+
+def test_who_is_absent_is_neither_seen_nor_hit(episodes: Episodes):
+    rows = episodes.rows()
+    absent = episodes.modes.index("absent")
+    assert np.isnan(people_of(rows)[absent]).all()
+    assert rows[absent, 7] > 100
+
+
+def test_a_recording_knows_where_episodes_begin(recording: Recording):
+    assert recording.size == 30 * 8
+    assert recording.begins[0].all()
+    later = recording.begins[1:] & (recording.episodes[1:] >= 0)
+    jumped = np.hypot(*np.moveaxis(np.diff(recording.poses[:, :, :2], axis=0), 2, 0)) > 0.2
+    assert (later | ~jumped).all()  # nobody jumps within an episode
+
+
+def test_the_encoder_learns_and_comes_back_from_its_file(recording: Recording):
+    encoder, curve = train_encoder(recording, (DEPTH_CAMERA,), CameraNoise(), VaeConfig(batches=40, batch_size=16))
+    assert np.mean(curve[-5:]) < 0.8 * np.mean(curve[:5])
+    frames = recording.frames(DEPTH_CAMERA, np.arange(6))
+    latents = encoder.latents(frames)
+    assert latents.shape == (6, LATENTS)
+    data = encoder.to_bytes()
+    assert len(data) < 1_000_000
+    again = DepthEncoder.from_bytes(data)
+    assert np.abs(again.latents(frames) - latents).max() < 0.02
+    assert again.frames(latents).shape == frames.shape
+    with pytest.raises(ValueError, match="not a desirepath depth encoder"):
+        DepthEncoder.from_bytes(b"something else")
+
+
+def test_the_predictor_learns_who_walks_on_and_comes_back_from_its_file():
+    random = np.random.default_rng(0)
+    place, speed = random.uniform(-0.5, 0.5, (400, 2)), random.uniform(-0.05, 0.05, (400, 2))
+    walked = place[:, None] + np.arange(STEPS + 1)[None, :, None] * speed[:, None]
+    sequences = np.zeros((400, STEPS, INPUTS), dtype=np.float32)
+    sequences[:, :, :2] = walked[:, :STEPS]
+    following = walked[:, STEPS].astype(np.float32)
+    fitted = fit_predictor(
+        sequences, np.zeros((400, LATENTS), np.float32), following, np.ones(400, bool), PredictorConfig(batches=300)
+    )
+    predictor = PersonPredictor.from_bytes(PersonPredictor(fitted).to_bytes())
+    _, people = predictor.next(sequences)
+    standing = np.linalg.norm(sequences[:, -1, :2] - following, axis=1).mean()
+    assert np.linalg.norm(people - following, axis=1).mean() < 0.5 * standing
