@@ -39,7 +39,7 @@ _URDF = Path(__file__).with_name("turtlebot.urdf")
 
 
 @cache
-def _pybullet() -> Any:
+def pybullet() -> Any:
     """PyBullet, imported late; what it prints while loading goes to stderr, where logs belong."""
     sys.stdout.flush()
     kept = os.dup(1)
@@ -67,7 +67,7 @@ class ReferenceEngine:
             raise ValueError(f"drive_mode = {drive_mode!r}: must be one of {', '.join(TOUCH_M)}")
         self.setup, self.drive_mode = setup, drive_mode
         self._rules = rules_of(setup, progress_weight)
-        self._p = _pybullet()
+        self._p = pybullet()
         self._client = self._p.connect(self._p.DIRECT)
         angles = np.arange(setup.lidar.beams) * (2 * math.pi / setup.lidar.beams)
         self._beam_cos, self._beam_sin = np.cos(angles), np.sin(angles)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from backend.simulation.pedestrians import Crowd, PedestrianError
 from backend.simulation.walks import Walk, WalkError
 
 OBSTACLE_KINDS = ("cube", "box", "pillar", "wall", "couch", "table", "cupboard", "sofa", "chair", "bed", "lamp")
@@ -107,6 +108,7 @@ class Scene:
     obstacles: tuple[Obstacle, ...] = ()
     room: Room | None = None
     walk: Walk | None = None
+    crowd: Crowd | None = None
 
     def solids(self) -> tuple[Obstacle, ...]:
         """Obstacles and walls: everything box-shaped that stops a robot or a ray."""
@@ -122,6 +124,8 @@ class Scene:
         data = asdict(self)
         if self.walk is None:
             del data["walk"]  # a standing person's scene keeps the digest it always had
+        if self.crowd is None:
+            del data["crowd"]
         return data
 
     @classmethod
@@ -142,6 +146,7 @@ class Scene:
                 obstacles=tuple(Obstacle(**{**o, "pose": Pose(**o["pose"])}) for o in data["obstacles"]),
                 room=Room(**data["room"]) if data.get("room") else None,
                 walk=Walk(**{name: tuple(knots) for name, knots in data["walk"].items()}) if data.get("walk") else None,
+                crowd=Crowd.from_dict(data["crowd"]) if data.get("crowd") else None,
             )
         except KeyError as missing:
             raise SceneError(str(missing.args[0]), None, "is missing") from None
@@ -149,6 +154,8 @@ class Scene:
             raise SceneError("scene", sorted(data), str(wrong)) from None
         except WalkError as wrong:
             raise SceneError("walk", "given", str(wrong)) from None
+        except PedestrianError as wrong:
+            raise SceneError("crowd", "given", str(wrong)) from None
 
     def person_poses(self, times_s: ArrayLike) -> NDArray[np.float64]:
         """(n, 3) where the person is at times (n,): x, y (m), yaw (rad)."""

@@ -250,6 +250,8 @@ def _check_walk(scene: Scene) -> None:
 def check_scene(scene: Scene) -> None:
     """Raise SceneError naming field and value for a scene that cannot be run; return quietly otherwise."""
     setup = _setup(scene.setup)
+    if scene.crowd is not None:
+        raise SceneError("crowd", len(scene.crowd.pedestrians), "only the engine of crowds moves pedestrians")
     _check_seed(scene.seed)
     _check_numbers(scene)
     heights = {f"obstacles[{i}].height": obstacle.height for i, obstacle in enumerate(scene.obstacles)}

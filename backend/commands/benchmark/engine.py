@@ -151,3 +151,15 @@ def align(
         myopia_s=myopia,
     )
     say(result, as_json)
+
+
+@commands.command()
+@plain_errors
+def crowds(
+    pedestrians: Annotated[int, typer.Option(min=1, max=18, help="Moving ones in every scene.")] = 8,
+    as_json: JsonFlag = False,
+) -> None:
+    """Steps per second among pedestrians against PyBullet, one thread each."""
+    from backend.experiments.benchmarks.crowds import benchmark_crowds
+
+    say(benchmark_crowds(pedestrians=pedestrians), as_json)

@@ -1,0 +1,73 @@
+"""The pedestrians of a scene beside its person: who walks which way, how fast, and whom they avoid. Plain data.
+
+Drawing them lives in `crowds.crowd_scenes`, moving them in `crowds.crowd_engine`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from backend.simulation.walks import Walk
+
+Behaviour = Literal["path", "orca", "social_force"]
+BEHAVIOURS: tuple[Behaviour, ...] = ("path", "orca", "social_force")
+MOST_PEDESTRIANS = 20
+MOST_KNOTS = 32  # of a route
+
+
+class PedestrianError(ValueError):
+    """Pedestrians that cannot be; says what is wrong."""
+
+
+@dataclass(frozen=True)
+class Pedestrian:
+    """One cuboid pedestrian, walking back and forth on a polyline, or standing (a route of one place).
+
+    route: places (x, y) m, in order. speed: m/s, 0 for who stands. yaw: where who stands faces, rad. walk: where they
+    really were, kept with a rollout; engines and the stage replay it.
+    """
+
+    route: tuple[tuple[float, float], ...]
+    speed: float
+    yaw: float = 0.0
+    walk: Walk | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.route) <= MOST_KNOTS:
+            raise PedestrianError(f"route has {len(self.route)} places; 1 to {MOST_KNOTS}")
+        if not all(math.isfinite(value) for place in self.route for value in place):
+            raise PedestrianError("route has places that are not finite")
+        if not 0.0 <= self.speed <= 2.0:
+            raise PedestrianError(f"speed = {self.speed}: 0 to 2 m/s")
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """behaviour: `path` avoids nobody (ch. 4); `orca` and `social_force` avoid each other and the robot."""
+
+    behaviour: Behaviour
+    pedestrians: tuple[Pedestrian, ...]
+
+    def __post_init__(self) -> None:
+        if self.behaviour not in BEHAVIOURS:
+            raise PedestrianError(f"behaviour = {self.behaviour!r}; known: {', '.join(BEHAVIOURS)}")
+        if len(self.pedestrians) > MOST_PEDESTRIANS:
+            raise PedestrianError(f"{len(self.pedestrians)} pedestrians; at most {MOST_PEDESTRIANS}")
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Crowd:
+        """Read what `dataclasses.asdict` wrote. Raises PedestrianError, WalkError, KeyError."""
+        return cls(
+            data["behaviour"],
+            tuple(
+                Pedestrian(
+                    tuple((float(x), float(y)) for x, y in one["route"]),
+                    one["speed"],
+                    one["yaw"],
+                    Walk(**{name: tuple(knots) for name, knots in one["walk"].items()}) if one.get("walk") else None,
+                )
+                for one in data["pedestrians"]
+            ),
+        )
