@@ -10,7 +10,13 @@ import pytest
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
 from backend.simulation.crowds.crowd_kernels import nearest_wall
 from backend.simulation.crowds.crowd_reference import CrowdReference, where_on_route
-from backend.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions, draw_crowd_scene, robot_path
+from backend.simulation.crowds.crowd_scenes import (
+    PUBLISHED,
+    UNSEEN_HOMES,
+    CrowdConditions,
+    draw_crowd_scene,
+    robot_path,
+)
 from backend.simulation.crowds.crowd_setups import CROWD_CORRIDOR, TRAINED_SETUPS
 from backend.simulation.fast import FastEngine
 from backend.simulation.pedestrians import Crowd, PedestrianError
@@ -29,6 +35,18 @@ def test_a_scene_with_a_crowd_is_the_same_from_its_seed_and_reads_back_equal(set
     assert scene == draw_crowd_scene(setup, 5, EIGHT) == Scene.from_dict(scene.as_dict())
     assert scene != draw_crowd_scene(setup, 6, EIGHT)
     assert len(scene.crowd.pedestrians) == 9, "eight who walk, one who stands beside the scene's person"
+
+
+def test_unseen_homes_are_furnished_and_full_of_people_who_avoid():
+    scene = draw_crowd_scene("crowd_home", 2, UNSEEN_HOMES)
+    assert scene == Scene.from_dict(scene.as_dict())
+    assert {"table", "bed", "sofa"} <= {one.kind for one in scene.obstacles}
+    assert scene.crowd.behaviour == "orca"
+    assert len(scene.crowd.pedestrians) == int(scene.room.length * scene.room.width / 8)
+    engine = CrowdEngine(n_envs=1)
+    engine.reset([scene])
+    engine.step(STAND)
+    assert np.isfinite(engine.ranges).all()
 
 
 def test_a_scene_without_a_crowd_keeps_its_digest():

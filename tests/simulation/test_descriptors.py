@@ -94,7 +94,7 @@ def test_centroids_of_outlines_are_those_of_a_geometry_library(seed):
     outline, angles = shapely.MultiLineString(joined), np.arctan2(points[:, 1], points[:, 0])
     for i in range(GROUPS):
         reference = 2 * math.pi * i / GROUPS
-        near = np.abs(np.angle(np.exp(1j * (angles - reference)))) <= math.pi / GROUPS + 1e-9
+        near = np.abs(np.angle(np.exp(1j * (angles - reference)))) <= math.pi / GROUPS + 1e-7
         r = e.ranges[0][near].min(initial=RANGE_M)
         within = outline.intersection(shapely.Point(r * np.cos(reference), r * np.sin(reference)).buffer(0.25, 512))
         if within.length > 0:

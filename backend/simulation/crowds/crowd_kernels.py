@@ -219,12 +219,12 @@ def _see_box(
     mx, my = dx * cos + dy * sin, dy * cos - dx * sin  # its middle in the robot's frame
     ux, uy = o[4] * cos + o[5] * sin, o[5] * cos - o[4] * sin  # its own x axis there
     for corner in range(4):
-        # counter-clockwise corners: a side faces the robot where it runs clockwise as seen from there
+        # a to b runs around the box counter-clockwise: of a side that faces the robot, a is to the left of b
         sa, ta = (1.0 if corner in (0, 3) else -1.0), (1.0 if corner in (0, 1) else -1.0)
         sb, tb = (1.0 if corner in (3, 2) else -1.0), (1.0 if corner in (3, 0) else -1.0)
         ax, ay = mx + sa * o[2] * ux - ta * o[3] * uy, my + sa * o[2] * uy + ta * o[3] * ux
         bx, by = mx + sb * o[2] * ux - tb * o[3] * uy, my + sb * o[2] * uy + tb * o[3] * ux
-        _see_side(ax, ay, bx, by, rules, directions, inverse)
+        _see_side(bx, by, ax, ay, rules, directions, inverse)
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Drawing scenes with crowds from a seed: corridor, intersection, office; who walks where in them.
+"""Drawing scenes with crowds from a seed: corridor, intersection, office, home; who walks where in them.
 
 Ways come from A* on the empty map. What a scene is stands in `scene.py`, its pedestrians in `pedestrians.py`.
 """
@@ -22,8 +22,9 @@ from backend.simulation.crowds.crowd_setups import (
     PED_WIDTH_M,
     get_crowd_setup,
 )
-from backend.simulation.pedestrians import MOST_KNOTS, Behaviour, Crowd, Pedestrian
+from backend.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Behaviour, Crowd, Pedestrian
 from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
+from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import ROBOT_RADIUS_M
 
 Doubles = NDArray[np.float64]
@@ -35,7 +36,7 @@ SHORTEST_ROUTE_M = 3.0  # ours
 OUTER_M = 8.0  # ours: side of intersection and office
 DOOR_M, WALL_M = 1.0, 0.15  # ours
 TRIES = 60
-TAGS = {"crowd_corridor": 41, "crowd_intersection": 42, "crowd_office": 43}
+TAGS = {"crowd_corridor": 41, "crowd_intersection": 42, "crowd_office": 43, "crowd_home": 44}
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,16 @@ class CrowdConditions:
     standing: tuple[int, int] = (1, 2)
     speeds: tuple[float, float] = PED_SPEEDS_M_S
     behaviour: Behaviour = "path"
+    area_m2: float | None = None  # so many square metres of the room for each who moves, instead of `moving`
 
     def __post_init__(self) -> None:
         if self.standing[0] < 1 or self.moving[0] < 0:
             raise SceneError("crowd", (self.moving, self.standing), "one person at least stands: the scene's own")
 
 
+UNSEEN_HOMES = CrowdConditions(  # section 4.5.6, after the iGibson challenge; at most, as it has maximum speeds only
+    standing=(1, 1), speeds=(0.5, 0.5), behaviour="orca", area_m2=8.0
+)
 PUBLISHED = CrowdConditions(moving=(2, 2), standing=(1, 1), speeds=(0.6, 0.6))  # table 4.1
 
 
@@ -178,7 +183,24 @@ def _with_door(
     return found
 
 
-_BUILDINGS = {"crowd_corridor": _corridor, "crowd_intersection": _intersection, "crowd_office": _office}
+def _home(random: np.random.Generator) -> tuple[Room, tuple[Obstacle, ...], Doubles]:
+    """A furnished home of `home_interiors.py`; start and goal 1 to 10 m apart anywhere in it, as in section 4.5.6."""
+    scene = draw_scene("home", int(random.integers(2**31, 2**32)))
+    room = scene.room or Room(OUTER_M, OUTER_M)
+    free = map_of(room, boxes_of(scene)).places()
+    for _ in range(TRIES):
+        ends: Doubles = free[random.integers(len(free), size=2)]
+        if 1.0 <= math.dist(ends[0], ends[1]) <= 10.0:
+            break
+    return room, scene.obstacles, ends
+
+
+_BUILDINGS = {
+    "crowd_home": _home,
+    "crowd_corridor": _corridor,
+    "crowd_intersection": _intersection,
+    "crowd_office": _office,
+}
 
 
 def draw_crowd_scene(setup: str, seed: int, conditions: CrowdConditions | None = None) -> Scene:
@@ -215,7 +237,7 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
         raise SceneError("room", room, "has too few free places for pedestrians")
     moving = [
         _moving(inside, free, path if number == 0 else None, conditions, random)
-        for number in range(int(random.integers(conditions.moving[0], conditions.moving[1] + 1)))
+        for number in range(_how_many(conditions, room, random))
     ]
     stands = int(random.integers(conditions.standing[0], conditions.standing[1] + 1))
     standing = _standing(room, boxes, free, (start, goal), stands, random)
@@ -232,6 +254,12 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
         scene.room,
         crowd=Crowd(conditions.behaviour, (*moving, *standing[1:])),
     )
+
+
+def _how_many(conditions: CrowdConditions, room: Room, random: np.random.Generator) -> int:
+    if conditions.area_m2 is not None:
+        return min(int(room.length * room.width / conditions.area_m2), MOST_PEDESTRIANS - conditions.standing[1])
+    return int(random.integers(conditions.moving[0], conditions.moving[1] + 1))
 
 
 def _moving(

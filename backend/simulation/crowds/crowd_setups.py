@@ -1,4 +1,4 @@
-"""The setups of chapter 4: one robot, one lidar, one reward; four kinds of surroundings.
+"""The setups of chapter 4: one robot, one lidar, one reward; four kinds of buildings.
 
 They stand beside `setups.SETUPS`, because their robot observes lidar points, descriptors and a path, no flat layout.
 """
@@ -43,7 +43,8 @@ CROWD_CORRIDOR = Setup(
 CROWD_INTERSECTION = replace(CROWD_CORRIDOR, name="crowd_intersection")
 CROWD_OFFICE = replace(CROWD_CORRIDOR, name="crowd_office")
 TRAINED_SETUPS = (CROWD_CORRIDOR.name, CROWD_INTERSECTION.name, CROWD_OFFICE.name)
-CROWD_SETUPS = {setup.name: setup for setup in (CROWD_CORRIDOR, CROWD_INTERSECTION, CROWD_OFFICE)}
+CROWD_HOME = replace(CROWD_CORRIDOR, name="crowd_home")  # never trained in: section 4.5.6
+CROWD_SETUPS = {setup.name: setup for setup in (CROWD_CORRIDOR, CROWD_INTERSECTION, CROWD_OFFICE, CROWD_HOME)}
 
 
 def get_crowd_setup(name: str) -> Setup:
