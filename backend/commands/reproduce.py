@@ -83,6 +83,17 @@ def adaptable(out: Out, budget: BudgetName = "small", processes: Processes = 2, 
 
 @commands.command()
 @plain_errors
+def depth(out: Out, budget: BudgetName = "small", processes: Processes = 1, as_json: JsonFlag = False) -> None:
+    """Chapter 3: encoder and predictor, six configurations in furnished homes among people who walk."""
+    from backend.experiments.reproduction.depth.plan import BUDGETS
+    from backend.experiments.reproduction.depth.run import reproduce_depth
+
+    chosen = _chosen(BUDGETS, budget)
+    say(reproduce_depth(out, chosen, **_run("depth", budget, processes)), as_json)
+
+
+@commands.command()
+@plain_errors
 def explanations(
     out: Out,
     budget: BudgetName = "small",
