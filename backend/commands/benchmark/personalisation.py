@@ -185,6 +185,48 @@ def people_policies(
     say(result, as_json)
 
 
+@commands.command()
+@plain_errors
+def people_harm(
+    setup: Annotated[str, typer.Option(help="study_room or open_field: with step basis and library.")] = "study_room",
+    family: Annotated[str, typer.Option(help="Families of the card and nine, comma-separated; or all.")] = "all",
+    number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family and seed.")] = 15,
+    first: Annotated[int, typer.Option(min=0, help="Number of the first person of each family.")] = 200,
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each has pairs and scenes of its own.")] = "0-3",
+    response_model: Annotated[str, typer.Option(help="How they answer: right, lapses, ... of the card.")] = "right",
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Also write everything to this file, as JSON, after every person; a stopped run goes on."),
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """How many simulated people of all families are shown a policy as theirs that is worse for them, as an alignment
+    job decides it."""
+    from backend.experiments.benchmarks.people_harm import (
+        PeopleHarmConfig,
+        benchmark_people_harm,
+        known_persons,
+        result_of,
+    )
+    from backend.learning.people.card import people_card
+
+    families = (*people_card().families, "nine") if family == "all" else tuple(family.split(","))
+    config = PeopleHarmConfig(families, number, first, seeds=seed_range(seeds), response_model=response_model)
+    persons = known_persons(out, setup, config) if out is not None else []
+
+    def keep(one: dict[str, Any]) -> None:
+        persons.append(one)
+        verdict = f"shown, {one['gain']:+.2f}" if one["shown"] else "shown nothing"
+        typer.echo(f"{one['seed']} {one['person']}: {verdict}", err=True)
+        if out is not None:
+            write_result(out, result_of(setup, config, persons))
+
+    result = benchmark_people_harm(setup, config, keep, tuple(persons))
+    if out is not None:
+        write_result(out, result)
+    say({key: value for key, value in result.items() if key != "persons"}, as_json)
+
+
 @commands.command("wants", hidden=True, deprecated=True)
 @commands.command("preferences")
 @plain_errors

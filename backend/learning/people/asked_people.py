@@ -119,7 +119,7 @@ def benchmark_people(
         everybody = {
             name: (family, one)
             for family in config.families
-            for name, one in _members(family, config.people, setup, first).items()
+            for name, one in people_of(family, config.people, setup, first).items()
         } | {name: ("file", one) for name, one in (more or {}).items()}
         for name, (family, one) in everybody.items():
             found.append({"family": family, "person": name, "seed": seed} | _measured(one, room, answering, config))
@@ -144,7 +144,7 @@ def benchmark_people(
     }
 
 
-def _members(family: str, count: int, setup: str, first: int) -> Mapping[str, FamilyMember]:
+def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, FamilyMember]:
     """Of the card's families, or of `nine`: each objective alone, then two at equal shares, again and again."""
     if family != NINE:
         return members(family, count, setup, first)
@@ -165,7 +165,10 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     pairs = room.pairs
     now = person.after(max(config.answers))  # who it is when all is answered
     truth = pairs.better(now.scores(pairs.in_turn))
-    answers = {False: _answers(person.after(0), pairs, answering, room), True: _answers(now, pairs, answering, room)}
+    answers = {
+        False: answers_of(person.after(0), pairs, answering, room.setup, room.seed),
+        True: answers_of(now, pairs, answering, room.setup, room.seed),
+    }
     posterior = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
     left = list(random.permutation(pairs.asked))
     result: dict[str, Any] = {"accuracy": {}, "claimed": {}, "nine_accuracy": {}, "nine_claimed": {}}
@@ -195,12 +198,12 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     return result
 
 
-def _answers(person: FamilyMember, pairs: AskedPairs, answering: ResponseModel, room: _Room) -> Doubles:
+def answers_of(person: FamilyMember, pairs: AskedPairs, answering: ResponseModel, setup: str, seed: int) -> Doubles:
     """(n,) +1 where the first would be chosen, else -1, of all pairs, as the response model strays."""
-    unit = person.unit(room.setup)
+    unit = person.unit(setup)
     scores = judged(lambda some: person.scores(some) / unit, pairs.in_turn, answering)
     better = pairs.better(scores)
-    random = np.random.default_rng([room.seed, 62])
+    random = np.random.default_rng([seed, 62])
     wrong, coin = random.random(len(better)) < answering.lapse_rate, random.choice([-1.0, 1.0], len(better))
     given = np.where(better > 0, 1.0, -1.0) * np.where(wrong, -1.0, 1.0)
     return np.where((better == 0) | (np.abs(better) < answering.indifference), coin, given)
