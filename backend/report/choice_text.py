@@ -115,10 +115,12 @@ def _units(one: Personalised) -> str:
 def personalised_section(found: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
     if not found.personalised:
-        return Section("Does it personalise?", [who_compared(found)] if _refused(found) else [])
+        said = [who_compared(found)] if _refused(found) else []
+        return Section("Does it personalise?", [*said, *who_was_asked_on(found)])
     alpha = found.plan.alpha
     paragraphs = [personalised_sentence(found, k) for k in range(len(found.personalised))]
     paragraphs += [who_compared(found)] if found.own_policies else []
+    paragraphs += who_was_asked_on(found)
     against = {one.against: one for one in found.personalised}
     if "other" in against:
         paragraphs.append(_verdict(against, alpha))
@@ -188,6 +190,25 @@ def who_compared(found: Findings) -> str:
         f"{sum(refused.values())} were not: {', '.join(why)}. What is found here is about those who were shown one, "
         "not about everybody."
     )
+
+
+def who_was_asked_on(found: Findings) -> list[str]:
+    """Who answered further pairs, and how many: a sentence, or none where nobody did."""
+    if not found.asked_on:
+        return []
+    by_answers: dict[int, list[str]] = {}
+    for code, further in sorted(found.asked_on.items()):
+        by_answers.setdefault(further, []).append(code)
+    each = "; ".join(
+        f"{further} further answer{'s' * (further > 1)}: {', '.join(codes)}"
+        for further, codes in sorted(by_answers.items())
+    )
+    asked, total = len(found.asked_on), sum(found.asked_on.values())
+    return [
+        f"{asked} of {found.flow.analysed} people {'was' if asked == 1 else 'were'} asked on, since what was learned "
+        f"was not surely better for that very person ({total} further answers in all; {each}). These answers taught "
+        "their robot and are in no other number here."
+    ]
 
 
 def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:

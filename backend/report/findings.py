@@ -64,7 +64,8 @@ class Flow:
 @dataclass(frozen=True)
 class Findings:
     """All of it, of the kind of participants named in `who`. analysed: their codes. own_policies: what became of the
-    policies made from their answers -> people."""
+    policies made from their answers -> people. asked_on: who was asked further pairs since what was learned was not
+    surely theirs -> further answers."""
 
     who: Who
     analysed: Sequence[str]
@@ -87,6 +88,7 @@ class Findings:
     disagreement: Mapping[Pair, Mapping[Metric, Mean]]
     personalised: Sequence[Personalised]
     own_policies: Mapping[str, int]
+    asked_on: Mapping[str, int]
     guessed: Guessed | None
     met: Met | None
     ways: Methods | None
@@ -166,6 +168,7 @@ def analyse(
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=personalised(own.comparisons, used),
         own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
+        asked_on={one.code: one.further for one in kept if one.further},
         guessed=guessed(own.guesses),
         met=met(own.meetings),
         ways=methods_of(own.method_choices, own.taught, used),

@@ -22,7 +22,8 @@ Load = Callable[[str], Trajectory]
 class ParticipantRow:
     """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came.
     groups: stage -> what of a block's `one_of` this participant meets, levels joined by "-". own_policy: what became of
-    the policy made from their answers (shown, not_surely_better, ...), None where none was to be made."""
+    the policy made from their answers (shown, not_surely_better, ...), None where none was to be made. further: answers
+    to pairs that were asked on since it was not surely theirs (`ask_on`); they taught and are in no analysis."""
 
     code: str
     simulated: bool
@@ -32,6 +33,7 @@ class ParticipantRow:
     order: tuple[str, ...]
     groups: Mapping[str, str] = field(default_factory=dict)
     own_policy: str | None = None
+    further: int = 0
 
 
 @dataclass(frozen=True)

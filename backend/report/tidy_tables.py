@@ -5,7 +5,7 @@ Both are the same tables (`store/dataset`), so a report is the same wherever it 
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -92,6 +92,9 @@ def tidy(
     answers = {row["trial"]: row for row in tables["responses"] if row["trial"] and is_side(row["choice"])}
     # whoever is asked on was judged hard to teach: these answers would count some people's more than others'
     trials = [row for row in tables["trials"] if row["trial"] in answers and row["role"] != FURTHER]
+    further = Counter(
+        row["participant"] for row in tables["trials"] if row["trial"] in answers and row["role"] == FURTHER
+    )
     items = [*_items(files), *_rated_items(row["plan"] for row in tables["sessions"])]
     checks = {(one.questionnaire, one.key) for one in items if one.instructed}
     session = {row["session"]: row for row in tables["sessions"]}
@@ -102,7 +105,9 @@ def tidy(
         protocol=protocol,
         protocol_hash=protocol_hash,
         items=items,
-        people=[_person(row, sessions[row["participant"]]) for row in tables["participants"]],
+        people=[
+            _person(row, sessions[row["participant"]], further[row["participant"]]) for row in tables["participants"]
+        ],
         choices=[
             _choice(row, answers[row["trial"]], session[row["session"]]) for row in trials if row["kind"] == "query"
         ],
@@ -164,7 +169,7 @@ def _time(said: datetime | str) -> datetime:
     return datetime.fromisoformat(said) if isinstance(said, str) else said
 
 
-def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:
+def _person(row: Row, sessions: Sequence[Row], further: int) -> ParticipantRow:
     last: Row = sessions[-1] if sessions else {}
     order: list[str] = []
     for session in sessions:
@@ -180,6 +185,7 @@ def _person(row: Row, sessions: Sequence[Row]) -> ParticipantRow:
         order=tuple(order),
         groups=(last.get("assignment") or {}).get("groups", {}),
         own_policy=next((one["personalisation"] for one in reversed(sessions) if one.get("personalisation")), None),
+        further=further,
     )
 
 

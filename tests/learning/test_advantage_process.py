@@ -28,3 +28,14 @@ def test_the_evidence_is_about_what_integrating_gives() -> None:
     likely = expit(signs[:, None] * features * weights)
     density = np.exp(-np.square(weights) / 16) / np.sqrt(16 * np.pi)
     assert process.log_evidence == pytest.approx(np.log(np.trapezoid(likely.prod(0) * density, weights)), abs=0.35)
+
+
+def test_what_is_drawn_together_is_spread_as_what_is_believed() -> None:
+    random = np.random.default_rng(3)
+    seen, pairs = random.normal(size=(5, 3)), random.normal(size=(4, 3))
+    process = AdvantageProcess.after(4.0, (np.zeros(5), seen), np.array([1.0, -1, 1, 1, -1]))
+    for of in (process, AdvantageProcess.after(4.0, (np.zeros(0), np.zeros((0, 3))), np.zeros(0))):
+        mean, variance = of.advantages((np.zeros(4), pairs))
+        drawn = of.sampled((np.zeros(4), pairs), np.random.default_rng(4), 40_000)
+        np.testing.assert_allclose(drawn.mean(1), mean, atol=0.08)
+        np.testing.assert_allclose(drawn.var(1), variance, rtol=0.05)

@@ -95,6 +95,23 @@ def test_an_answer_that_is_known_tells_nothing_more(study_queries: QuerySet, dif
     assert bits[:20].mean() < bits[20:].mean()
 
 
+def test_a_question_tells_about_what_is_to_be_foretold_and_not_about_all_there_is(
+    study_queries: QuerySet, differences: PairDifferences
+) -> None:
+    """A pair asked again tells most about itself; none tells about a pair whose answer is a coin's."""
+    chosen = chosen_by("network:0", study_queries)
+    posterior = FreePosterior.from_answers(differences[:6], chosen[:6], CONFIG)
+    bits = posterior.bits_about(differences[6:30], differences[[12]])
+    assert bits.shape == (24,)
+    assert (bits >= 0).all()
+    assert bits.argmax() == 12 - 6
+    assert bits.max() <= 1
+    of_all = posterior.bits_about(differences[6:30], differences.thinned(8))
+    assert of_all.max() < bits.max(), "one answer says less of many pairs than of itself"
+    np.testing.assert_array_equal(of_all, posterior.bits_about(differences[6:30], differences.thinned(8)))
+    assert len(differences.thinned(8)) == 8
+
+
 def test_measures_have_names_and_are_numbers(study_queries: QuerySet) -> None:
     trajectories = [query.trajectory_a for query in study_queries.queries[:20]]
     values = named_measures(trajectories)

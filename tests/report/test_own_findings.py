@@ -31,13 +31,15 @@ def found(
     plan: AnalysisPlan = PLAN,
     guesses: tuple[Guess, ...] = (),
     refused: tuple[str, ...] = (),
+    further: dict[str, int] | None = None,
 ) -> Findings:
-    """refused: of each person who compares nothing, why."""
+    """refused: of each person who compares nothing, why; further: answers of those who were asked on."""
     codes = list(dict.fromkeys(one.person for one in comparisons))
     people = [ParticipantRow(code, False, None, False, "completed", (), own_policy="shown") for code in codes]
     people += [
         ParticipantRow(f"R-{k}", False, None, False, "completed", (), own_policy=why) for k, why in enumerate(refused)
     ]
+    people = [replace(one, further=(further or {}).get(one.code, 0)) for one in people]
     asked = [Choice(one.code, "v", "v", "1", "regular", "a", "b", "a", 1.0) for one in people]
     data = StudyData("By hand", "1", {}, "", [], people, asked, [], comparisons, guesses=guesses)
     return analyse(data, nothing, plan=plan)
@@ -93,6 +95,17 @@ def test_who_was_not_shown_a_policy_as_theirs_is_counted_and_said() -> None:
     assert "1 for another reason (stranger)" in nobody
     nothing_made = replace(of, personalised=[], own_policies={})
     assert not any(part.title == "Does it personalise?" for part in sections(nothing_made, [], Path()))
+
+
+def test_who_was_asked_on_and_how_many_answers_more_they_gave_is_said() -> None:
+    answers = [one for k in range(3) for one in compared(f"P-{k}", "base", 3, 0)]
+    assert "asked on" not in verdict(found(answers))
+    said = verdict(found(answers, further={"P-0": 10, "P-2": 5}))
+    assert "2 of 3 people were asked on" in said
+    assert "15 further answers in all; 5 further answers: P-2; 10 further answers: P-0" in said
+    nobody_compared = found([], refused=("not_surely_better",), further={"R-0": 1})
+    assert "1 of 1 people was asked on" in verdict(nobody_compared)
+    assert "1 further answer: R-0" in verdict(nobody_compared)
 
 
 def test_two_people_have_both_tests_and_one_has_the_sign_test_only() -> None:

@@ -131,6 +131,7 @@ def test_further_answers_teach_are_marked_and_are_not_analysed(walker):
         assert len(next_query.answers_of(s, session)) == 6
         data, _ = read_study(s, walker.files, s.get_one(Study, session.study_id))
     assert [one.role for one in data.choices] == ["regular"] * 3
+    assert [one.further for one in data.people] == [3]
     assert {one.condition for one in data.choices} == {"block"}
     chosen = rows(walker, Event, Event.kind == "query_chosen")
     assert [(event.data["by"], event.data["answers"]) for event in chosen] == [

@@ -1,7 +1,7 @@
 """`benchmark people-harm`: how many people of all families are shown a policy as theirs that is worse for them.
 
 The same steps as an alignment job takes (`jobs/aligning.py`, `jobs/free_form.py`), without training: the policy
-conditioned on the nine objectives, else the library's best, each only where it is surely better. Everybody is simulated.
+conditioned on the nine objectives, else the library's best, each only where it is surely better. All are simulated.
 """
 
 from __future__ import annotations
@@ -85,9 +85,7 @@ class _Room:
         pairs = pairs.with_manners(setup, seed, config.manners, config.pool - config.manners)
         base = load_policy(f"{setup}/base")
         judge = list(scene_set(setup, SCENES, purpose=Purpose.GATE, seed=JUDGING_SEED + seed))
-        report = list(
-            scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_SEED + REPORT_SEED + seed)
-        )
+        report = list(scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_SEED + REPORT_SEED + seed))
         usual = _rolled_out(base, judge), _rolled_out(base, report)
         conditioned = load_conditioned(f"{setup}/conditioned")
         seen = step_differences(basis, pairs.trajectories)
@@ -146,9 +144,7 @@ def benchmark_people_harm(
     return result_of(setup, config, persons)
 
 
-def _measured(
-    person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleHarmConfig
-) -> dict[str, Any]:
+def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleHarmConfig) -> dict[str, Any]:
     """One person: asked, foretold, judged, shown or not."""
     pairs, now = room.pairs, person.after(config.answers)
     answers = {
@@ -158,7 +154,7 @@ def _measured(
     believed = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
     left, asked = list(pairs.asked), []
     for n in range(config.answers):
-        asked.append(left.pop(int(believed.information_bits(pairs.differences[left]).argmax())))
+        asked.append(left.pop(int(believed.bits_about(pairs.differences[left], pairs.foretold).argmax())))
         believed = believed.updated(
             pairs.differences[[asked[-1]]], bool(answers[person.after(n) is now][asked[-1]] > 0)
         )
@@ -175,9 +171,9 @@ def _measured(
         ways.append(("library", room.of_place(place)))
     way, (differences, own) = ways[-1]
     unit = now.unit(room.setup)
-    both = np.array([
-        one.outcome == other.outcome == Outcome.SUCCESS for one, other in zip(own, room.usual[1], strict=True)
-    ])
+    both = np.array(
+        [one.outcome == other.outcome == Outcome.SUCCESS for one, other in zip(own, room.usual[1], strict=True)]
+    )
     gained = (now.scores(own) - now.scores(room.usual[1]))[both] / unit
     return found | {
         "way": way,

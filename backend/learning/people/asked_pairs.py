@@ -33,12 +33,14 @@ PER_SCENE = 2
 
 @dataclass(frozen=True)
 class AskedPairs:
-    """Pairs to ask about and others, in other scenes, to be foretold."""
+    """Pairs to ask about and others, in other scenes, to be foretold. manners: how many to ask about, the first ones,
+    are of policies in many manners."""
 
     trajectories: tuple[tuple[Trajectory, Trajectory], ...]
     differences: PairDifferences
     asked: NDArray[np.int64]
     test: NDArray[np.int64]
+    manners: int = 0
 
     def better(self, scores: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) first minus second of scores of all trajectories in turn."""
@@ -57,7 +59,13 @@ class AskedPairs:
         trajectories = [*(found[k] for k in chosen), *(self.trajectories[k] for k in old)]
         asked = manners + len(self.asked[:kept])
         together = differences[chosen].joined(self.differences[old])
-        return AskedPairs(tuple(trajectories), together, np.arange(asked), np.arange(asked, len(trajectories)))
+        return AskedPairs(tuple(trajectories), together, np.arange(asked), np.arange(asked, len(trajectories)), manners)
+
+    @cached_property
+    def foretold(self) -> PairDifferences:
+        """What the answer to a question should tell about: pairs to ask about of policies as they are, evenly spread;
+        of those in many manners where there are no others."""
+        return self.differences[self.asked[self.manners :] if self.manners < len(self.asked) else self.asked].thinned()
 
     @property
     def in_turn(self) -> list[Trajectory]:

@@ -44,10 +44,10 @@ RESAMPLES = 2_000
 class PeopleConfig:
     """What is measured. families: of the card; people: of each, from number `first` on, for each seed others. answers:
     after how many it is measured; shown_after: after how many a policy is made. choose: random, or information (the
-    next pair is the one whose answer tells most, for the first CHOSEN answers). queries: what is asked about, pairs of
-    policies as they are, of policies in many manners, or half of each. test: pairs of policies as they are that are
-    foretold; scenes: in which a policy is chosen, in which it is judged by the posterior, and in which its true gain is
-    measured. particles: of the posterior over the nine."""
+    next pair is the one whose answer tells most about the others', for the first CHOSEN answers). queries: what is
+    asked about, pairs of policies as they are, of policies in many manners, or half of each. test: pairs of policies as
+    they are that are foretold; scenes: in which a policy is chosen, in which it is judged by the posterior, and in
+    which its true gain is measured. particles: of the posterior over the nine."""
 
     families: tuple[str, ...]
     people: int = 5
@@ -176,7 +176,7 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     for n in range(1, max(config.answers) + 1):
         if config.choose == "information" and n <= CHOSEN:
             began = time.process_time()
-            k = left.pop(int(posterior.information_bits(pairs.differences[left]).argmax()))
+            k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.foretold).argmax()))
             result["_seconds"].append(time.process_time() - began)
         else:
             k = left.pop()

@@ -73,6 +73,17 @@ class AdvantageProcess:
         spread = np.linalg.solve(self.triangle, self.root[:, None] * across.T)
         return expected + across @ self.gradient, np.maximum(prior - np.square(spread).sum(0), 1e-12)
 
+    def sampled(self, pairs: Seen, random: np.random.Generator, count: int) -> Doubles:
+        """(m, count) what pairs differ by, drawn together from what is believed (Matheron's rule)."""
+        scale = math.sqrt(self.strength)
+        drawn = random.normal(0, scale, (pairs[1].shape[1], count))
+        found: Doubles = scale * pairs[0][:, None] + pairs[1] @ drawn
+        if not len(self.gradient):
+            return found
+        apart = self.root[:, None] * (self.seen[1] @ drawn) + random.normal(0, 1, (len(self.root), count))
+        solved = self.root[:, None] * np.linalg.solve(self.triangle.T, np.linalg.solve(self.triangle, apart))
+        return found + self.strength * pairs[1] @ (self.seen[1].T @ (self.gradient[:, None] - solved))
+
     def weights(self) -> Doubles:
         """(columns,) posterior mean of what each column weighs, beyond the prior's mean."""
         found: Doubles = self.strength * self.seen[1].T @ self.gradient

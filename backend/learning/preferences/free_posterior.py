@@ -21,6 +21,7 @@ from backend.learning.errors import LearningError
 from backend.learning.measures.named import NAMES as NAMED
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.preferences.advantage_process import AdvantageProcess, Seen
+from backend.learning.preferences.foretelling import bits_about_others
 from backend.learning.preferences.measures import typical_differences
 from backend.learning.preferences.objectives import gains
 from backend.learning.preferences.population_prior import WeightPrior, shipped_priors
@@ -29,6 +30,7 @@ from backend.learning.preferences.posterior import Posterior, PosteriorConfig
 Doubles = NDArray[np.float64]
 NAMED_WAY, EMBEDDING_WAY = "named", "embedding"
 PREDICTING = 2_000  # of the particles: what predicting needs not have more of
+SAMPLES = 1_000  # of all that is believed, where questions are chosen by what is to be foretold
 
 
 @dataclass(frozen=True)
@@ -172,6 +174,20 @@ class FreePosterior:
             certain.append(np.exp(-np.square(mean) / (2 * (variance + flat))) * np.sqrt(flat / (variance + flat)))
         found: Doubles = _entropy(self._masses @ np.stack(predicted)) - self._masses @ np.stack(certain)
         return np.maximum(found, 0.0)
+
+    def bits_about(self, differences: PairDifferences, others: PairDifferences) -> Doubles:
+        """(n,) bits that the answer to each pair is expected to tell about the answer to one of the others: what may
+        not be foretold otherwise counts, not all that is unknown (`information_bits`)."""
+        random = np.random.default_rng([self.config.posterior.seed, 23, len(self.chosen)])
+        both = differences.joined(others)
+        counts = np.floor(self._masses * SAMPLES + random.random()).astype(int)
+        few = self.objectives.sample(int(counts[0])) if counts[0] else None
+        drawn = [few.choice_probabilities(both.seen).astype(np.float64)] if few is not None else []
+        for (way, seen), count in zip(self._of(both), counts[1:], strict=True):
+            if count:
+                drawn.append(expit(way.process.sampled(seen, random, int(count))).T)
+        probable = np.concatenate(drawn)
+        return bits_about_others(probable[:, : len(differences)], probable[:, len(differences) :])
 
     def ways(self) -> dict[str, float]:
         """Probability of each way to explain the answers; sums to 1."""

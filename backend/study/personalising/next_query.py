@@ -86,10 +86,10 @@ def asked_in(acting: Acting, step: TrialStep) -> Asked:
     random = np.random.default_rng([session.seed, 31, session.position])
     how = step.choose or "random"
     if how == BEYOND:
-        bits = beyond_after(s, acting.files, row_of(s, session), answers).information_bits(
-            pair_differences(s, acting.files, row_of(s, session))[left]
-        )
-        chosen = NextQuery(int(bits.argmax()), float(bits.max()))
+        differences = pair_differences(s, acting.files, row_of(s, session))
+        beyond = beyond_after(s, acting.files, row_of(s, session), answers)
+        best = int(beyond.bits_about(differences[left], differences.thinned()).argmax())
+        chosen = NextQuery(best, float(beyond.information_bits(differences[[left[best]]])[0]))
     else:
         chosen = next_query(posterior_after(measured, answers), measured.differences[left], how, random)
     query = measured.queries[left[chosen.index]]

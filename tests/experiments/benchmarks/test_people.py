@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,14 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.experiments.benchmarks.people_before import BeforeConfig, benchmark_before
+from backend.experiments.benchmarks.people_harm import (
+    PeopleHarmConfig,
+    benchmark_people_harm,
+    clopper_pearson,
+    known_persons,
+)
 from backend.experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
+from backend.learning.alignment.never_worse import SURE
 from backend.learning.errors import LearningError
 from backend.learning.people.asked_people import PeopleConfig, benchmark_people, calibration_error
 from backend.simulation.setups import STUDY_ROOM
@@ -65,6 +73,29 @@ def test_a_linear_model_of_many_answers_is_the_yardstick_of_a_query_set() -> Non
     assert set(result["accuracy"]) == names
     assert all(0 <= mean <= 1 and error >= 0 for mean, error in result["accuracy"].values())
     assert result["choosing_p95_ms"] > 0
+
+
+def test_who_is_harmed_is_counted_as_an_alignment_job_decides_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
+    config = PeopleHarmConfig(
+        ("thresholds", "nine"), people=2, answers=9, seeds=(0,), pool=30, manners=8, test=20, scenes=10, particles=500
+    )
+    heard: list[dict[str, Any]] = []
+    result = benchmark_people_harm("study_room", config, heard.append)
+    assert (result["people"], len(heard), set(result["families"])) == (4, 4, {"thresholds", "nine"})
+    assert [one["person"] for one in heard] == ["thresholds:200", "nine:200", "thresholds:201", "nine:201"]
+    for one in heard:
+        assert one["shown"] == (one["probability_better"] >= SURE)
+    low, high = result["harmed_rate_interval"]
+    assert low <= result["harmed_rate"] <= high
+    (tmp_path / "harm.json").write_text(json.dumps(result))
+    known = known_persons(tmp_path / "harm.json", "study_room", config)
+    assert benchmark_people_harm("study_room", config, pytest.fail, known) == result
+    assert known_persons(tmp_path / "harm.json", "study_room", replace(config, answers=8)) == []
+
+
+def test_the_exact_interval_of_a_share() -> None:
+    assert clopper_pearson(0, 400) == [0.0, 0.0092]
+    assert clopper_pearson(4, 200) == [0.0055, 0.0504]
 
 
 def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
