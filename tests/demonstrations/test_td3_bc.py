@@ -12,7 +12,9 @@ import torch
 
 from backend.demonstrations.controllers import DWA
 from backend.demonstrations.demonstration import augmented
+from backend.demonstrations.demonstrators import demonstrate
 from backend.demonstrations.judging import judge, judge_rollouts, unseen_scenes
+from backend.demonstrations.planned_walks import walking_scene
 from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
 from backend.demonstrations.td3_bc.loss import Balance, balance, cloning_term, demonstration_batch, update
 from backend.demonstrations.td3_bc.placement import Placements
@@ -23,9 +25,10 @@ from backend.learning.scene_sets import Purpose
 from backend.learning.td3.replay import concatenate
 from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from backend.simulation import kernels as k
-from backend.simulation.fast import rollout
+from backend.simulation.demonstration_scenes import demonstration_scene
+from backend.simulation.fast import FastEngine, rollout
 from backend.simulation.scenes import check_scene, row_to_scene
-from backend.simulation.setups import SetupError, get_setup
+from backend.simulation.setups import ROOM, SetupError, get_setup
 
 QUICK = DemonstrationConfig(updates=96, n_envs=16, random_transitions=256, augmentation=2, selection_scenes=20)
 
@@ -216,3 +219,26 @@ def test_unseen_scenes_change_what_they_say_and_can_be_driven(slow_ones, kind: s
             }[kind]
         )
     assert unseen_scenes(pairs, kind, 8, purpose=Purpose.SELECT, seed=1) != scenes
+
+
+def test_who_walked_while_something_was_demonstrated_walks_on_in_exploration() -> None:
+    scene = walking_scene(demonstration_scene("room", 0), "opposite", 3)
+    shown = demonstrate("field_of_view", scene, 0).trajectory
+    people = scene.person_poses(np.arange(600) * 0.2)[:, :2]
+    pool = Placements([shown], near=0.5, seed=1)
+    rows, _, walks = pool.take_walking(60)
+    walking = ~np.isnan(walks[:, 0, 0])
+    assert 10 < walking.sum() < 50  # the others are drawn scenes, in which people stand
+    for row, walk in zip(rows[walking], walks[walking], strict=True):
+        assert walk[0, :2] == pytest.approx(row[k.PERSON_X : k.PERSON_X + 2])
+        steps = np.diff(walk[:40, :2], axis=0)
+        shifted = [np.abs(np.diff(people[m : m + 40], axis=0) - steps).max() for m in range(200)]
+        assert min(shifted) < 1e-9  # the demonstrated walk, from some moment on
+    engine = FastEngine(ROOM, 32, pool=pool)
+    before, going = engine.rows[:, k.PERSON_X : k.PERSON_X + 2].copy(), np.zeros(32, bool)
+    for _ in range(5):
+        engine.step(np.full((32, 2), [-1.0, 0.0], dtype=np.float32))
+        going |= np.abs(engine.rows[:, k.PERSON_X : k.PERSON_X + 2] - before).max(axis=1) > 0.05
+    assert going.any()
+    standing = Placements([shown], near=0.5, seed=1, walking=False)
+    assert np.isnan(standing.take_walking(60)[2]).all()

@@ -40,7 +40,7 @@ RECORDED_SEED, EXPLORED_SEED = (
     2**32,
     2**32 + 50_000,
 )  # homes of recordings and of exploration: each other's, too, unseen
-HELD_OUT_HOMES, HELD_OUT_STEPS, ROBOTS = 16, 60, 32
+HELD_OUT_HOMES, HELD_OUT_STEPS, ROBOTS = 16, 60, 64
 YAW_STD = 0.3  # of rollouts in demonstrated scenes, around the demonstrated start
 
 
@@ -53,7 +53,7 @@ def avoider(params: dict[str, Any], _: Sequence[TaskResult]) -> TaskResult:
     updates = params["updates"]
     config = BaseConfig(
         HOME.name,
-        n_envs=64,
+        n_envs=128,
         updates=updates,
         smoothing_updates=max(6, updates // 6),
         random_transitions=min(20_000, 4 * updates),
@@ -73,6 +73,7 @@ def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
     encoder, curve = train_encoder(
         recording, (DEPTH_CAMERA, WIDE_CAMERA), CameraNoise(), VaeConfig(batches=params["encoder_batches"])
     )
+    encoder = DepthEncoder.from_bytes(encoder.to_bytes())  # what is stored is what is used, rounding included
     fitted = fit_predictor(*prediction_set(recording, encoder), PredictorConfig(batches=params["predictor_batches"]))
     predictor = PersonPredictor(fitted)
     judged_in = scene_set("home", HELD_OUT_HOMES, purpose=Purpose.REPORT, seed=1)

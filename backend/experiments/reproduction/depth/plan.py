@@ -31,7 +31,7 @@ class DepthBudget:
 BUDGETS = {
     budget.name: budget
     for budget in (
-        DepthBudget("small", (0,), 9_000, 150, 1_100, 1_500, 100, 9, 3, 12_000, 20, 4),
+        DepthBudget("small", (0,), 9_000, 220, 1_100, 1_500, 100, 9, 3, 8_000, 16, 3),
         # The thesis: 50 rollouts per scene, mode and preference.
         DepthBudget("full", (0, 1, 2), 30_000, 600, 6_000, 6_000, 400, 9, 3, 60_000, 50, 50),
     )
