@@ -27,7 +27,7 @@ from backend.study.simulated.participant import any_answer
 
 DECIDING = 0.5  # ours: share of the pace that lies between a pair's start and its answer
 PATIENCE_S = 30.0  # how long the stage may take to tell of a trajectory
-TRIES = 3  # of an answer whose connection broke, always with the same request id, as the page does it
+TRIES = 3  # of a request whose connection broke, always with the same request id, as the page does it
 
 CAMERA = viser_hooks.CameraReport(
     wxyz=(1.0, 0.0, 0.0, 0.0),
@@ -113,14 +113,7 @@ class OpenBrowser:
             self._tally.sent += 1
             self._tally.pairs.add(request_id)
         asked = time.perf_counter()
-        for left in reversed(range(TRIES)):
-            try:
-                state = await self._post(f"{self._api}/steps/{step['key']}", body)
-                break
-            except httpx.TransportError as problem:
-                self._tally.errors.append(f"{type(problem).__name__} at {step['key']}")
-                if not left:
-                    raise
+        state = await self._post(f"{self._api}/steps/{step['key']}", body)
         if tell:
             self._tally.ack_ms.append((time.perf_counter() - asked) * 1000)
         self._tally.acknowledged[request_id] = (token_hash(self._token), step["key"])
@@ -189,16 +182,29 @@ class OpenBrowser:
         state: dict[str, Any] = (await self._answered("POST", path, body)).json()
         return state
 
+    async def _sent(self, method: str, path: str, body: dict[str, Any] | None) -> httpx.Response:
+        """Joining alone is not tried again here: it would be somebody else who joins."""
+        tries = 1 if path.startswith("/join/") else TRIES
+        for left in reversed(range(tries)):
+            try:
+                return await self._client.request(method, path, json=body)
+            except httpx.TransportError as problem:
+                self._tally.errors.append(f"{type(problem).__name__} at {path.rpartition('/')[2]}")
+                if not left:
+                    raise
+        raise AssertionError("unreachable: the last try raises")
+
     async def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> httpx.Response:
-        """The answer to a request; one that a busy server put off is sent again, as the page does it."""
-        response = await self._client.request(method, path, json=body)
+        """The answer to a request; one that a busy server put off, or whose connection broke, is sent again, as the page
+        does it."""
+        response = await self._sent(method, path, body)
         for _ in range(BUSY_TRIES):
             wait_s = put_off_s(response)
             if wait_s is None:
                 break
             self._tally.errors.append("put off: the server was busy")
             await asyncio.sleep(wait_s)
-            response = await self._client.request(method, path, json=body)
+            response = await self._sent(method, path, body)
         return _checked(response)
 
 

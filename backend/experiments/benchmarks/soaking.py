@@ -84,6 +84,7 @@ def benchmark_soak(
                     tell(f"round {len(rounds)}: {rounds[-1]}")
                     time.sleep(LOOK_EVERY_S)  # connections that were closed are gone by then
                     quiet.append(_look(server.pid, began))
+                    tell(f"everybody has left: {_as_dict(quiet[-1])}")
     return {
         "sessions": sessions,
         "processes": processes,
