@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 from urllib.parse import quote
 
 from pydantic import Field
@@ -51,6 +52,26 @@ class Settings(BaseSettings):
     metrics_token: str = Field(
         "", description="who sends it as a bearer token may read /metrics from elsewhere; empty: this machine only"
     )
+    second_factor: Literal["offered", "owners", "everybody"] = Field(
+        "offered",
+        description="whose sign-in needs a code of an authenticator app: who set one up (offered), besides every owner "
+        "of the installation or of a study (owners), or every account (everybody)",
+    )
+    openid_issuer: str = Field(
+        "", description="address of the OpenID Connect provider whose accounts may sign in, e.g. a university's"
+    )
+    openid_client_id: str = Field("", description="this installation's name at that provider")
+    openid_client_secret: str = Field("", description="its secret there; empty for a public client (PKCE alone)")
+    openid_client_secret_file: Path | None = Field(None, description="file whose one line is that secret")
+    openid_name: str = Field("university account", description="on the button: Sign in with your ...")
+    openid_admits: str = Field(
+        "",
+        description="domains and e-mail addresses, with commas, whose owners get an account without any role; others "
+        "need an invitation",
+    )
+    openid_trusts_email: bool = Field(
+        False, description="the provider says nothing of having checked addresses, but has: an institution's own"
+    )
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
     standing_process: bool = Field(
@@ -72,6 +93,18 @@ class Settings(BaseSettings):
         return f"sqlite:///{(self.data / 'jobs.sqlite').resolve()}"
 
     @property
+    def openid_secret(self) -> str:
+        """Of the client at the OpenID provider. Raises SettingsError if the file that should hold it does not."""
+        if self.openid_client_secret_file is None:
+            return self.openid_client_secret
+        return _password(self.openid_client_secret_file, "openid_client_secret_file")
+
+    @property
+    def openid_allowed(self) -> frozenset[str]:
+        """Domains and addresses of `openid_admits`, in lower case."""
+        return frozenset(one.strip().lower().lstrip("@") for one in self.openid_admits.split(",") if one.strip())
+
+    @property
     def _database_server(self) -> str | None:
         """`database_url` with its password. Raises SettingsError if the file that should hold it does not."""
         if not self.database_url or self.database_password_file is None:
@@ -87,16 +120,16 @@ class Settings(BaseSettings):
         return self.artefacts_url or (self.data / "artefacts").resolve().as_uri()
 
 
-def _password(file: Path) -> str:
+def _password(file: Path, setting: str = "database_password_file") -> str:
     try:
         password = file.read_text(encoding="utf-8").strip()
     except OSError as problem:
         raise SettingsError(
-            f"database_password_file = {file}: cannot be read by user {os.getuid()} ({problem.strerror}); let others "
+            f"{setting} = {file}: cannot be read by user {os.getuid()} ({problem.strerror}); let others "
             "read the file (chmod 644) in a folder that only its owner may enter (chmod 700), or give it to that user"
         ) from problem
     if len(password.splitlines()) != 1:
-        raise SettingsError(f"database_password_file = {file}: must hold one line, the password")
+        raise SettingsError(f"{setting} = {file}: must hold one line, the password")
     return password
 
 

@@ -21,6 +21,7 @@ from backend.api.core.dependencies import Application, Services, route_of
 from backend.api.core.disk import room_left
 from backend.api.core.figure_process import FigureProcess
 from backend.api.core.monitoring import Monitoring
+from backend.api.core.openid import OpenId
 from backend.api.core.prose import prose
 from backend.api.core.throttle import TooLarge, limiter_for
 from backend.api.lab.power_runs import PowerRuns
@@ -82,6 +83,7 @@ def build_services(settings: Settings) -> Services:
         power=PowerRuns(settings),
         doors=Doors(database, files),
         monitoring=Monitoring(),
+        openid=OpenId(settings) if settings.openid_issuer else None,
         presenter=Presenter(database, files, replays, listeners, notices),
         listeners=listeners,
         admission=Admission(settings, database, replays),
@@ -93,15 +95,17 @@ def create_application(services: Services) -> Application:
     from backend.api.analyst import routes
     from backend.api.core import auth, monitoring, published
     from backend.api.core.guard import Guard, trouble
-    from backend.api.lab import learnt_pages, study_pages
+    from backend.api.lab import account_pages, learnt_pages, openid_pages, sign_in_pages, study_pages
     from backend.api.participant import session_pages
 
     application = Application(
         services, title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None
     )
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
-    for module in (session_pages, auth, study_pages, learnt_pages, routes, published, monitoring):
+    lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages, routes)
+    for module in (session_pages, *lab, published, monitoring):
         application.include_router(module.router)
+    application.include_router(openid_pages.behind)
     for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():
         application.add_exception_handler(exception, handler)
 

@@ -108,15 +108,26 @@ def worker(
 
 @plain_errors
 def password(
-    name: Annotated[str, typer.Argument(help="Name of the account.")] = "experimenter", as_json: JsonFlag = False
+    name: Annotated[str, typer.Argument(help="Name of the account.")] = "experimenter",
+    without_second_factor: Annotated[
+        bool, typer.Option(help="Also forget its second factor: app and recovery codes are lost.")
+    ] = False,
+    as_json: JsonFlag = False,
 ) -> None:
     """Give an account a new password, to be changed at the next sign-in; signs it out everywhere."""
+    from sqlalchemy import select
+
+    from backend.api.core import second_factor
     from backend.api.core.auth import reset_password
     from backend.commands.study import open_store
     from backend.store.audit import record
+    from backend.store.models import User
 
     database, _ = open_store()
     made = reset_password(database, name)
     with database.transaction() as s:
         record(s, "password_reset", by=COMMAND_LINE, name=name)
+        if without_second_factor:
+            second_factor.remove(s, s.scalars(select(User.id).where(User.name == name)).one())
+            record(s, "second_factor_removed", by=COMMAND_LINE, name=name)
     say({"name": name, "password": made}, as_json)

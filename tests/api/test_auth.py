@@ -16,10 +16,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
 from backend.api.application import build_services, create_application
-from backend.api.core import auth
 from backend.api.core.auth import (
-    COOKIE,
-    DEVICE_COOKIE,
     AccountError,
     add_user,
     check_owner_left,
@@ -27,12 +24,16 @@ from backend.api.core.auth import (
     safe_next,
     set_role,
 )
+from backend.api.core.sign_ins import COOKIE, DEVICE_COOKIE, known_device
 from backend.api.core.throttle import limiter_for
 from backend.settings import Settings
 from backend.store.models import Event, Setting, SignIn, User, utc_now
 from tests.api.lab_services import PASSWORD, csrf, sign_in
 
-OPEN_TO_ALL = {"/lab/sign-in", "/lab/language/{code}"}
+OPEN_TO_ALL = {
+    *("/lab/sign-in", "/lab/sign-in/code", "/lab/language/{code}"),
+    *("/lab/sign-in/openid", "/lab/sign-in/openid/return"),
+}
 
 
 def test_first_start_makes_one_user_with_a_random_password_that_is_told_once(tmp_path):
@@ -134,9 +135,9 @@ def test_a_device_is_known_until_the_password_changes_and_for_its_account_only(l
     with lab_services.database.session() as s:
         user = s.scalars(select(User)).one()
     asked = SimpleNamespace(cookies={DEVICE_COOKIE: kept})
-    assert auth.known_device(asked, "experimenter", user.password_hash)
-    assert auth.known_device(asked, "someone", user.password_hash) is None
-    assert auth.known_device(asked, "experimenter", user.password_hash + "x") is None
+    assert known_device(asked, "experimenter", user.password_hash)
+    assert known_device(asked, "someone", user.password_hash) is None
+    assert known_device(asked, "experimenter", user.password_hash + "x") is None
 
 
 def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_services):

@@ -25,9 +25,11 @@ from backend.store.models import (
     Base,
     Erasing,
     Event,
+    Identity,
     Participant,
     Response,
     Session,
+    SignIn,
     StrokeRow,
     Study,
     StudyRole,
@@ -231,6 +233,35 @@ def test_accounts_of_before_there_were_roles_in_studies_keep_theirs_and_can_be_g
         s.execute(insert(StudyRole).values(user_id="bob", study_id=study.id, role="analyst", given_by="ada"))
     with pytest.raises(DBAPIError), either.transaction() as s:  # or in a study that is not there
         s.add(StudyRole(user_id="bob", study_id="none", role="viewer", given_by="ada"))
+
+
+def test_who_was_signed_in_before_sign_ins_were_listed_stays_so(either: Database):
+    """And a server of the version before, still running during a rolling upgrade, may go on writing such rows."""
+    insert_one = text(
+        "INSERT INTO sign_in (token_hash, user_id, csrf, created_at, expires_at) "
+        "VALUES (:token, 'ada', 'c', '2026-11-01 10:00:00', '2036-11-01 10:00:00')"
+    )
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0011")
+        connection.execute(
+            text(
+                'INSERT INTO "user" (id, name, password_hash, must_change_password, role, created_at) '
+                "VALUES ('ada', 'ada', 'x', false, 'owner', '2026-11-01 10:00:00')"
+            )
+        )
+        connection.execute(insert_one, {"token": b"before"})
+    either.migrate()
+    with either.engine.begin() as connection:
+        connection.execute(insert_one, {"token": b"beside"})
+    with either.transaction() as s:
+        found = s.scalars(select(SignIn).order_by(SignIn.token_hash)).all()
+        assert [(one.token_hash, one.method, one.seen_at, one.address) for one in found] == [
+            (b"before", "password", None, None),
+            (b"beside", "password", None, None),
+        ]
+        s.add(Identity(user_id="ada", issuer="https://uni.example", subject="1"))
+    with pytest.raises(DBAPIError), either.transaction() as s:  # one person there opens one account here
+        s.add(Identity(user_id="ada", issuer="https://uni.example", subject="1"))
 
 
 def test_sessions_of_before_there_were_appointments_are_kept_and_may_end_in_new_ways(

@@ -1,4 +1,4 @@
-"""Who may use the signed-in pages: accounts, sign-in, cookies, CSRF. What those pages show lives elsewhere.
+"""Who may use the signed-in pages: accounts, passwords, roles, CSRF. What those pages show lives elsewhere.
 
 A signed-in browser holds a random token in an HttpOnly cookie; the database holds its sha256 only. Every signed-in
 page takes `SignedIn`; every router of such pages is made with `dependencies=[Depends(checked_csrf)]`, which also holds
@@ -7,19 +7,16 @@ the roles (`roles.py`) and the audit log (`auditing.py`).
 
 from __future__ import annotations
 
-import hashlib
 import hmac
 import re
 import secrets
-from datetime import timedelta
 from functools import cache
 from typing import Annotated, Any
 from urllib.parse import quote, urlsplit
 
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
-from fastapi import APIRouter, Depends, Form, Request
-from limits import RateLimitItem, parse
+from fastapi import Depends, Request
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.concurrency import run_in_threadpool
@@ -28,30 +25,20 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from backend.api.core.addresses import public_url
 from backend.api.core.auditing import audited
 from backend.api.core.dependencies import Db, route_of, services_of
-from backend.api.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, SignInState, lab_page, lab_refusal
+from backend.api.core.lab_frame import LabRefusal, SignInState, lab_refusal
 from backend.api.core.permits import allows
 from backend.api.core.roles import ROLES, rights_of, rule_of
-from backend.api.core.throttle import address_of, count
-from backend.store.audit import record
+from backend.api.core.second_factor import has_second_factor, is_asked_for
+from backend.api.core.sign_ins import COOKIE, hashed, noticed
 from backend.store.database import Database
-from backend.store.events import log_event
 from backend.store.models import SignIn, StudyRole, User, utc_now
 
-COOKIE = "desirepath_sign_in"
+SECOND_FACTOR = "/lab/account/second-factor"
 FIRST_USER = "experimenter"
 NOBODY = "-"  # in the audit log, for a name that is none: it may be a password typed into the wrong field
-SIGN_IN_LASTS = timedelta(hours=12)  # (ours) one working day; the browser keeps the cookie no longer either
 SHORTEST_PASSWORD = 12  # characters (ours); NIST SP 800-63B asks for length, not for mixtures
 LONGEST_PASSWORD = 200  # hashing has a cost; nobody types more
 USER_NAME = re.compile(r"[a-z0-9][a-z0-9._-]{1,39}")
-DEVICE_COOKIE = "desirepath_known_device"
-DEVICE_LASTS = timedelta(days=365)
-# All ours. Counted before the password is looked at, so that many at once are no more than one after the other.
-ATTEMPTS_PER_NAME_AND_ADDRESS = parse("10 per 5 minutes")
-ATTEMPTS_PER_ADDRESS = parse("100 per 5 minutes")  # whole institutes share one
-ATTEMPTS_PER_NAME = parse("50 per 1 hour")  # slows guessing from many addresses; known devices have their own count
-ATTEMPTS_PER_DEVICE = parse("10 per 5 minutes")
-
 _hasher = PasswordHasher()  # argon2id; RFC 9106 low-memory profile is the library's default
 
 
@@ -75,6 +62,10 @@ class NotSignedIn(Exception):
 
 class PasswordMustChange(Exception):
     """Signed in with a printed first-run password, which has to be changed before anything else."""
+
+
+class SecondFactorMissing(Exception):
+    """Signed in without a second factor where this installation asks owners, or everybody, for one."""
 
 
 def ensure_first_user(database: Database, *, must_change: bool = True) -> str | None:
@@ -148,7 +139,7 @@ def change_password(database: Database, user_id: str, current: str, new: str, *,
     """
     with database.session() as s:
         user = s.get(User, user_id)
-        if user is None or not _verified(user.password_hash, current):
+        if user is None or not verified(user.password_hash, current):
             raise AccountError("current_wrong")
     if not SHORTEST_PASSWORD <= len(new) <= LONGEST_PASSWORD:
         raise AccountError("password_length", shortest=SHORTEST_PASSWORD, longest=LONGEST_PASSWORD)
@@ -178,25 +169,34 @@ def safe_next(address: str | None) -> str:
 
 
 def signed_in(request: Request, database: Db) -> User:
-    """The signed-in user, also on `request.state.sign_in` for templates. Raises NotSignedIn, PasswordMustChange."""
+    """The signed-in user, also on `request.state.sign_in` for templates. Raises NotSignedIn, PasswordMustChange,
+    SecondFactorMissing."""
     token = request.cookies.get(COOKIE)
     if not token:
         raise NotSignedIn
     with database.session() as s:
         found = s.execute(
-            select(User, SignIn.csrf)
+            select(User, SignIn)
             .join(SignIn, SignIn.user_id == User.id)
-            .where(SignIn.token_hash == _hashed(token), SignIn.expires_at > utc_now())
+            .where(SignIn.token_hash == hashed(token), SignIn.expires_at > utc_now())
         ).one_or_none()
         if found is None:
             raise NotSignedIn
-        user, csrf = found
+        user, sign_in = found
         given = s.execute(select(StudyRole.study_id, StudyRole.role).where(StudyRole.user_id == user.id))
         rights = rights_of(user.role, [(study, role) for study, role in given])
+        asked_for = is_asked_for(services_of(request).settings.second_factor, rights)
+        missing = asked_for and not has_second_factor(s, user.id)
         s.expunge(user)
-    request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password, rights)
-    if user.must_change_password and request.url.path not in ("/lab/password", "/lab/sign-out"):
+        seen_at, token_hash = sign_in.seen_at or sign_in.created_at, sign_in.token_hash
+        csrf = sign_in.csrf
+    noticed(database, token_hash, seen_at)
+    request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password or missing, rights)
+    path = request.url.path
+    if user.must_change_password and path not in ("/lab/password", "/lab/sign-out"):
         raise PasswordMustChange
+    if missing and not user.must_change_password and not path.startswith((SECOND_FACTOR, "/lab/sign-out")):
+        raise SecondFactorMissing
     return user
 
 
@@ -219,7 +219,7 @@ async def checked_csrf(request: Request, user: SignedIn) -> User:
         raise LabRefusal(403, "role", role=user.role)
     if request.method in ("GET", "HEAD", "OPTIONS"):
         return user
-    _refuse_foreign_origin(request)
+    refuse_foreign_origin(request)
     given = request.headers.get("X-CSRF")
     if given is None:
         field = (await request.form()).get("csrf")
@@ -230,185 +230,34 @@ async def checked_csrf(request: Request, user: SignedIn) -> User:
 
 
 CheckedCsrf = Annotated[User, Depends(checked_csrf)]
-router = APIRouter(tags=["accounts"])
 
 
-@router.get("/lab", include_in_schema=False)
-def lab_home(user: SignedIn) -> Response:
-    return RedirectResponse("/lab/studies", status_code=303)
+def known_hash(user: User | None) -> str:
+    """What a password is checked against; where there is none, something that takes as long and fits nothing."""
+    return user.password_hash if user is not None and user.password_hash else _nobody()
 
 
-@router.get("/lab/language/{code}")
-def choose_language(code: str, next: str = "") -> Response:
-    """Remember the language of these pages in this browser; open to everybody, like the sign-in page."""
-    response = RedirectResponse(safe_next(next), status_code=303)
-    if code in LANGUAGES:
-        response.set_cookie(LANGUAGE_COOKIE, code, max_age=365 * 86400, httponly=True, samesite="lax", path="/lab")
-    return response
+def renewed_hash(known: str, password: str) -> str | None:
+    """The password hashed as it is done today, where the known hash is older; None where it is as good."""
+    return _hasher.hash(password) if _hasher.check_needs_rehash(known) else None
 
 
-@router.get("/lab/sign-in")
-def sign_in_page(request: Request, next: str = "") -> Response:
-    return lab_page(request, "lab/sign_in.html", next=safe_next(next), name="", problem=None)
-
-
-@router.post("/lab/sign-in")
-def sign_in(
-    request: Request,
-    database: Db,
-    name: Annotated[str, Form()] = "",
-    password: Annotated[str, Form()] = "",
-    next: Annotated[str, Form()] = "",
-) -> Response:
-    """Check name and password; sets the cookie and goes to `next`. 401 when wrong, 429 after too many attempts."""
-    _refuse_foreign_origin(request)
-    name = name.strip().lower()[:80]
-    with database.session() as s:
-        user = s.scalar(select(User).where(User.name == name))
-        known_hash = user.password_hash if user else _nobody()
-        user_id = user.id if user else None
-    device = known_device(request, name, known_hash) if user else None
-    windows = _windows(request, name, device)
-
-    def again(status: int, problem: str, **values: Any) -> Response:
-        return lab_page(
-            request,
-            "lab/sign_in.html",
-            status=status,
-            next=safe_next(next),
-            name=name,
-            problem=problem,
-            values=values,
-        )
-
-    for limit, key in windows:
-        if not count(request, limit, key):
-            reset_at = services_of(request).limiter.get_window_stats(limit, key).reset_time
-            seconds = max(1, round(reset_at - utc_now().timestamp()))
-            refused = again(429, "too_many", minutes=-(-seconds // 60))
-            refused.headers["Retry-After"] = str(seconds)
-            return refused
-    if not _verified(known_hash, password[:LONGEST_PASSWORD]) or user_id is None:
-        with database.transaction() as s:
-            log_event(s, "sign_in_refused")
-            record(s, "sign_in_refused", by=name if user_id else NOBODY, outcome="refused")
-        return again(401, "wrong")
-    services_of(request).limiter.clear(*windows[0])
-    audited(request, "signed_in", by=name)
-    token, now = secrets.token_urlsafe(32), utc_now()
-    with database.transaction() as s:
-        s.execute(delete(SignIn).where(SignIn.expires_at < now))
-        s.add(
-            SignIn(
-                token_hash=_hashed(token),
-                user_id=user_id,
-                csrf=secrets.token_urlsafe(32),
-                expires_at=now + SIGN_IN_LASTS,
-            )
-        )
-        if _hasher.check_needs_rehash(known_hash):
-            s.get_one(User, user_id).password_hash = _hasher.hash(password)
-    response = RedirectResponse(safe_next(next), status_code=303)
-    response.set_cookie(
-        COOKIE,
-        token,
-        max_age=int(SIGN_IN_LASTS.total_seconds()),
-        httponly=True,
-        samesite="lax",
-        secure=_served_securely(request),
-        path="/",
-    )
-    _know_device(request, response, name, known_hash, device)
-    return response
-
-
-def _windows(request: Request, name: str, device: str | None) -> list[tuple[RateLimitItem, str]]:
-    """What an attempt counts towards. On a device that has signed in before, strangers' attempts count for nothing."""
-    if device is not None:
-        return [(ATTEMPTS_PER_DEVICE, f"device:{device}")]
-    address = address_of(request)
-    return [
-        (ATTEMPTS_PER_NAME_AND_ADDRESS, f"name:{name} address:{address}"),
-        (ATTEMPTS_PER_ADDRESS, f"address:{address}"),
-        (ATTEMPTS_PER_NAME, f"name:{name}"),
-    ]
-
-
-def known_device(request: Request, name: str, known_hash: str) -> str | None:
-    """The id of this browser, where it has signed in to that account since its password was set last."""
-    device, _, proof = request.cookies.get(DEVICE_COOKIE, "").partition(".")
-    return device if device and hmac.compare_digest(proof.encode(), _device_proof(device, name, known_hash)) else None
-
-
-def _know_device(request: Request, response: Response, name: str, known_hash: str, device: str | None) -> None:
-    """Let this browser show later that it has signed in; what it keeps opens nothing."""
-    device = device or secrets.token_hex(16)
-    response.set_cookie(
-        DEVICE_COOKIE,
-        f"{device}.{_device_proof(device, name, known_hash).decode()}",
-        max_age=int(DEVICE_LASTS.total_seconds()),
-        httponly=True,
-        samesite="lax",
-        secure=_served_securely(request),
-        path="/lab/sign-in",
-    )
-
-
-def _device_proof(device: str, name: str, known_hash: str) -> bytes:
-    return hmac.new(known_hash.encode(), f"{device} {name}".encode(), hashlib.sha256).hexdigest().encode()
-
-
-@router.post("/lab/sign-out")
-def sign_out(request: Request, database: Db, user: CheckedCsrf) -> Response:
-    with database.transaction() as s:
-        s.execute(delete(SignIn).where(SignIn.token_hash == _hashed(request.cookies[COOKIE])))
-    response = RedirectResponse("/lab/sign-in", status_code=303)
-    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="lax", secure=_served_securely(request))
-    return response
-
-
-@router.get("/lab/password")
-def password_page(request: Request, user: SignedIn) -> Response:
-    return lab_page(request, "lab/password.html", problem=None, shortest=SHORTEST_PASSWORD)
-
-
-@router.post("/lab/password")
-def change_own_password(
-    request: Request,
-    database: Db,
-    user: CheckedCsrf,
-    current: Annotated[str, Form()] = "",
-    new: Annotated[str, Form()] = "",
-    again: Annotated[str, Form()] = "",
-) -> Response:
-    try:
-        if new != again:
-            raise AccountError("password_differs")
-        change_password(database, user.id, current, new, keep=_hashed(request.cookies[COOKIE]))
-    except AccountError as problem:
-        return lab_page(request, "lab/password.html", status=422, problem=problem, shortest=SHORTEST_PASSWORD)
-    return RedirectResponse("/lab/studies?done=password_changed", status_code=303)
-
-
-def _hashed(token: str) -> bytes:
-    return hashlib.sha256(token.encode()).digest()
-
-
-def _verified(password_hash: str, password: str) -> bool:
+def verified(password_hash: str, password: str) -> bool:
+    """Whether the password is the one that was hashed."""
     try:
         return _hasher.verify(password_hash, password)
     except (VerificationError, InvalidHashError):
         return False
 
 
-def _served_securely(request: Request) -> bool:
+def served_securely(request: Request) -> bool:
     """Whether the cookie may insist on TLS: always at a public https address, save for maintenance on this machine."""
     if request.url.scheme == "https":
         return True
     return public_url(request).startswith("https://") and request.url.hostname not in ("127.0.0.1", "localhost", "::1")
 
 
-def _refuse_foreign_origin(request: Request) -> None:
+def refuse_foreign_origin(request: Request) -> None:
     """The stage lives on another port of this host and gets the same cookies: only our own pages may post here.
 
     Sec-Fetch-Site comes first: our Referrer-Policy makes browsers send `Origin: null` with plain forms.
@@ -438,8 +287,16 @@ def _password_must_change(request: Request, problem: Exception) -> Response:
     return RedirectResponse("/lab/password", status_code=303)
 
 
+def _second_factor_missing(request: Request, problem: Exception) -> Response:
+    if request.url.path.startswith("/api/"):
+        message = f"Set up a second factor first at {SECOND_FACTOR}."
+        return JSONResponse({"error": {"code": "second_factor_missing", "message": message}}, 403)
+    return RedirectResponse(SECOND_FACTOR, status_code=303)
+
+
 exception_handlers = {
     NotSignedIn: _not_signed_in,
+    SecondFactorMissing: _second_factor_missing,
     PasswordMustChange: _password_must_change,
     LabRefusal: lab_refusal,
 }

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from backend.api.core.catalogues import Texts
     from backend.api.core.figure_process import FigureProcess
     from backend.api.core.monitoring import Monitoring
+    from backend.api.core.openid import OpenId
     from backend.api.lab.power_runs import PowerRuns
     from backend.api.lab.whole_reports import Reports
     from backend.api.participant.joining_together import Doors
@@ -50,6 +51,7 @@ class Services:
     power: PowerRuns
     doors: Doors
     monitoring: Monitoring
+    openid: OpenId | None
     presenter: Presenter
     listeners: Listeners
     admission: Admission

@@ -71,7 +71,8 @@ class Guard:
 
 
 def _behind_sign_in(request: Request) -> bool:
-    return request.url.path.startswith(BEHIND_SIGN_IN) and request.url.path != SIGN_IN
+    path = request.url.path
+    return path.startswith(BEHIND_SIGN_IN) and path != SIGN_IN and not path.startswith(f"{SIGN_IN}/")
 
 
 async def _refusal(request: Request, limit: int) -> Response | None:
@@ -86,7 +87,7 @@ async def _refusal(request: Request, limit: int) -> Response | None:
         return None
     try:
         await run_in_threadpool(auth.signed_in, request, services_of(request).database)
-    except (auth.NotSignedIn, auth.PasswordMustChange) as problem:
+    except (auth.NotSignedIn, auth.PasswordMustChange, auth.SecondFactorMissing) as problem:
         return auth.exception_handlers[type(problem)](request, problem)
     return None
 

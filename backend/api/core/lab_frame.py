@@ -59,8 +59,10 @@ def lab_language(request: Request) -> str:
 
 
 def lab_page(request: Request, template: str, *, status: int = 200, **context: Any) -> HTMLResponse:
-    """Render a signed-in page; its templates have `sign_in` (None on the sign-in page) and `languages` besides."""
+    """Render a signed-in page; its templates have `sign_in` (None on the sign-in page), `languages` and
+    `openid` (the provider, where there is one) besides."""
     context.setdefault("sign_in", getattr(request.state, "sign_in", None))
+    context["openid"] = services_of(request).openid
     if context["sign_in"] is not None:
         context["guide_here"] = fitting_guide(route_of(request))
         context["room"] = room_left(services_of(request).settings)

@@ -11,7 +11,9 @@ from sqlalchemy import delete, select, update
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
+from backend.api.core import second_factor
 from backend.api.core.addresses import public_url
+from backend.api.core.admission_by_openid import INVITED_ROLES
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import (
     AccountError,
@@ -25,8 +27,19 @@ from backend.api.core.auth import (
 from backend.api.core.dependencies import Db, contact
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.roles import ROLES
+from backend.api.core.sign_ins import end_all
 from backend.store.events import log_event
-from backend.store.models import Setting, SignIn, Study, StudyRole, User
+from backend.store.models import (
+    Identity,
+    Invitation,
+    SecondFactor,
+    Setting,
+    SignIn,
+    SignInUnderWay,
+    Study,
+    StudyRole,
+    User,
+)
 
 LONGEST_CONTACT = 300
 
@@ -56,7 +69,7 @@ def checked_public_url(text: str) -> str:
 
 @router.get("/lab/settings")
 def settings(request: Request, database: Db) -> Response:
-    return _settings_page(request, database)
+    return settings_page(request, database)
 
 
 @router.post("/lab/settings")
@@ -71,7 +84,7 @@ def save_settings(
     try:
         checked = checked_public_url(address)
     except ValueError:
-        return _settings_page(request, database, status=422, problem="address", address=address)
+        return settings_page(request, database, status=422, problem="address", address=address)
     contact_line = " ".join(help_contact.split())[:LONGEST_CONTACT]
     with database.transaction() as s:
         before = {"public_url": _stored(s, "public_url", "url"), "contact": _stored(s, "contact", "text")}
@@ -95,9 +108,9 @@ def add_account(
     try:
         password = add_user(database, name, role)
     except AccountError as problem:
-        return _settings_page(request, database, status=422, account_problem=problem)
+        return settings_page(request, database, status=422, account_problem=problem)
     audit_details(request, name=name.strip().lower(), as_role=role)
-    return _settings_page(request, database, made=NewPassword(name.strip().lower(), password))
+    return settings_page(request, database, made=NewPassword(name.strip().lower(), password))
 
 
 @router.post("/lab/settings/accounts/{name}/role")
@@ -110,7 +123,7 @@ def change_role(
     try:
         set_role(database, name, role)
     except AccountError as problem:
-        return _settings_page(request, database, status=422, account_problem=problem)
+        return settings_page(request, database, status=422, account_problem=problem)
     audit_details(request, as_role=role)
     return RedirectResponse("/lab/settings?done=role_changed#accounts", status_code=303)
 
@@ -123,8 +136,28 @@ def reset_account(request: Request, name: str, database: Db, user: CheckedCsrf) 
     try:
         password = reset_password(database, name)
     except AccountError as problem:
-        return _settings_page(request, database, status=404, account_problem=problem)
-    return _settings_page(request, database, made=NewPassword(name, password))
+        return settings_page(request, database, status=404, account_problem=problem)
+    return settings_page(request, database, made=NewPassword(name, password))
+
+
+@router.post("/lab/settings/accounts/{name}/sign-out")
+def sign_account_out(request: Request, name: str, database: Db, user: CheckedCsrf) -> Response:
+    """Sign a colleague out in every browser."""
+    with database.transaction() as s:
+        ended = end_all(s, _account(s, name).id)
+    audit_details(request, ended=ended)
+    return RedirectResponse("/lab/settings?done=account_signed_out#accounts", status_code=303)
+
+
+@router.post("/lab/settings/accounts/{name}/second-factor/remove")
+def remove_account_factor(name: str, database: Db, user: CheckedCsrf) -> Response:
+    """A colleague has neither their app nor a recovery code: they sign in without from now on. Nobody does so for
+    themselves, where a code is asked for."""
+    if name == user.name:
+        raise LabRefusal(422, "own_account")
+    with database.transaction() as s:
+        second_factor.remove(s, _account(s, name).id)
+    return RedirectResponse("/lab/settings?done=second_factor_removed#accounts", status_code=303)
 
 
 @router.post("/lab/settings/accounts/{name}/remove")
@@ -137,15 +170,23 @@ def remove_account(name: str, database: Db, user: CheckedCsrf) -> Response:
             check_owner_left(s, name)
         except AccountError:
             raise LabRefusal(422, "last_owner") from None
-        found = s.scalar(select(User).where(User.name == name))
-        if found is None:
-            raise LabRefusal(404, "no_account", name=name)
+        found = _account(s, name)
+        second_factor.remove(s, found.id)
+        s.execute(delete(SignInUnderWay).where(SignInUnderWay.user_id == found.id))
         s.execute(delete(SignIn).where(SignIn.user_id == found.id))
+        s.execute(delete(Identity).where(Identity.user_id == found.id))
         s.execute(delete(StudyRole).where(StudyRole.user_id == found.id))
         s.execute(update(Study).where(Study.created_by == found.id).values(created_by=None))
         s.delete(found)
         log_event(s, "account_removed", account=name, by=user.name)
     return RedirectResponse("/lab/settings?done=account_removed", status_code=303)
+
+
+def _account(s: DatabaseSession, name: str) -> User:
+    found = s.scalar(select(User).where(User.name == name))
+    if found is None:
+        raise LabRefusal(404, "no_account", name=name)
+    return found
 
 
 def _stored(s: DatabaseSession, key: str, field: str) -> str:
@@ -164,10 +205,12 @@ def _put(s: DatabaseSession, key: str, field: str, value: str) -> None:
         row.value = {field: value}
 
 
-def _settings_page(request: Request, database: Db, *, status: int = 200, **context: object) -> Response:
+def settings_page(request: Request, database: Db, *, status: int = 200, **context: object) -> Response:
     with database.session() as s:
         stored = {key: (row.value if (row := s.get(Setting, key)) else {}) for key in ("public_url", "contact")}
         accounts = list(s.scalars(select(User).order_by(User.name)))
+        with_factor = set(s.scalars(select(SecondFactor.user_id).where(SecondFactor.confirmed_at.is_not(None))))
+        invitations = list(s.scalars(select(Invitation).order_by(Invitation.email)))
         given = select(StudyRole, Study.name).join(Study, Study.id == StudyRole.study_id).order_by(Study.name)
         in_studies: dict[str, dict[tuple[str, str], list[str]]] = {}
         for one, study in s.execute(given.order_by(StudyRole.role)):
@@ -177,6 +220,7 @@ def _settings_page(request: Request, database: Db, *, status: int = 200, **conte
         "help_contact": stored["contact"].get("text", ""),
         "problem": None,
         "account_problem": None,
+        "invitation_problem": None,
         "made": None,
     }
     return lab_page(
@@ -188,5 +232,8 @@ def _settings_page(request: Request, database: Db, *, status: int = 200, **conte
         accounts=accounts,
         roles=list(ROLES),
         in_studies=in_studies,
+        with_factor=with_factor,
+        invitations=invitations,
+        invited_roles=INVITED_ROLES,
         **(shown | context),
     )

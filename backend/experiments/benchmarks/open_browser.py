@@ -195,8 +195,8 @@ class OpenBrowser:
         raise AssertionError("unreachable: the last try raises")
 
     async def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> httpx.Response:
-        """The answer to a request; one that a busy server put off, or whose connection broke, is sent again, as the page
-        does it."""
+        """The answer to a request; what a busy server put off or a broken connection swallowed is sent again, as the
+        page does it."""
         response = await self._sent(method, path, body)
         for _ in range(BUSY_TRIES):
             wait_s = put_off_s(response)

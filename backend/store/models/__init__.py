@@ -10,7 +10,19 @@ from __future__ import annotations
 from backend.store.models.asked import MARKS, Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
 from backend.store.models.base import Base, UtcDateTime, new_id, utc_now
 from backend.store.models.coding import CodebookCode, Coding
-from backend.store.models.lab import Audit, Note, Setting, SignIn, StudyRole, User
+from backend.store.models.lab import (
+    Audit,
+    Identity,
+    Invitation,
+    Note,
+    RecoveryCode,
+    SecondFactor,
+    Setting,
+    SignIn,
+    SignInUnderWay,
+    StudyRole,
+    User,
+)
 from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobMetric
 from backend.store.models.server import RateWindow, ServerProcess
 from backend.store.models.studies import (
@@ -35,6 +47,8 @@ __all__ = [
     "Coding",
     "Erasing",
     "Event",
+    "Identity",
+    "Invitation",
     "Job",
     "JobMetric",
     "Note",
@@ -42,12 +56,15 @@ __all__ = [
     "ProblemReport",
     "ProtocolVersion",
     "RateWindow",
+    "RecoveryCode",
     "RecruitingId",
     "Response",
+    "SecondFactor",
     "ServerProcess",
     "Session",
     "Setting",
     "SignIn",
+    "SignInUnderWay",
     "StrokeRow",
     "Study",
     "StudyRole",
