@@ -9,7 +9,7 @@ import numpy as np
 
 from backend.jobs.context import JobContext
 from backend.jobs.kept_artefacts import keep, keep_trajectory, load_any_policy, load_policy
-from backend.jobs.kinds import CONDITIONED, CompareParams, EvaluateParams
+from backend.jobs.kinds import WEIGHED, CompareParams, EvaluateParams
 from backend.learning.policies.evaluate import compare_tables, describe_table, episode_columns, episodes
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, describe, scene_set
@@ -71,7 +71,7 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
             {
                 "id": artefact.id,
                 "name": name,
-                **({"weights": of} if artefact.kind == CONDITIONED else {}),
+                **({"weights": of} if artefact.kind in WEIGHED else {}),
                 "measured": describe_table(setup, table),
             }
             for (artefact, _, table), name, of in zip(sides, names, weights, strict=True)

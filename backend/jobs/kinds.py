@@ -67,20 +67,25 @@ def _artefact(kind: str, default: Any = PydanticUndefined) -> Any:
     return Field(default, min_length=1, json_schema_extra={"source": "yours", "artefact": kind})
 
 
-CONDITIONED = "conditioned_policy"
-ANY_POLICY = f"policy|{CONDITIONED}"
+CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
+WEIGHED = (CONDITIONED, ADAPTABLE)
+"""Kinds of policies that take weights: of the nine objectives, or of chapter 5's three."""
+ANY_POLICY = "|".join(("policy", *WEIGHED))
 
 
 def _checked_weights(words: str) -> str:
     """Raises ValueError saying what no policy can be conditioned on."""
+    from backend.learning.adaptable.objectives import NAMES
+    from backend.learning.adaptable.policy import parsed_preference
     from backend.learning.preferences.objectives import parsed_weights
 
-    parsed_weights(words)
+    (parsed_preference if words.partition("=")[0].strip() in NAMES else parsed_weights)(words)
     return words
 
 
 Weights = Annotated[str, AfterValidator(_checked_weights)]
-"""What a conditioned policy is conditioned on, `farther=1,smoother=0.5`; empty: nothing."""
+"""What a conditioned policy is conditioned on, `farther=1,smoother=0.5`, empty: nothing; or an adaptable one,
+`distance=0.5,efficiency=0.5`, empty: a third of each."""
 
 
 def _weights_of(policy: str) -> Any:

@@ -35,6 +35,7 @@ from backend.store.models import Session as SessionRow
 ARTEFACT_KINDS = (
     "policy",
     "conditioned_policy",
+    "adaptable_policy",
     "reward_model",
     "query_set",
     "ranking_set",

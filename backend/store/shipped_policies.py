@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact
+from backend.store.artefacts import ARTEFACT_KINDS, ArtefactError, ArtefactStore, save_artefact
 from backend.store.models import Artefact
 
 if TYPE_CHECKING:
     from backend.learning.cards import Card
 
-REGISTERED = ("policy", "conditioned_policy")
+REGISTERED = ("policy", "conditioned_policy", "adaptable_policy")
 
 
 def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
@@ -52,14 +52,17 @@ def shipped_as(artefact_id: str) -> str | None:
 def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple[str, str]]:
     """The (artefact id, role) of what a card names as its parents; shipped ones are registered on the way.
 
-    A parent that is neither stored nor shipped stays on the card only.
+    A parent that is neither stored nor shipped stays on the card only, and so does one of a kind that is never stored:
+    the reward of a demonstration.
     """
     from backend.learning.shipped_files import load_card, shipped_names
 
     found = []
     for name, sha in card.parents.items():
-        if s.get(Artefact, sha) is None and name in shipped_names() and load_card(name).sha256 == sha:
-            _register(s, files, name)
+        if s.get(Artefact, sha) is None and name in shipped_names():
+            shipped = load_card(name)
+            if shipped.sha256 == sha and shipped.kind in ARTEFACT_KINDS:
+                _register(s, files, name)
         if s.get(Artefact, sha) is not None:
             found.append((sha, name.partition("/")[2] or name))  # the role: `base`, `ensemble/0`
     return found

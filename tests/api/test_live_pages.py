@@ -93,6 +93,25 @@ def test_the_way_follows_the_weights_and_goes_on_from_where_the_robot_is(analyst
     assert analyst.get(f"{asked}&a_farther=1&a_closer=1").status_code == 422
 
 
+def test_the_policy_of_chapter_5_has_its_own_three_weights_in_a_triangle(analyst, services):
+    policy = shipped(services, "adaptable/policy")
+    assert f"/lab/artefacts/{policy}" in analyst.get("/lab/policies").text
+    assert f"/lab/live?policy_a={policy}" in analyst.get(f"/lab/artefacts/{policy}").text
+    page = analyst.get(f"{PAGE}?policy_a={policy}&a_distance=0.5&a_efficiency=0.5").text
+    assert 'data-triangle="demonstration distance efficiency"' in page
+    assert "&#34;distance&#34;: 0.5" in page
+    assert 'name="corner"' not in page
+    asked = f"{PAGE}/paths?policy_a={policy}&scene=3500000000"
+    corners = ("", "&a_demonstration=1", "&a_distance=1", "&a_efficiency=1")
+    paths = [analyst.get(asked + more).json()["paths"][0] for more in corners]
+    assert all(one["arrives"] for one in paths)
+    assert len({json.dumps(one["track"]) for one in paths}) == 4
+    refused = analyst.get(asked + "&a_distance=0.5&a_farther=1")
+    assert (refused.status_code, "must sum to 1" in refused.json()["error"]["message"]) == (422, True)
+    figure = analyst.get(f"/lab/flow-field?policy_a={policy}&a_efficiency=1")
+    assert (figure.status_code, 'name="a_efficiency"' in figure.text) == (200, True)
+
+
 def test_a_policy_without_weights_is_refused_by_name(analyst, services):
     refused = analyst.get(f"{PAGE}?policy_a={shipped(services, 'study_room/base')}")
     assert refused.status_code == 422
@@ -137,3 +156,17 @@ def test_comparisons_of_before_are_read_and_asked_for_as_they_were():
     assert "weights_a" not in old.asked()
     with pytest.raises(JobParamsError, match="weights_b"):
         get_kind("compare").parse({"policy_a": "a", "policy_b": "b", "weights_b": "far"})
+
+
+def test_an_adaptable_policy_is_compared_with_itself_at_other_weights(services):
+    params = CompareParams(
+        policy_a="adaptable/policy", policy_b="adaptable/policy", weights_a="efficiency=1", weights_b="distance=1",
+        scenes=20, replays=0,
+    )  # fmt: skip
+    _work(services, None, compare_two, params, "compare")
+    with services.database.session() as s:
+        made = s.query(Artefact).filter(Artefact.name.startswith("adaptable/policy@distance=1 against")).one()
+    content = json.loads(services.files.get(made.id))
+    assert content["compared"]["paired"]["min_human_distance_m"]["difference"]["value"] > 0.1
+    with pytest.raises(ValueError, match="NAME=WEIGHT"):
+        CompareParams(policy_a="a", policy_b="b", weights_a="distance=1,farther=1")

@@ -126,7 +126,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 @router.get("/lab/policies")
 def policies(request: Request, database: Db, archived: bool = False) -> Response:
     with database.session() as s:
-        kinds = ("policy", "conditioned_policy", "reward_model", "query_set")
+        kinds = ("policy", "conditioned_policy", "adaptable_policy", "reward_model", "query_set")
         seen = seen_artefacts(rights_in(request))
         chosen = select(Artefact).where(Artefact.kind.in_(kinds), seen).order_by(Artefact.created_at.desc())
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}

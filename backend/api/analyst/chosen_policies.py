@@ -33,8 +33,9 @@ if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not 
     from backend.learning.policies.policy import Policy
 
 SIDES = ("a", "b")
-CONDITIONED = "conditioned_policy"
-KINDS = ("policy", CONDITIONED)
+CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
+WEIGHED = (CONDITIONED, ADAPTABLE)
+KINDS = ("policy", *WEIGHED)
 
 
 @dataclass(frozen=True)
@@ -61,14 +62,9 @@ class Side:
 
     def policy(self, files: ArtefactStore) -> Policy:
         """What rolls out. Raises LearningError for weights that it cannot be conditioned on."""
-        from backend.learning.policies.conditioned import ConditionedPolicy
-        from backend.learning.policies.policy import Policy
-        from backend.learning.preferences.objectives import preference_weights
+        from backend.learning.policies.shipped import policy_conditioned_on
 
-        content = files.get(self.artefact.id)
-        if self.artefact.kind == CONDITIONED:
-            return ConditionedPolicy.from_bytes(content).at(preference_weights(self.weights))
-        return Policy.from_bytes(content)
+        return policy_conditioned_on(files.get(self.artefact.id), self.reference)
 
 
 @dataclass(frozen=True)
@@ -110,8 +106,6 @@ def no_file(wrong: Exception) -> Response:
 
 def form_of(request: Request, database: Database) -> dict[str, Any]:
     """What the form on such a page is drawn from (`analyst/chosen_policies.html`)."""
-    from backend.learning.preferences.objectives import NAMES
-
     with database.session() as s:
         choices = choices_of(s, rights_in(request))
     given = request.query_params
@@ -121,10 +115,17 @@ def form_of(request: Request, database: Database) -> dict[str, Any]:
         "choices": choices,
         "chosen": chosen,
         "scene": given.get("scene") or str(first_scene()),
-        "conditioned": [side for side in SIDES if kind_of.get(chosen[side]) == CONDITIONED],
-        "objectives": NAMES,
+        "weighed": {side: objectives_of(kind) for side in SIDES if (kind := kind_of.get(chosen[side], "")) in WEIGHED},
         "given": given,
     }
+
+
+def objectives_of(kind: str) -> tuple[str, ...]:
+    """What a policy of that kind is conditioned on: nine objectives, chapter 5's three, or nothing."""
+    from backend.learning.adaptable.objectives import NAMES as THREE
+    from backend.learning.preferences.objectives import NAMES
+
+    return {CONDITIONED: NAMES, ADAPTABLE: THREE}.get(kind, ())
 
 
 def first_scene() -> int:
@@ -162,16 +163,13 @@ def asked_of(request: Request, s: DatabaseSession) -> Asked | None:
 
 
 def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Rights) -> Side:
-    from backend.learning.preferences.objectives import NAMES
-
     artefact = s.get(Artefact, given[f"policy_{side}"])
     if artefact is None or artefact.kind not in KINDS or not may_with(s, rights, Right.LOOK, artefact):
         raise LabRefusal(404, "no_artefact")
     if artefact.quarantined_at is not None:
         raise LabRefusal(410, "quarantined")
-    weights = {name: _weight(given.get(f"{side}_{name}") or "0", name) for name in NAMES}
-    some = {name: weight for name, weight in weights.items() if weight} if artefact.kind == CONDITIONED else {}
-    return Side(artefact, some)
+    weights = {name: _weight(given.get(f"{side}_{name}") or "0", name) for name in objectives_of(artefact.kind)}
+    return Side(artefact, {name: weight for name, weight in weights.items() if weight})
 
 
 def _weight(value: str, name: str) -> float:
@@ -185,8 +183,7 @@ def _weight(value: str, name: str) -> float:
 
 
 def query_of(given: Mapping[str, str], **changed: str) -> str:
-    from backend.learning.preferences.objectives import NAMES
-
-    known = ["policy_a", "policy_b", "scene", *(f"{side}_{name}" for side in SIDES for name in NAMES)]
+    names = [name for kind in WEIGHED for name in objectives_of(kind)]
+    known = ["policy_a", "policy_b", "scene", *(f"{side}_{name}" for side in SIDES for name in names)]
     said = {name: changed.get(name) or given.get(name) for name in known}
     return urlencode({name: value for name, value in said.items() if value})

@@ -29,7 +29,7 @@ from backend.api.lab.lab_data import JobData
 from backend.api.lab.study_rows import found_page
 from backend.jobs.curves import Points, curves_of
 from backend.jobs.kept_artefacts import command_of, find_artefact
-from backend.jobs.kinds import ALIGNMENTS, CONDITIONED, KINDS, JobParamsError, Kind, Params, get_kind
+from backend.jobs.kinds import ALIGNMENTS, CONDITIONED, KINDS, WEIGHED, JobParamsError, Kind, Params, get_kind
 from backend.jobs.process import FINAL_STATES, read_log
 from backend.store.artefacts import ArtefactError
 from backend.store.models import Artefact, Job, Study, utc_now
@@ -301,7 +301,7 @@ def _check_artefacts(s: DatabaseSession, rights: Rights, kind: Kind, params: Par
     for name, info in type(params).model_fields.items():
         extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
         of = str(extra.get("weights_of", ""))
-        if of and getattr(params, name) and kinds.get(of, CONDITIONED) != CONDITIONED:
+        if of and getattr(params, name) and kinds.get(of, CONDITIONED) not in WEIGHED:
             problems.append(_problem(name, getattr(params, name), "other", f"{of} takes none: it is not conditioned"))
     if len(setups) > 1:
         named = ", ".join(f"{name}: {setup}" for setup, name in setups.items())

@@ -1,4 +1,4 @@
-"""The analysts' page on which a conditioned policy's weights are moved by hand and its way is redrawn at once.
+"""The analysts' page on which a policy's weights are moved by hand, nine or chapter 5's three, and its way is redrawn.
 
 The controls, the stage and the rollouts are those of the participants' step (`kinds/live.py`, `live_rollouts.py`);
 nothing that is done here is stored. Figures of the same policy are `explanation_pages.py`'s and `flow_pages.py`'s.
@@ -15,12 +15,14 @@ from starlette.responses import JSONResponse, Response
 
 from app.views import VIEWS
 from backend.api.analyst.chosen_policies import (
-    CONDITIONED,
+    ADAPTABLE,
     NOT_DRAWN,
+    WEIGHED,
     Asked,
     Undrawable,
     asked_of,
     form_of,
+    objectives_of,
     problem_of,
 )
 from backend.api.core.auth import checked_csrf
@@ -35,8 +37,10 @@ from backend.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, in_triangle,
 
 if TYPE_CHECKING:
     from app.stage import Stage
+    from backend.learning.adaptable.policy import AdaptablePolicy
     from backend.learning.policies.conditioned import ConditionedPolicy
     from backend.simulation.scene import Scene
+    from backend.store.models import Artefact
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 HERE = "/lab/live"
@@ -69,15 +73,18 @@ def live(request: Request, database: Db, files: Files) -> Response:
         asked = _asked(request, database)
         if asked is not None:
             side = asked.sides[0]
-            start = in_triangle(side.weights, corners) if corners else dict(side.weights)
-            conditioned = _read(files, side.artefact.id)
+            order = objectives_of(side.artefact.kind)
+            if side.artefact.kind == ADAPTABLE:  # its weights sum to 1: a triangle and nothing else
+                corners = list(order)
+            start = in_triangle(side.weights, corners, order) if corners else dict(side.weights)
+            conditioned = _read(files, side.artefact)
             scene = _scene(conditioned.setup, asked.scene_seed)
             token = services.replays.grant(LiveScene(scene, view, _beside(conditioned, scene)))
     except NOT_DRAWN as wrong:
         problem = problem_of(t, wrong)
     seed = asked.scene_seed if asked is not None else None
     form = form_of(request, database)
-    form["choices"] = [one for one in form["choices"] if one.kind == CONDITIONED]
+    form["choices"] = [one for one in form["choices"] if one.kind in WEIGHED]
     return lab_page(
         request,
         "analyst/live.html",
@@ -108,7 +115,6 @@ def paths(
     yaw: float | None = None,
 ) -> Response:
     """The way that the policy takes at the weights of the address, from the scene's start or from that pose."""
-    from backend.learning.preferences.objectives import preference_weights
     from backend.simulation.scene import SceneError
     from backend.study.personalising.live_rollouts import path_of, rolled_out
 
@@ -117,10 +123,10 @@ def paths(
         if asked is None:
             raise LabRefusal(404, "no_figure")
         side = asked.sides[0]
-        conditioned = _read(files, side.artefact.id)
+        conditioned = _read(files, side.artefact)
         pose = (x, y, yaw) if x is not None and y is not None and yaw is not None else None
         scene = _scene(conditioned.setup, asked.scene_seed)
-        found = path_of(rolled_out(conditioned.at(preference_weights(side.weights)), scene, pose))
+        found = path_of(rolled_out(conditioned.weighed(side.weights), scene, pose))
     except SceneError:
         return JSONResponse({"error": {"code": "pose", "message": "no robot can go on from there"}}, 422)
     except NOT_DRAWN as wrong:
@@ -133,7 +139,7 @@ def _asked(request: Request, database: Db) -> Asked | None:
     """What the address names. Raises Undrawable for a policy without weights."""
     with database.session() as s:
         asked = asked_of(request, s)
-    if asked is not None and asked.sides[0].artefact.kind != CONDITIONED:
+    if asked is not None and asked.sides[0].artefact.kind not in WEIGHED:
         raise Undrawable("no_weights", name=asked.sides[0].name)
     return asked
 
@@ -165,15 +171,16 @@ def _reference(asked: Asked | None) -> str:
     return shipped_as(artefact.id) or artefact.id
 
 
-def _read(files: ArtefactStore, artefact: str) -> ConditionedPolicy:
-    return _parsed(files.get(artefact))
+def _read(files: ArtefactStore, artefact: Artefact) -> ConditionedPolicy | AdaptablePolicy:
+    return _parsed(artefact.kind, files.get(artefact.id))
 
 
 @lru_cache(maxsize=4)
-def _parsed(content: bytes) -> ConditionedPolicy:
+def _parsed(kind: str, content: bytes) -> ConditionedPolicy | AdaptablePolicy:
+    from backend.learning.adaptable.policy import AdaptablePolicy
     from backend.learning.policies.conditioned import ConditionedPolicy
 
-    return ConditionedPolicy.from_bytes(content)
+    return (AdaptablePolicy if kind == ADAPTABLE else ConditionedPolicy).from_bytes(content)
 
 
 @lru_cache(maxsize=64)
@@ -184,11 +191,11 @@ def _scene(setup: str, seed: int) -> Any:
     return draw_scene(get_setup(setup), seed)
 
 
-def _beside(conditioned: ConditionedPolicy, scene: Scene) -> tuple[Trajectory, ...]:
+def _beside(conditioned: ConditionedPolicy | AdaptablePolicy, scene: Scene) -> tuple[Trajectory, ...]:
     """What the robot may do, so that the view from above is wide enough where there are no walls."""
-    from backend.learning.policies.conditioned import settings
     from backend.study.personalising.live_rollouts import rolled_out
 
     if scene.room is not None:
         return ()
-    return tuple(rolled_out(conditioned.at(weights), scene) for weights in settings().values())
+    alone = [{}, *({name: 1.0} for name in conditioned.objectives)]
+    return tuple(rolled_out(conditioned.weighed(weights), scene) for weights in alone)

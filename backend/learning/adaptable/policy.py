@@ -4,6 +4,7 @@ it observes; `at(preference)` is an ordinary policy. How it is trained lives in 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -58,6 +59,18 @@ class AdaptablePolicy(StoredPolicy):
         kept = np.concatenate([first[: split - SIZE], first[split:]])
         folded = (kept, bias + weights @ first[split - SIZE : split], *self.actor[2:])
         return Policy(self.setup, replace(self.shape, task_inputs=split - SIZE), folded)
+
+    @property
+    def objectives(self) -> tuple[str, ...]:
+        """What it is conditioned on."""
+        return NAMES
+
+    def weighed(self, weights: Mapping[str, float]) -> Policy:
+        """`at` weights by name; what is not named is 0, and nothing at all a third of each. Raises LearningError."""
+        unknown = sorted(set(weights) - set(NAMES))
+        if unknown:
+            raise LearningError(f"preference names {', '.join(unknown)}; objectives are {', '.join(NAMES)}")
+        return self.at([weights.get(name, 0.0) for name in NAMES] if weights else np.full(SIZE, 1 / SIZE))
 
     def act(self, observations: Floats, preferences: Floats) -> Floats:
         """observations (n, obs), preferences (n, 3), each row its own -> actions (n, 2) in [-1, 1]."""

@@ -8,11 +8,13 @@ interpolator. The update itself lives in `vector_td3.py`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.analysis.frechet import frechet_distance
+from backend.learning.adaptable.demonstrator import demonstrated_paths
 from backend.learning.adaptable.interpolator import Interpolator
 from backend.learning.adaptable.objectives import (
     KEY_PREFERENCES,
@@ -22,14 +24,15 @@ from backend.learning.adaptable.objectives import (
     SIZE,
     DemonstrationReward,
     objective_rewards,
-    sampled,
     sampled_in,
     scalarised,
 )
 from backend.learning.adaptable.policy import AdaptablePolicy
 from backend.learning.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
-from backend.learning.adaptable.vector_td3 import VectorBatch, VectorTd3Agent, VectorTd3Config
+from backend.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
+from backend.learning.adaptable.vector_td3 import VectorTd3Agent, VectorTd3Config
 from backend.learning.cards import stored_config
+from backend.learning.errors import LearningError
 from backend.learning.policies.cloning import DEMONSTRATED_HEADS
 from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.shape import NetworkShape
@@ -38,10 +41,13 @@ from backend.learning.td3.base import OnProgress, no_progress
 from backend.learning.td3.checkpoints import checkpoints
 from backend.simulation.acting import ActFunction
 from backend.simulation.fast import FastEngine
+from backend.simulation.scene import Scene
 from backend.simulation.setups import ADAPTABLE
 
 Floats = NDArray[np.float32]
 PERSON_INPUTS = (2, 3)
+MEASURE_OF = ("frechet_m", "human_m", "time_s")  # of each objective, in the order of NAMES
+ARRIVE_IN = 0.9  # ours: share of rollouts from which on single objectives count as solved
 
 
 @dataclass(frozen=True)
@@ -71,6 +77,11 @@ class AdaptableConfig:
     checkpoints: int = 4  # over the last quarter; the best on the selection scenes is kept
     selection_scenes: int = 40
     without_person: bool = False  # the ablation: the person's pose is hidden from all networks
+    alone: str = ""  # an objective's name: the single-objective policy, trained under that weight and no other
+
+    def __post_init__(self) -> None:
+        if self.alone and self.alone not in NAMES:
+            raise LearningError(f"alone = {self.alone!r}: must be one of {', '.join(NAMES)}, or empty for all of them")
 
     def as_dict(self) -> dict[str, Any]:
         return stored_config(self)
@@ -95,48 +106,6 @@ def without_person(observations: Floats) -> Floats:
     return hidden
 
 
-class VectorTransitions(NamedTuple):
-    """What the buffer keeps of n transitions, as in `VectorBatch`."""
-
-    observations: Floats
-    actions: Floats
-    rewards: Floats
-    following: Floats
-    continues: Floats
-    preferences: Floats
-
-
-class VectorReplayBuffer:
-    """A ring of transitions with vectors of rewards and the preferences they were rolled out under."""
-
-    def __init__(self, capacity: int, observation_size: int) -> None:
-        self.capacity, self.size, self._next = capacity, 0, 0
-        widths = (observation_size, 2, len(REWARDS), observation_size, 0, SIZE)
-        shapes = [(capacity, width) if width else (capacity,) for width in widths]
-        self.data = VectorTransitions(*(np.zeros(shape, dtype=np.float32) for shape in shapes))
-
-    def add(self, transitions: VectorTransitions) -> None:
-        n = len(transitions.actions)
-        rows = (self._next + np.arange(n)) % self.capacity
-        for store, new in zip(self.data, transitions, strict=True):
-            store[rows] = new
-        self._next, self.size = (self._next + n) % self.capacity, min(self.capacity, self.size + n)
-
-    def sample(self, n: int, random: np.random.Generator) -> VectorBatch:
-        """n transitions drawn uniformly, with replacement."""
-        rows = random.integers(self.size, size=n)
-        return VectorBatch(*(part[rows] for part in self.data))
-
-
-def relabelled(batch: VectorBatch, share: float, random: np.random.Generator) -> VectorBatch:
-    """Hindsight: the first `share` of the batch as if rolled out under preferences drawn anew. Rewards are vectors, so
-    nothing else changes, and what a trajectory returns under the new preference is what it would have returned."""
-    count = int(len(batch.actions) * share)
-    preferences = batch.preferences.copy()
-    preferences[:count] = sampled(count, random)
-    return batch._replace(preferences=preferences)
-
-
 class AdaptableTraining:
     """The training loop as an object: one `vector_step` steps every environment once and updates some times."""
 
@@ -145,7 +114,8 @@ class AdaptableTraining:
     ) -> None:
         use_one_thread()
         self.config, self.demonstration, self.setup = config, demonstration, ADAPTABLE
-        td3 = VectorTd3Config(config.gamma, config.learning_rate, config.tau, angle_weight=config.angle_weight)
+        angle_weight = 0.0 if config.alone else config.angle_weight
+        td3 = VectorTd3Config(config.gamma, config.learning_rate, config.tau, angle_weight=angle_weight)
         size, split = self.setup.observation_size, self.setup.polar_size
         self.agent = VectorTd3Agent(size, split, config.heads, td3, seed=config.seed)
         self.shape = NetworkShape(split + SIZE, self.setup.surroundings_size, 0, config.heads)
@@ -157,10 +127,16 @@ class AdaptableTraining:
         self._parts = np.arange(config.n_envs) % SIZE
         noise = np.geomspace(*config.exploration, config.n_envs // SIZE + 1).astype(np.float32)
         self._noise = noise[np.arange(config.n_envs) // SIZE][:, None]
-        self._preferences = sampled_in(self._parts, self._random)
+        self._preferences = self._drawn(self._parts)
         self._best = np.full(SIZE, -np.inf, dtype=np.float32)
         self.solutions = np.zeros((SIZE, SIZE), dtype=np.float32)
         self._begin_with(clone)
+
+    def _drawn(self, parts: NDArray[np.int64]) -> Floats:
+        """Preferences of new episodes (n, 3): of their thirds of the triangle, or the only one there is."""
+        if self.config.alone:
+            return np.tile(np.eye(SIZE, dtype=np.float32)[NAMES.index(self.config.alone)], (len(parts), 1))
+        return sampled_in(parts, self._random)
 
     def _begin_with(self, clone: ActFunction | None) -> None:
         """Random transitions, and the clone's with up to twice the exploration noise."""
@@ -199,7 +175,7 @@ class AdaptableTraining:
         self.transitions += len(actions)
         ended = np.flatnonzero(engine.dones)
         if len(ended):
-            self._preferences[ended] = sampled_in(self._parts[ended], self._random)
+            self._preferences[ended] = self._drawn(self._parts[ended])
 
     def vector_step(self) -> int:
         """One step of all environments, then `updates_per_step` updates; returns how many there were in all."""
@@ -209,7 +185,9 @@ class AdaptableTraining:
         agent.set_learning_rate(config.learning_rate + late * (config.final_learning_rate - config.learning_rate))
         for _ in range(config.updates_per_step):
             batch = self.buffer.sample(config.batch_size, self._random)
-            agent.update(relabelled(batch, config.relabelled_share, self._random), self.setup.distance_scale_m)
+            if not config.alone:
+                batch = relabelled(batch, config.relabelled_share, self._random)
+            agent.update(batch, self.setup.distance_scale_m)
             self._average.lerp_(agent.actor.flat, 1 - config.average_decay)
             if agent.updates % config.solutions_every == 0:
                 self.look_at_solutions()
@@ -228,21 +206,29 @@ class AdaptableTraining:
         return AdaptablePolicy(self.setup.name, self.shape, tuple(arrays))
 
     def look_at_solutions(self) -> None:
-        """Roll out each objective alone; what is better than ever before becomes that objective's solution."""
-        scenes = scene_set(
-            self.setup.name, self.config.solution_scenes, purpose=Purpose.ALIGN_SELECT, seed=self.config.seed
-        )
-        found = self.rolled_out(self.averaged(), np.eye(SIZE, dtype=np.float32), len(scenes))
-        scalar = scalarised(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
+        """Roll out each objective alone; where nearly all arrive and that objective's return per metre is better than
+        ever before, the means become its solution. The core reward has no say: one collision outweighs all of style.
+        """
+        found = self.rolled_out(self.averaged(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
         per_m = found.returns[:, 1:] / found.start_m[:, None] * self.config.reward_scale
-        better = scalar > self._best
-        self._best[better] = scalar[better]
-        self.solutions[better] = per_m.reshape(SIZE, -1, SIZE).mean(axis=1)[better]
-        self.agent.interpolator = Interpolator(self.solutions.copy())
+        for k in range(SIZE):
+            of = found.preferences[:, k] == 1
+            arrived = of & found.success
+            if arrived.sum() < ARRIVE_IN * of.sum():
+                continue
+            means = per_m[arrived].mean(axis=0)
+            if means[k] > self._best[k]:
+                self._best[k], self.solutions[k] = means[k], means
+        if np.isfinite(self._best).all():
+            self.agent.interpolator = Interpolator(self.solutions.copy())
+
+    def scenes(self, n: int) -> list[Scene]:
+        """The selection scenes, which nothing reports."""
+        return scene_set(self.setup.name, n, purpose=Purpose.ALIGN_SELECT, seed=self.config.seed)
 
     def rolled_out(self, policy: AdaptablePolicy, preferences: Floats, n_scenes: int) -> PreferenceRollouts:
         """Each preference (k, 3) in the same selection scenes, preference after preference."""
-        scenes = scene_set(self.setup.name, n_scenes, purpose=Purpose.ALIGN_SELECT, seed=self.config.seed)
+        scenes = self.scenes(n_scenes)
         return roll_out_preferences(
             policy.act, scenes * len(preferences), np.repeat(preferences, n_scenes, axis=0), self.demonstration
         )
@@ -256,14 +242,17 @@ def train_adaptable(
 ) -> AdaptableResult:
     """Train one adaptable policy. demonstration: R_hat; clone: acts as the demonstration does, to begin with.
 
-    Of the last quarter's checkpoints the one with most success over the key preferences is kept, the latest of equals.
+    Of the last quarter's checkpoints the one whose returns, weighed by the preference, are highest over the key
+    preferences is kept.
     """
     training = AdaptableTraining(config, demonstration, clone)
     quarter = config.updates // 4
     marks = [config.updates - quarter + quarter * (k + 1) // config.checkpoints for k in range(config.checkpoints)]
     early = [config.updates * k // 12 for k in range(2, 9, 2)]
+    preferences = np.eye(SIZE, dtype=np.float32)[[NAMES.index(config.alone)]] if config.alone else KEY_PREFERENCES
+    ways = demonstrated_paths(training.scenes(config.selection_scenes))
     history: list[dict[str, float]] = []
-    best: tuple[float, AdaptablePolicy] | None = None
+    best: tuple[dict[str, float], AdaptablePolicy] | None = None
 
     def tell(updates: int) -> None:
         if updates % (config.updates_per_step * 50) == 0:
@@ -271,16 +260,27 @@ def train_adaptable(
 
     for updates in checkpoints(training.vector_step, [*early, *marks], tell):
         policy = training.averaged()
-        found = training.rolled_out(policy, KEY_PREFERENCES, config.selection_scenes)
-        point = {"updates": float(updates), "success": float(found.success.mean()), **training.agent.losses}
-        for k, name in enumerate(NAMES):
-            alone = found.preferences[:, k] > 1 - 1e-6
-            if alone.any():
-                point |= {f"human_m_{name}": float(found.human_m[alone].mean())}
-                point |= {f"time_s_{name}": float(found.time_s[alone].mean())}
-        history.append(point)
-        on_progress(updates / config.updates, point)
-        if updates >= marks[0] and (best is None or point["success"] >= best[0]):
-            best = point["success"], policy
+        found = training.rolled_out(policy, preferences, config.selection_scenes)
+        utility = float(scalarised(found.returns, found.preferences).mean())
+        point = {"updates": float(updates), "success": float(found.success.mean()), "utility": utility}
+        history.append(point | training.agent.losses | _alone(found, ways))
+        on_progress(updates / config.updates, history[-1])
+        if updates >= marks[0] and (best is None or point["utility"] >= best[0]["utility"]):
+            best = point, policy
     assert best is not None  # noqa: S101 - there is at least one mark
-    return AdaptableResult(best[1], best[0], training.transitions, history, training.solutions)
+    return AdaptableResult(best[1], best[0]["success"], training.transitions, history, training.solutions)
+
+
+def _alone(found: PreferenceRollouts, ways: list[NDArray[np.float64]]) -> dict[str, float]:
+    """What each objective's measure comes to where it alone counts: `frechet_m`, `human_m`, `time_s`."""
+    points = {}
+    for k, name in enumerate(MEASURE_OF):
+        rows = np.flatnonzero(found.preferences[:, k] > 1 - 1e-6)
+        if len(rows) == 0:
+            continue
+        if name == "frechet_m":
+            apart = [frechet_distance(found.paths[i], way, exact_m=1e-3) for i, way in zip(rows, ways, strict=True)]
+            points[name] = float(np.mean(apart))
+        else:
+            points[name] = float(getattr(found, name)[rows].mean())
+    return points

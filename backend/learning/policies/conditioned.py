@@ -92,6 +92,15 @@ class ConditionedPolicy(StoredPolicy):
         slowing = self.slowing.weighted(float(weights[SLOWER])) if self.slowing else None
         return Policy(self.setup, shape, actor, critic, recovery_policies, slowing=slowing)
 
+    @property
+    def objectives(self) -> tuple[str, ...]:
+        """What it is conditioned on."""
+        return NAMES
+
+    def weighed(self, weights: Mapping[str, float]) -> Policy:
+        """`at` weights by name; what is not named is 0. Raises LearningError."""
+        return self.at(preference_weights(weights))
+
     def _strengths_at(self, weights: Floats) -> Floats:
         """(9,) how many times as strongly each objective enters: its strength where it is all that is preferred, 1
         where the others weigh as much together, linear between."""

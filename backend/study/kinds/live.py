@@ -140,8 +140,9 @@ def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weigh
     return kept
 
 
-def in_triangle(weights: Mapping[str, float], corners: Sequence[str]) -> Weights:
-    """What those weights say of the corners alone, in whole percent; the middle where they say nothing."""
+def in_triangle(weights: Mapping[str, float], corners: Sequence[str], order: Sequence[str] = OBJECTIVES) -> Weights:
+    """What those weights say of the corners alone, in whole percent; the middle where they say nothing. order: all
+    objectives that there are, in which the result is given."""
     shares = [max(0.0, weights.get(name, 0.0)) for name in corners]
     together = sum(shares)
     exact = [100 * share / together if together > 0 else 100 / len(corners) for share in shares]
@@ -149,7 +150,7 @@ def in_triangle(weights: Mapping[str, float], corners: Sequence[str]) -> Weights
     missing = sorted(range(len(corners)), key=lambda k: percent[k] - exact[k])[: 100 - sum(percent)]
     whole = [share + (k in missing) for k, share in enumerate(percent)]
     found = dict(zip(corners, whole, strict=True))
-    return {name: found[name] / 100 for name in OBJECTIVES if found.get(name, 0) > 0}
+    return {name: found[name] / 100 for name in order if found.get(name, 0) > 0}
 
 
 def startable(step: LiveStep, weights: Mapping[str, float]) -> Weights:

@@ -17,7 +17,7 @@ from backend.learning.adaptable.objectives import (
     scalarised,
     thesis_vectors,
 )
-from backend.learning.adaptable.training import VectorReplayBuffer, VectorTransitions, relabelled
+from backend.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
 from backend.learning.adaptable.vector_td3 import (
     VectorBatch,
     VectorTd3Agent,

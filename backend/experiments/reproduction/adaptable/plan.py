@@ -10,6 +10,7 @@ from backend.experiments.reproduction.tasks import Task
 
 OURS, NO_PERSON, SAC, SAC_DISCOUNTED = "ours", "no_person", "sac", "sac_0.98"
 PROGRAMMED, DRAWN = "programmed", "drawn"
+RECIPE = 2  # of rewards and trainings: part of what a stored task is known by; 1 scaled rewards by random actions
 SECONDS_PER_UPDATE = 0.008
 SECONDS_PER_SAC_UPDATE = 0.03
 
@@ -82,6 +83,7 @@ def _learned(budget: AdaptableBudget, source: str, seed: int, *, without_person:
         "cloning_updates": budget.cloning_updates,
         "reward_updates": budget.reward_updates,
         "without_person": without_person,
+        "recipe": RECIPE,
     }
     if source == DRAWN:
         for count in ("cloning_updates", "reward_updates"):
