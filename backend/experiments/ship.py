@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries, or scenes of triples")
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
-    parser.add_argument("--work", type=Path, help="folder in which a policy library's training is kept, to go on later")
+    parser.add_argument("--work", type=Path, help="folder where trainings are kept, to go on with")
     arguments = parser.parse_args()
     if arguments.setup is None and arguments.what != "words":
         parser.error(f"{arguments.what} needs a setup: {', '.join(SETUPS)}")
@@ -67,7 +67,7 @@ def main() -> None:
     if arguments.what == "words":
         ship_words(arguments.seed, arguments.out)
     elif arguments.what == "adaptable":
-        ship_adaptable(arguments.seed, arguments.out)
+        ship_adaptable(arguments.seed, arguments.out, arguments.work)
     elif arguments.what == "ranking-set":
         ship_ranking_set(arguments.out)
     elif arguments.what == "base" and arguments.setup == EXPLAINED_ROOM.name:

@@ -18,16 +18,21 @@ from backend.simulation.scenes import draw_scene
 IDS = [id for id in gymnasium.registry if id.startswith("desirepath/")]
 
 
-def test_gymnasium_knows_every_setup_with_one_reward_and_with_many() -> None:
+def test_every_registered_environment_passes_the_libraries_own_check() -> None:
     assert backend.gymnasium_envs
     assert len(IDS) == 6
     for name in IDS:
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)
             warnings.filterwarnings("ignore", message=".*(render|spec|reward).*")
-            env = gymnasium.make(name).unwrapped
             if "mo-" not in name:
-                check_env(env, skip_render_check=True)
+                check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
+                continue
+            many = mo_gymnasium.make(name).unwrapped
+            assert many.reward_space.shape == (many.reward_dim,) == (len(many.rewards),)
+            # As the library's own tests have it: its wrapper makes one reward of them, and Gymnasium checks the rest.
+            weighed = mo_gymnasium.wrappers.LinearReward(many, weight=np.ones(many.reward_dim, np.float32))
+            check_env(weighed, skip_render_check=True)
 
 
 @pytest.mark.parametrize("setup", ["open_field", "study_room"])
@@ -44,6 +49,20 @@ def test_the_task_stands_first_and_every_objective_is_priced(setup: str) -> None
         assert np.array_equal(observation, again)
         assert reward[0] == pytest.approx(task)
         assert reward[REWARDS.index("smoother")] == pytest.approx(-0.4)
+
+
+def test_the_library_runs_many_of_them_at_once_and_counts_their_episodes() -> None:
+    makers = [lambda: mo_gymnasium.make("desirepath/mo-adaptable-v0")] * 3
+    envs = mo_gymnasium.wrappers.vector.MORecordEpisodeStatistics(mo_gymnasium.wrappers.vector.MOSyncVectorEnv(makers))
+    envs.reset(seed=0)
+    ahead = np.tile(np.float32([1, 0]), (3, 1))
+    ends: list[np.ndarray] = []
+    for _ in range(310):
+        _, rewards, terminated, _, info = envs.step(ahead)
+        assert rewards.shape == (3, 4)
+        if "episode" in info:
+            ends.append(info["episode"]["r"][terminated])
+    assert (np.concatenate(ends)[:, 3] <= -10).all()  # every step costs 10
 
 
 def test_a_wrapper_of_the_library_weighs_the_rewards() -> None:

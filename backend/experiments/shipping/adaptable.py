@@ -5,15 +5,17 @@ Both are tasks of the reproduction; what they compute lives in `reproduction/ada
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
 from backend.experiments.reproduction.adaptable.departures import DEPARTURES
 from backend.experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
 from backend.experiments.reproduction.adaptable.results import row_of
-from backend.experiments.reproduction.tasks import TaskResult
-from backend.learning.cards import Card, card_path, file_sha256, source_commit
+from backend.experiments.reproduction.tasks import TaskResult, Work, finish
+from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shipped_files import DATASETS
 from backend.simulation.setups import ADAPTABLE
@@ -21,27 +23,29 @@ from backend.simulation.setups import ADAPTABLE
 REWARD_NAME, POLICY_NAME = "adaptable/demonstration_reward", "adaptable/policy"
 
 
-def ship_adaptable(seed: int = 0, folder: Path = DATASETS) -> list[Card]:
-    """Clone, rank, train, roll out and store: reward and policy, as `reproduce adaptable --budget full` makes them."""
+def ship_adaptable(seed: int = 0, folder: Path = DATASETS, work: Path | None = None) -> list[Card]:
+    """Clone, rank, train, roll out and store: reward and policy, as `reproduce adaptable --budget full` makes them.
+
+    work: the `work` folder of such a reproduction, whose finished tasks are used and not computed again.
+    """
     plan = make_plan(BUDGETS["full"], (seed,))
-    learned = plan.learned[PROGRAMMED, seed]
-    demonstration = FUNCTIONS[learned.kind](learned.params, [])
-    trained = plan.trained[OURS, seed]
-    policy = FUNCTIONS[trained.kind](trained.params, [demonstration])
-    judged = plan.judged[OURS, seed]
-    rolled = FUNCTIONS[judged.kind](judged.params, [policy, demonstration])
-    return [
-        store_reward(demonstration, learned.params, seed, folder),
-        store_policy(policy, rolled, judged.params, seed, folder),
-    ]
+    tasks = (plan.learned[PROGRAMMED, seed], plan.trained[OURS, seed], plan.judged[OURS, seed])
+    with TemporaryDirectory() as made_here:
+        kept = Work(work or Path(made_here))
+        with kept.claimed():
+            finish(tasks, FUNCTIONS, kept, processes=1, on_task=lambda *_: None)
+            demonstration, policy, rolled = (kept.load(task.key) for task in tasks)
+    return [store_reward(demonstration, seed, folder), store_policy(policy, rolled, seed, folder)]
 
 
-def store_reward(made: TaskResult, params: dict[str, Any], seed: int, folder: Path = DATASETS) -> Card:
+def store_reward(made: TaskResult, seed: int, folder: Path = DATASETS) -> Card:
     """Write the reward of a demonstration task with its card."""
+    params = made.meta["params"]
     return _store(
         "demonstration_reward",
         REWARD_NAME,
         made.arrays["reward"].tobytes(),
+        made.meta["made"],
         seed,
         folder,
         config=params,
@@ -50,21 +54,20 @@ def store_reward(made: TaskResult, params: dict[str, Any], seed: int, folder: Pa
     )
 
 
-def store_policy(
-    made: TaskResult, rolled: TaskResult, params: dict[str, Any], seed: int, folder: Path = DATASETS
-) -> Card:
+def store_policy(made: TaskResult, rolled: TaskResult, seed: int, folder: Path = DATASETS) -> Card:
     """Write the policy of a training task with its card: as it is judged in the reproduction."""
     reward = folder / f"{REWARD_NAME}.npz"
     return _store(
         "adaptable_policy",
         POLICY_NAME,
         made.arrays["policy"].tobytes(),
+        made.meta["made"],
         seed,
         folder,
         config=made.meta["config"],
         scenes={
             "select": describe(Purpose.ALIGN_SELECT, made.meta["config"]["selection_scenes"], seed),
-            "report": [describe(Purpose.REPORT, params["rollouts"], seed)],
+            "report": [describe(Purpose.REPORT, rolled.meta["params"]["rollouts"], seed)],
         },
         results=row_of(rolled)
         | {key: made.meta[key] for key in ("selection_success", "transitions")}
@@ -73,7 +76,10 @@ def store_policy(
     )
 
 
-def _store(kind: str, name: str, content: bytes, seed: int, folder: Path, **fields: Any) -> Card:
+def _store(
+    kind: str, name: str, content: bytes, made: Mapping[str, Any], seed: int, folder: Path, **fields: Any
+) -> Card:
+    """made: what the task stored of itself; the card says its commit and its seconds."""
     path = folder / f"{name}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
@@ -85,9 +91,12 @@ def _store(kind: str, name: str, content: bytes, seed: int, folder: Path, **fiel
         sha256=file_sha256(path),
         command=f"python -m backend.experiments.ship adaptable {ADAPTABLE.name} --seed {seed}",
         seed=seed,
-        commit=source_commit(),
+        commit=made["commit"],
         departures=DEPARTURES,
-        notes=["Simulated: the demonstration is programmed (section 5.3.4.3)."],
+        notes=[
+            "Simulated: the demonstration is programmed (section 5.3.4.3).",
+            f"{made['cpu_seconds']:.0f} seconds of one core, finished {made['finished']}.",
+        ],
         **fields,
     )
     card.save(card_path(path))

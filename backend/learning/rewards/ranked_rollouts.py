@@ -27,7 +27,6 @@ from backend.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2)  # section 5.3.3: 0 ... 0.2
-WORST_SHARE, LOWER_QUARTER = 0.05, 0.25  # ours, of the clone's own steps: what counts as 0 and as 1
 HELD_STEPS = 5  # ours, 1 s: single random steps average out, and a clone that finds back never loses the way's shape
 
 
@@ -97,8 +96,8 @@ class RankedConfig:
 
 @dataclass(frozen=True)
 class RankedRewardModel(RewardModel):
-    """layers: weight, bias, ... of the network (s, a) -> logit. low, high: of its sigmoid, what counts as 0 and as 1,
-    since Bradley-Terry knows differences only (ours): see `scaled`.
+    """layers: weight, bias, ... of the network (s, a) -> logit. low, high: of its sigmoid, what counts as 0 and as 1:
+    means over random actions and over the clone's own, since Bradley-Terry knows differences only (ours).
     """
 
     kind: ClassVar[str] = "ranked_rollouts"
@@ -160,27 +159,17 @@ def fit_ranked(ranked: RankedRollouts, config: RankedConfig) -> RankedRewardMode
         flat, gradient = network.flat.numpy(), network.grad.numpy()
         gradient += np.float32(config.weight_decay) * flat
         optimiser.step(flat, gradient)
-    return scaled(RankedRewardModel(setup.name, tuple(network.to_arrays())), ranked, random)
-
-
-def scaled(raw: RankedRewardModel, ranked: RankedRollouts, random: np.random.Generator) -> RankedRewardModel:
-    """The model whose 1 is what the clone itself reaches in three quarters of its steps, and whose 0 what it stays
-    below in one of twenty, or what random actions get, where that is more.
-
-    With the mean over random actions as 0, who drives straight on instead of around the person loses little: between
-    chance and the clone lies much that is not the demonstration. Raises ValueError where nothing lies between.
-    """
+    raw = RankedRewardModel(setup.name, tuple(network.to_arrays()))
     least = [one for one, level in zip(ranked.trajectories, ranked.levels, strict=True) if level == ranked.levels.min()]
     seen_by_clone = np.concatenate([one.observations for one in least])
     by_clone = np.concatenate([one.actions for one in least])
     by_chance = random.uniform(-1, 1, by_clone.shape).astype(np.float32)
-    worst, high = np.quantile(raw.rewards(seen_by_clone, by_clone), (WORST_SHARE, LOWER_QUARTER)).tolist()
-    low = max(worst, float(raw.rewards(seen_by_clone, by_chance).mean()))
+    low, high = (float(raw.rewards(seen_by_clone, actions).mean()) for actions in (by_chance, by_clone))
     if high - low < 1e-3:
         raise ValueError(
             f"reward network tells the clone ({high:.3f}) from chance ({low:.3f}) by nothing; train longer"
         )
-    return RankedRewardModel(raw.setup, raw.layers, low, high)
+    return RankedRewardModel(setup.name, raw.layers, low, high)
 
 
 def drawn_pairs(levels: Floats, n: int, random: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -18,7 +18,7 @@ from backend.experiments.reproduction.tasks import Task, Work
 from backend.learning.adaptable.objectives import thesis_vectors
 from backend.learning.adaptable.training import AdaptableConfig
 
-TINY = AdaptableBudget("tiny", (0,), 20, 150, 45, 16, 2, 2, (SAC,), per_pair=1)
+TINY = AdaptableBudget("tiny", (0,), 20, 150, 45, 16, 2, 2, (SAC,), per_pair=1, alone=True)
 
 
 @pytest.fixture(scope="module")
@@ -37,6 +37,11 @@ def test_every_table_bar_and_figure_is_there(made: Path) -> None:
     results = json.loads((made / "results.json").read_text())
     assert set(results["table"]) == {OURS, SAC}
     assert {bar["name"] for bar in results["bars"]} >= {"success over 33 vectors, %", "Spearman along edges, least"}
+    alone = results["single_objectives"]
+    assert {name: of["measure"] for name, of in alone.items()} == {
+        "demonstration": "frechet_m", "distance": "human_m", "efficiency": "time_s"
+    }  # fmt: skip
+    assert all(task["cpu_seconds"] <= 1.2 * task["seconds"] + 1 for task in results["tasks"].values())
     assert set(results["rewards"]) == {"programmed 0", "drawn 0"}
     html = (made / "report.html").read_text()
     assert "Table 5.1" in html

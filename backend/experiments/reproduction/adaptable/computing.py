@@ -15,10 +15,10 @@ from backend.demonstrations.demonstrators import demonstrate
 from backend.demonstrations.drawn_rollouts import augmented_all, scenes_beside
 from backend.experiments.reproduction.tasks import Function, TaskResult
 from backend.learning.adaptable.demonstrator import demonstrated, demonstrated_paths
-from backend.learning.adaptable.objectives import thesis_vectors
+from backend.learning.adaptable.objectives import NAMES, thesis_vectors
 from backend.learning.adaptable.policy import AdaptablePolicy
 from backend.learning.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
-from backend.learning.adaptable.training import AdaptableConfig, train_adaptable, without_person
+from backend.learning.adaptable.training import MEASURE_OF, AdaptableConfig, train_adaptable, without_person
 from backend.learning.policies.cloning import CloningConfig, cloned
 from backend.learning.policies.policy import Policy
 from backend.learning.rewards.ranked_judging import judged as judge_reward
@@ -190,6 +190,21 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     return TaskResult(meta, arrays)
 
 
+def alone(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """The single-objective policy under that objective's full weight, in the scenes that `judged` rolls out in."""
+    model = reward_of(needs[1])
+    scenes = scene_set(ADAPTABLE.name, params["rollouts"], purpose=Purpose.REPORT, seed=params["seed"])
+    k = NAMES.index(params["objective"])
+    preferences = np.tile(np.eye(len(NAMES), dtype=np.float32)[k], (len(scenes), 1))
+    found = roll_out_preferences(acting(needs[0]), scenes, preferences, model.rewards)
+    measure = MEASURE_OF[k]
+    values = found.frechet_m(demonstrated_paths(scenes)) if measure == "frechet_m" else getattr(found, measure)
+    arrived = values[found.success]
+    return TaskResult(
+        rates(found.outcome) | {"measure": measure, "mean": float(arrived.mean()) if len(arrived) else None}, {}
+    )
+
+
 def rates(outcome: NDArray[np.int8]) -> dict[str, Any]:
     """In %."""
     return {
@@ -216,4 +231,5 @@ FUNCTIONS: dict[str, Function] = {
     "adaptable": adaptable,
     "sac": sac,
     "judged": judged,
+    "alone": alone,
 }

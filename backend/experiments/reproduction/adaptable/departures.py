@@ -9,13 +9,9 @@ DEPARTURES = [
     "single random steps average out, and of whole rollouts the longer one has more to sum.",
     "The programmed demonstration is disturbed in a part of the steps while it is recorded, and the action recorded "
     "is the demonstration's: else the clone never sees how to come back.",
-    "The reward network's output is shifted and scaled so that three quarters of the clone's own steps get 1 and the "
-    "worst twentieth 0.",
+    "The reward network's output is shifted and scaled so that random actions get 0 and the clone's own get 1.",
     "The clone's noisy rollouts are in the replay buffer to begin with.",
     "Values are compared with the interpolated preference per metre of way to go.",
-    "The kept policy averages the actor over updates: of several checkpoints that with most return under the "
-    "preferences, on scenes that nothing reports.",
-    "A solution of a single objective counts for the interpolator by that objective's own return where nearly all "
-    "arrive.",
+    "The kept policy averages the actor over updates: the best of several checkpoints, on scenes that nothing reports.",
     "Sizes and places of obstacles, the goal's radius and the intersection's measures are ours.",
 ]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from backend.experiments.reproduction.tasks import Task
+from backend.learning.adaptable.objectives import NAMES
 
 OURS, NO_PERSON, SAC, SAC_DISCOUNTED = "ours", "no_person", "sac", "sac_0.98"
 PROGRAMMED, DRAWN = "programmed", "drawn"
-RECIPE = 2  # of rewards and trainings: part of what a stored task is known by; 1 scaled rewards by random actions
 SECONDS_PER_UPDATE = 0.008
 SECONDS_PER_SAC_UPDATE = 0.03
 
@@ -19,7 +19,8 @@ SECONDS_PER_SAC_UPDATE = 0.03
 class AdaptableBudget:
     """How much is computed. layouts: obstacle layouts of the demonstration; updates: of each training, baselines'
     too; rollouts: per vector; elsewhere: per vector with a walking person and at the intersection; baselines:
-    of what else is trained, with the first seed; per_pair: drawn paths of each pair of places in the room."""
+    of what else is trained, with the first seed; per_pair: drawn paths of each pair of places in the room; alone:
+    whether single-objective policies are trained, with the first seed."""
 
     name: str
     seeds: tuple[int, ...]
@@ -31,6 +32,7 @@ class AdaptableBudget:
     elsewhere: int
     baselines: tuple[str, ...] = (NO_PERSON, SAC, SAC_DISCOUNTED)
     per_pair: int = 4
+    alone: bool = False
 
 
 BUDGETS = {
@@ -38,24 +40,27 @@ BUDGETS = {
     for budget in (
         AdaptableBudget("small", (0,), 300, 2_000, 600, 6_000, 25, 25, ()),
         AdaptableBudget("medium", (0,), 1_000, 6_000, 2_500, 16_000, 100, 100, ()),
-        AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 16_000, 100, 100),
+        AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 16_000, 100, 100, alone=True),
     )
 }
 
 
 @dataclass(frozen=True)
 class AdaptablePlan:
-    """learned: demonstration reward by (source, seed); trained and judged: by (variant, seed)."""
+    """learned: demonstration reward by (source, seed); trained and judged: by (variant, seed); alone: the
+    single-objective policy of each objective, rolled out under its own weight."""
 
     budget: AdaptableBudget
     learned: dict[tuple[str, int], Task]
     trained: dict[tuple[str, int], Task]
     judged: dict[tuple[str, int], Task]
+    alone: dict[str, Task] = field(default_factory=dict)
 
     def tasks(self) -> Iterator[Task]:
         """All of them; needs come along."""
         yield from self.judged.values()
         yield from self.learned.values()
+        yield from self.alone.values()
 
 
 def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> AdaptablePlan:
@@ -73,6 +78,12 @@ def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> Ad
         if variant == NO_PERSON:
             plan.learned[NO_PERSON, first] = demonstration = _learned(budget, PROGRAMMED, first, without_person=True)
         _add(plan, variant, first, demonstration)
+    for name in NAMES if budget.alone else ():
+        learned = plan.learned[PROGRAMMED, first]
+        config = {"seed": first, "updates": budget.updates, "alone": name}
+        trained = Task("adaptable", {"config": config}, (learned,), SECONDS_PER_UPDATE * budget.updates)
+        rolled = {"rollouts": budget.rollouts, "seed": first, "objective": name}
+        plan.alone[name] = Task("alone", rolled, (trained, learned), 0.01 * budget.rollouts)
     return plan
 
 
@@ -83,7 +94,6 @@ def _learned(budget: AdaptableBudget, source: str, seed: int, *, without_person:
         "cloning_updates": budget.cloning_updates,
         "reward_updates": budget.reward_updates,
         "without_person": without_person,
-        "recipe": RECIPE,
     }
     if source == DRAWN:
         for count in ("cloning_updates", "reward_updates"):

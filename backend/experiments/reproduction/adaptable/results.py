@@ -94,6 +94,20 @@ def table(plan: AdaptablePlan, load: Load) -> dict[str, dict[str, Any]]:
     return found
 
 
+def single_objectives(plan: AdaptablePlan, load: Load) -> dict[str, Any]:
+    """Per objective, what its single-objective policy reaches in the same scenes and how the adaptable one compares:
+    `ratio` is ours over that, of the first seed."""
+    first = plan.budget.seeds[0]
+    found: dict[str, Any] = {}
+    for name, task in plan.alone.items():
+        reached = {key: value for key, value in load(task.key).meta.items() if key not in ("made", "params", "kind")}
+        ours = at_full_weight(load(plan.judged[OURS, first].key).arrays, name)
+        mean = float(ours.mean()) if len(ours) else None
+        ratio = mean / reached["mean"] if mean is not None and reached["mean"] else None
+        found[name] = reached | {"ours": mean, "ratio": ratio}
+    return found
+
+
 def bars(found: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     """The bars of the issue, each with the worst seed's value and whether it is met with every seed."""
     rows = list(found[OURS]["seeds"].values())

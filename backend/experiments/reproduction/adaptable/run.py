@@ -10,7 +10,7 @@ from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
 from backend.experiments.reproduction.adaptable.departures import DEPARTURES
 from backend.experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
 from backend.experiments.reproduction.adaptable.published_numbers import NAMES, TABLE
-from backend.experiments.reproduction.adaptable.results import KINDS, bars, rewards, table
+from backend.experiments.reproduction.adaptable.results import KINDS, bars, rewards, single_objectives, table
 from backend.experiments.reproduction.enquery.report import kinds
 from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
 from backend.experiments.reproduction.tasks import Run, Task, Work
@@ -44,6 +44,7 @@ def reproduce_adaptable(
     with work.claimed():
         run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         found = {"table": table(plan, work.load), "rewards": rewards(plan, work.load)}
+        found["single_objectives"] = single_objectives(plan, work.load)
         judged_bars = bars(found["table"])
         tell("drawing")
         drawn = pictures(plan, work.load)
@@ -134,6 +135,7 @@ def _sections(
             ],
             [Table("Here (printed)", heads, printed)],
         ),
+        *_single_section(found["single_objectives"]),
         Section(
             "Over the edges of the preference triangle",
             ["Spearman of each measure and its weight, +1: as it should be."],
@@ -148,6 +150,19 @@ def _sections(
         Section("Rewards from demonstrations (D-REX)", _rewards_words(), _reward_tables(found["rewards"])),
         Section("Where this departs from the thesis", points=DEPARTURES),
     ]
+
+
+def _single_section(found: dict[str, Any]) -> list[Section]:
+    """How far the scenes allow: nothing where no single-objective policy was trained."""
+    if not found:
+        return []
+    rows = [
+        [name, of["measure"], *(_number(of[key]) for key in ("success", "mean", "ours", "ratio"))]
+        for name, of in found.items()
+    ]
+    heads = ["objective", "measure", "its success, %", "it reaches", "adaptable", "ratio"]
+    words = "A policy trained for one objective alone, as long, in the same scenes. First seed."
+    return [Section("Against single-objective policies", [words], [Table("At full weight", heads, rows)])]
 
 
 def _rewards_words() -> list[str]:
