@@ -47,7 +47,6 @@ from backend.simulation.setups import ADAPTABLE
 Floats = NDArray[np.float32]
 PERSON_INPUTS = (2, 3)
 MEASURE_OF = ("frechet_m", "human_m", "time_s")  # of each objective, in the order of NAMES
-ARRIVE_IN = 0.9  # ours: share of rollouts from which on single objectives count as solved
 
 
 @dataclass(frozen=True)
@@ -206,21 +205,14 @@ class AdaptableTraining:
         return AdaptablePolicy(self.setup.name, self.shape, tuple(arrays))
 
     def look_at_solutions(self) -> None:
-        """Roll out each objective alone; where nearly all arrive and that objective's return per metre is better than
-        ever before, the means become its solution. The core reward has no say: one collision outweighs all of style.
-        """
+        """Roll out each objective alone; what is better than ever before becomes that objective's solution."""
         found = self.rolled_out(self.averaged(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
+        scalar = scalarised(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
         per_m = found.returns[:, 1:] / found.start_m[:, None] * self.config.reward_scale
-        for k in range(SIZE):
-            of = found.preferences[:, k] == 1
-            arrived = of & found.success
-            if arrived.sum() < ARRIVE_IN * of.sum():
-                continue
-            means = per_m[arrived].mean(axis=0)
-            if means[k] > self._best[k]:
-                self._best[k], self.solutions[k] = means[k], means
-        if np.isfinite(self._best).all():
-            self.agent.interpolator = Interpolator(self.solutions.copy())
+        better = scalar > self._best
+        self._best[better] = scalar[better]
+        self.solutions[better] = per_m.reshape(SIZE, -1, SIZE).mean(axis=1)[better]
+        self.agent.interpolator = Interpolator(self.solutions.copy())
 
     def scenes(self, n: int) -> list[Scene]:
         """The selection scenes, which nothing reports."""
@@ -242,8 +234,7 @@ def train_adaptable(
 ) -> AdaptableResult:
     """Train one adaptable policy. demonstration: R_hat; clone: acts as the demonstration does, to begin with.
 
-    Of the last quarter's checkpoints the one whose returns, weighed by the preference, are highest over the key
-    preferences is kept.
+    Of the last quarter's checkpoints the one with most success over the key preferences is kept, the latest of equals.
     """
     training = AdaptableTraining(config, demonstration, clone)
     quarter = config.updates // 4
@@ -265,7 +256,7 @@ def train_adaptable(
         point = {"updates": float(updates), "success": float(found.success.mean()), "utility": utility}
         history.append(point | training.agent.losses | _alone(found, ways))
         on_progress(updates / config.updates, history[-1])
-        if updates >= marks[0] and (best is None or point["utility"] >= best[0]["utility"]):
+        if updates >= marks[0] and (best is None or point["success"] >= best[0]["success"]):
             best = point, policy
     assert best is not None  # noqa: S101 - there is at least one mark
     return AdaptableResult(best[1], best[0]["success"], training.transitions, history, training.solutions)
