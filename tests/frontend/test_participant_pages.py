@@ -381,6 +381,12 @@ def test_a_phone_is_refused_kindly_and_a_tablet_is_asked_to_turn(opened: Open) -
     tablet.locator("#begin:enabled").wait_for()
 
 
+def test_a_phone_is_let_in_where_the_protocol_asks_for_less(opened: Open) -> None:
+    phone = opened("/join", width=400, height=800, touch=True, gate="min_width=360&min_height=600")
+    phone.locator("[data-check=size][data-result=good]").wait_for()
+    assert phone.get_by_role("alert").count() == 0
+
+
 def test_a_small_window_is_asked_to_grow(chromium: Browser, pages: str) -> None:
     context = chromium.new_context(viewport={"width": 600, "height": 600}, screen={"width": 1440, "height": 900})
     page = context.new_page()

@@ -5,16 +5,17 @@ Which objective a piece is about says the model; what that means beside the othe
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import combinations
 from typing import cast
 
 import numpy as np
 
 from backend.learning.preferences.objectives import NAMES, OPPOSITES
 from backend.learning.words.clauses import LONGEST, Part, Piece, Word, clauses_of, known_words
-from backend.learning.words.model import WordsModel, load_words_model
+from backend.learning.words.model import NEGATORS, WordsModel, load_words_model
 from backend.learning.words.phrases import OPPOSED, Language
 
 Weights = dict[str, float]
@@ -25,11 +26,19 @@ SLIGHTLY = 0.5  # what is asked for "a bit" weighs half
 JOINED_MOST = 4  # pieces that are read together
 ALONE_COSTS = 0.3
 CLEAR_ALONE = 0.6
-MARKED = 0.06  # a word is marked if its piece is that much less probable without it
 OFFERED = {"care": ("farther", "slower_near_person", "smoother"), "side": ("person_on_left", "person_on_right")}
 MOST_OFFERED = 3
 OPPOSITE = {NAMES[a]: NAMES[b] for a, b in OPPOSITES} | {NAMES[b]: NAMES[a] for a, b in OPPOSITES}
 _SLIGHT = {"en": ("bit", "little", "slightly", "somewhat"), "de": ("bisschen", "etwas", "wenig", "bisserl")}
+_BARE: Mapping[Language, tuple[Mapping[str, str], frozenset[str]]] = {
+    "en": (
+        {"far": "+farther", "near": "+closer"},
+        known_words("far near away off from to me very really stay keep remain please but and"),
+    ),
+    "de": ({"weit": "+farther"}, known_words("weit weg von mir ganz sehr bleib bleiben halte bitte aber und")),
+}
+"""Words that by themselves, or with these beside them, ask for something, though the model knows them best from
+complaints ("too far away") or from much longer pieces."""
 _BESIDE = known_words("me us people person human humans near beside past mir mich uns menschen leute nahe neben")
 _PASSED_OVER = known_words(
     """a an the i it you he she we they and or but is are was be to of in on at for with that this so my your me us
@@ -52,7 +61,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Question:
-    """What was unclear from `start` to `end`, and which objectives it may have meant."""
+    """What was unclear, or contradicts itself, from `start` to `end`, and which objectives it may have meant."""
 
     start: int
     end: int
@@ -107,10 +116,18 @@ class WordsReader:
             raise ValueError(f"a sentence has at most {LONGEST} characters, not {len(text)}")
         read = self._read(clauses_of(text, self.model.language))
         wanted, lesser = _decided(read)
+        contrary = _contradictions(read, wanted)
+        for pair in contrary:
+            for number in pair:
+                wanted.pop(number, None)
         weights = _weighted(read, wanted, lesser, _SLIGHT[self.model.language])
-        marks = tuple(self._marks(read, set(weights), wanted))
-        questions = tuple(_question(one) for one in read if _is_asked(one, weights))
-        return Understood(weights, marks, questions, tuple(_missed(one) for one in read if _is_missed(one)))
+        doubted = {number for pair in contrary for number in range(pair[0], pair[1] + 1)}
+        marks = tuple(self._marks(read, set(weights), wanted, doubted))
+        asked = [one for number, one in enumerate(read) if number not in doubted and _is_asked(one, weights)]
+        questions = [_question(one) for one in asked] + [_which_of(read, pair) for pair in contrary]
+        missed = [one for number, one in enumerate(read) if number not in doubted and _is_missed(one)]
+        ordered = tuple(sorted(questions, key=lambda question: question.start))
+        return Understood(weights, marks, ordered, tuple(map(_missed, missed)))
 
     # ---- which pieces are read together, and what each is about ------------------------------------------------------
 
@@ -132,7 +149,7 @@ class WordsReader:
             ways = [
                 (best[a][0] + len(reads[a, b].piece.words) * float(np.log(reads[a, b].probability)) - ALONE_COSTS, a)
                 for a in range(max(0, b - JOINED_MOST), b)
-                if b - a == 1 or not _say_two_things(alone[a:b])
+                if b - a == 1 or not (_say_two_things(alone[a:b]) or _says_otherwise(reads[a, b], alone[a:b]))
             ]
             best.append(max(ways))
         chosen: list[_Read] = []
@@ -155,14 +172,19 @@ class WordsReader:
             if label[0] in "+-":  # by itself a complaint asks for the same as a wish
                 other = ("-" if label[0] == "+" else "+") + label[1:]
                 certain += float(row[self.model.labels.index(other)]) if other in self.model.labels else 0.0
+            bare = _bare(piece, self.model.language)
+            if bare is not None:
+                label, certain = bare, 1.0
             others = [self.model.labels[k] for k in order if self.model.labels[k][0] in "+-" and row[k] > 0.1]
             found.append(_Read(piece, label, min(certain, 1.0), tuple(dict.fromkeys(one[1:] for one in others))))
         return found
 
-    def _marks(self, read: Sequence[_Read], weighed: set[str], wanted: Mapping[int, str]) -> list[Mark]:
+    def _marks(
+        self, read: Sequence[_Read], weighed: set[str], wanted: Mapping[int, str], doubted: Collection[int]
+    ) -> list[Mark]:
         found = []
         for number, one in enumerate(read):
-            if one.about is None or one.unsure:
+            if one.about is None or one.unsure or number in doubted:
                 continue
             objective = wanted.get(number, one.about)
             against = number not in wanted or objective not in weighed
@@ -170,34 +192,69 @@ class WordsReader:
         return found
 
     def _telling(self, one: _Read) -> list[tuple[int, int]]:
-        """The stretches of the piece without which it would be less clear."""
+        """The stretches of the piece that it was understood by: the fewest telling words without which it would not be
+        understood so, and what denies them where it would say the contrary without that.
+        """
         words = tuple(one.piece.judged)
-        if len(words) == 1:
-            return [(words[0].start, words[0].end)]
-        forms = one.piece.forms
-        without = self.model.probabilities([forms[:k] + forms[k + 1 :] for k in range(len(forms))])
-        column = int(np.argmax(self.model.probabilities([forms])[0]))
-        whole = self.model.probabilities([forms])[0, column]
-        lost = whole - without[:, column]
-        telling = lost >= min(MARKED, float(lost.max()))
-        return _stretches([word for word, tells in zip(words, telling, strict=True) if tells], words)
+        label = self._labels([words])[0]
+        columns = [k for k, other in enumerate(self.model.labels) if other[1:] == label[1:]]
+        named = [word for word in words if word.form not in _PASSED_OVER | NEGATORS] or list(words)
+        chosen: list[Word] = []
+        while len(chosen) < len(named) and self._held(words, [chosen], columns)[0] >= SURE:
+            left = [word for word in named if word not in chosen]
+            held = self._held(words, [[*chosen, word] for word in left], columns)
+            chosen.append(left[int(np.argmin(held))])
+        for word in chosen[:-1]:
+            without = [other for other in chosen if other is not word]
+            if self._held(words, [without], columns)[0] < SURE:
+                chosen = without
+        denied = [word for word in words if word.form in NEGATORS and word not in chosen]
+        contrary = self._labels([tuple(w for w in words if w is not word) for word in denied]) if denied else []
+        chosen += [word for word, other in zip(denied, contrary, strict=True) if other != label]
+        return _stretches([word for word in words if word in chosen], words)
+
+    def _labels(self, some: Sequence[Sequence[Word]]) -> list[str]:
+        rows = self.model.probabilities([[word.form for word in words] for words in some])
+        return [self.model.labels[int(np.argmax(row))] for row in rows]
+
+    def _held(self, words: Sequence[Word], left_out: Sequence[Sequence[Word]], columns: Sequence[int]) -> list[float]:
+        """How probable the objective still is without those words."""
+        rows = self.model.probabilities([[w.form for w in words if w not in out] for out in left_out])
+        return [float(row[columns].sum()) for row in rows]
 
 
 def _stretches(chosen: list[Word], words: tuple[Word, ...]) -> list[tuple[int, int]]:
-    """Neighbouring words as one stretch."""
+    """Neighbouring words as one stretch, also across one word that says nothing by itself."""
     found: list[tuple[int, int]] = []
-    for word in chosen:
-        place = words.index(word)
-        if found and place and words[place - 1].end == found[-1][1]:
+    last = -2
+    for place, word in enumerate(words):
+        if word not in chosen:
+            continue
+        between = words[place - 1] if place == last + 2 else None
+        if place == last + 1 or (between is not None and found and between.form in _PASSED_OVER):
             found[-1] = (found[-1][0], word.end)
         else:
             found.append((word.start, word.end))
+        last = place
     return found
+
+
+def _bare(piece: Piece, language: Language) -> str | None:
+    """The label of a piece that is hardly more than one such word; None: it is more, or two of them."""
+    asking, beside = _BARE[language]
+    found = [asking[form] for form in piece.forms if form in asking]
+    return found[0] if len(found) == 1 and beside.issuperset(piece.forms) else None
 
 
 def _say_two_things(some: Sequence[_Read]) -> bool:
     """Whether two of the pieces surely say something, and not the same."""
     return len({one.about or one.label for one in some if one.label != "none" and one.probability >= CLEAR_ALONE}) > 1
+
+
+def _says_otherwise(together: _Read, some: Sequence[_Read]) -> bool:
+    """Whether two of the pieces or more surely say the same, and all of them together something else."""
+    sure = [one.about for one in some if one.about and not one.unsure]
+    return len(sure) > 1 and len(set(sure)) == 1 and together.about != sure[0]
 
 
 def _together(some: Sequence[Piece]) -> Piece:
@@ -233,6 +290,24 @@ def _decided(read: Sequence[_Read]) -> tuple[dict[int, str], dict[str, bool]]:
             elif k not in first:
                 lesser[about] = True
     return wanted, lesser
+
+
+def _contradictions(read: Sequence[_Read], wanted: Mapping[int, str]) -> list[tuple[int, int]]:
+    """Pairs of pieces that ask for opposites, neither of them first by what the sentence says: "near but far"."""
+    found: list[tuple[int, int]] = []
+    for first, second in combinations(sorted(wanted), 2):
+        alike = all(getattr(read[first].piece, of) == getattr(read[second].piece, of) for of in ("part", "foremost"))
+        taken = {number for pair in found for number in pair}
+        if alike and OPPOSITE.get(wanted[first]) == wanted[second] and not taken & {first, second}:
+            found.append((first, second))
+    return found
+
+
+def _which_of(read: Sequence[_Read], pair: tuple[int, int]) -> Question:
+    """Which of the two opposites is meant; all that stands between is part of the question."""
+    first, second = (read[number] for number in pair)
+    offered = tuple(str(one.about) for one in (first, second))
+    return Question(first.piece.words[0].start, second.piece.words[-1].end, offered)
 
 
 def _asks(one: _Read, compared: bool, avoided: bool) -> bool:

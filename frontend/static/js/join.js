@@ -4,7 +4,7 @@
 import { frameRate } from "./frame-rate.js";
 import { pageData, speaker } from "./say.js";
 
-/** Smaller windows cannot show the room and the bars together; checked against the shorter and the longer side. */
+/** Smaller windows cannot show the room and the bars together. Asked for where the study's protocol names no size. */
 const SHORT_SIDE = 500;
 const LONG_SIDE = 740;
 
@@ -41,7 +41,9 @@ function hasWebGl() {
 
 /** @param {number} width @param {number} height */
 const fits = (width, height) =>
-  Math.min(width, height) >= SHORT_SIDE && width >= (gate.min_width ?? LONG_SIDE) && height >= (gate.min_height ?? 0);
+  gate.min_width === null && gate.min_height === null
+    ? Math.min(width, height) >= SHORT_SIDE && width >= LONG_SIDE
+    : width >= (gate.min_width ?? 0) && height >= (gate.min_height ?? 0);
 /** What people will point with: the first that the study allows, of those that are there. */
 const pointer = (touch ? ["coarse", ...(mouseToo ? ["fine"] : [])] : ["fine"]).find((kind) => gate.pointers.includes(kind));
 
