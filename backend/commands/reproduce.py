@@ -94,6 +94,24 @@ def depth(out: Out, budget: BudgetName = "small", processes: Processes = 1, as_j
 
 @commands.command()
 @plain_errors
+def pedestrians(
+    out: Out,
+    budget: BudgetName = "small",
+    processes: Processes = 2,
+    device: Annotated[str, typer.Option(help="What trains: cpu, or cuda where a GPU is there.")] = "cpu",
+    as_json: JsonFlag = False,
+) -> None:
+    """Chapter 4: attention networks, ablations, baselines and planners among pedestrians; table 4.1."""
+    from backend.experiments.reproduction.pedestrians.plan import BUDGETS
+    from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
+
+    chosen = _chosen(BUDGETS, budget)
+    run = _run("pedestrians", budget, processes, f"--device {device} ")
+    say(reproduce_pedestrians(out, chosen, device=device, **run), as_json)
+
+
+@commands.command()
+@plain_errors
 def explanations(
     out: Out,
     budget: BudgetName = "small",

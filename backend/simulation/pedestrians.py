@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
+import numpy as np
+
 from backend.simulation.walks import Walk
 
 Behaviour = Literal["path", "orca", "social_force"]
@@ -41,6 +43,25 @@ class Pedestrian:
             raise PedestrianError("route has places that are not finite")
         if not 0.0 <= self.speed <= 2.0:
             raise PedestrianError(f"speed = {self.speed}: 0 to 2 m/s")
+
+
+def where_on_route(pedestrian: Pedestrian, seconds: float) -> tuple[float, float, float]:
+    """x, y (m) and heading (rad) of one who walks a route back and forth, so long after the start."""
+    places = np.array(pedestrian.route)
+    if len(places) == 1 or pedestrian.speed == 0:
+        return float(places[0, 0]), float(places[0, 1]), pedestrian.yaw
+    steps = np.diff(places, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    total = float(lengths.sum())
+    gone = pedestrian.speed * seconds % (2 * total)
+    back = gone > total
+    along = 2 * total - gone if back else gone
+    begun = np.concatenate([[0.0], np.cumsum(lengths)])
+    piece = min(int(np.searchsorted(begun, along, side="left" if back else "right")) - 1, len(steps) - 1)
+    piece = max(piece, 0)
+    x, y = places[piece] + steps[piece] * (along - begun[piece]) / lengths[piece]
+    sign = -1.0 if back else 1.0
+    return float(x), float(y), math.atan2(sign * steps[piece, 1], sign * steps[piece, 0])
 
 
 @dataclass(frozen=True)

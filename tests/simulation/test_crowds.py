@@ -9,7 +9,7 @@ import pytest
 
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
 from backend.simulation.crowds.crowd_kernels import nearest_wall
-from backend.simulation.crowds.crowd_reference import CrowdReference, where_on_route
+from backend.simulation.crowds.crowd_reference import CrowdReference
 from backend.simulation.crowds.crowd_scenes import (
     PUBLISHED,
     UNSEEN_HOMES,
@@ -19,7 +19,7 @@ from backend.simulation.crowds.crowd_scenes import (
 )
 from backend.simulation.crowds.crowd_setups import CROWD_CORRIDOR, TRAINED_SETUPS
 from backend.simulation.fast import FastEngine
-from backend.simulation.pedestrians import Crowd, PedestrianError
+from backend.simulation.pedestrians import Crowd, PedestrianError, where_on_route
 from backend.simulation.scene import Pose, Scene, SceneError
 from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import STUDY_ROOM

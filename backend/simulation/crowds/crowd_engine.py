@@ -152,7 +152,7 @@ class CrowdEngine:
         )
         self.scenes: list[Scene | None] = [None] * n
         self._reactive, self._forces = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-        self._robot_v = np.zeros((n, 2))
+        self.robot_v = np.zeros((n, 2))
         self.older_points, self.older_ranges = np.zeros((n, sectors, 2)), np.zeros((n, sectors))
         self.oldest_ranges = np.zeros((n, sectors))
         self.dones = np.ones(n, np.bool_)
@@ -216,7 +216,7 @@ class CrowdEngine:
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         k.begin_crowds(which, self.world, self.seen, self._rules, self._directions)
-        self._robot_v[which] = 0.0
+        self.robot_v[which] = 0.0
         self.seen.outcomes[which], self.seen.rewards[which], self.dones[which] = Outcome.RUNNING, 0.0, False
         self.older_points[which], self.older_ranges[which] = self.points[which], self.ranges[which]
         self.oldest_ranges[which] = self.ranges[which]
@@ -235,7 +235,7 @@ class CrowdEngine:
         before = self.world.robots[:, :2].copy()
         self._choose_velocities(np.flatnonzero(running & self._reactive))
         k.step_crowds(self.world, self.seen, actions, self._reactive, self._rules, self._directions)
-        self._robot_v[:] = (self.world.robots[:, :2] - before) / CONTROL_DT_S
+        self.robot_v[:] = (self.world.robots[:, :2] - before) / CONTROL_DT_S
         self.dones[:] = self.world.finished
 
     def _choose_velocities(self, which: NDArray[np.int64]) -> None:
@@ -244,7 +244,7 @@ class CrowdEngine:
         w = self.world
         targets = np.take_along_axis(w.routes, w.heading_for[:, :, None, None], axis=2)[:, :, 0]
         avoid.choose_velocities(
-            which, self._forces, w.people_xy, w.people_v, w.people, w.speeds, targets, w.robots, self._robot_v,
+            which, self._forces, w.people_xy, w.people_v, w.people, w.speeds, targets, w.robots, self.robot_v,
             w.boxes, w.box_count, PERSON_RADIUS_M, ROBOT_RADIUS_M, avoid.OrcaRules(), avoid.ForceRules(),
         )  # fmt: skip
 

@@ -13,32 +13,13 @@ from numpy.typing import NDArray
 
 from backend.simulation.crowds import crowd_setups as settings
 from backend.simulation.crowds.crowd_kernels import SUBSTEPS as LOOKS
-from backend.simulation.pedestrians import Pedestrian
+from backend.simulation.pedestrians import Pedestrian, where_on_route
 from backend.simulation.reference import BODY_HEIGHT_M, SUBSTEPS, pybullet
 from backend.simulation.scene import Scene, SceneError
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup
 from backend.simulation.trajectory import Outcome
 
 Doubles = NDArray[np.float64]
-
-
-def where_on_route(pedestrian: Pedestrian, seconds: float) -> tuple[float, float, float]:
-    """x, y (m) and heading (rad) of one who walks a route back and forth, so long after the start."""
-    places = np.array(pedestrian.route)
-    if len(places) == 1 or pedestrian.speed == 0:
-        return float(places[0, 0]), float(places[0, 1]), pedestrian.yaw
-    steps = np.diff(places, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    total = float(lengths.sum())
-    gone = pedestrian.speed * seconds % (2 * total)
-    back = gone > total
-    along = 2 * total - gone if back else gone
-    begun = np.concatenate([[0.0], np.cumsum(lengths)])
-    piece = min(int(np.searchsorted(begun, along, side="left" if back else "right")) - 1, len(steps) - 1)
-    piece = max(piece, 0)
-    x, y = places[piece] + steps[piece] * (along - begun[piece]) / lengths[piece]
-    sign = -1.0 if back else 1.0
-    return float(x), float(y), math.atan2(sign * steps[piece, 1], sign * steps[piece, 0])
 
 
 class CrowdReference:

@@ -1,0 +1,88 @@
+"""What each task of chapter 4 computes. Which there are: `plan.py`; report and command: `run.py`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from backend.experiments.reproduction.tasks import Function, TaskResult
+from backend.learning.pedestrians.crowd_evaluation import CrowdTable, crowd_scene_set, evaluate_crowds
+from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.learning.pedestrians.crowd_planners import PLANNERS
+from backend.learning.pedestrians.crowd_training import (
+    CrowdTrainingConfig,
+    actor_from_arrays,
+    actor_to_arrays,
+    train_crowd,
+)
+from backend.learning.scene_sets import Purpose
+from backend.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions
+from backend.simulation.crowds.crowd_setups import CROWD_HOME, TRAINED_SETUPS
+from backend.simulation.scene import Scene
+
+Judge = Callable[..., CrowdTable]
+
+
+def trained(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """A part of one training."""
+    state = needs[0].arrays["state"].tobytes() if needs else None
+    made = train_crowd(CrowdTrainingConfig(**params["config"]), until=params["until"], state=state)
+    arrays = {f"actor.{name}": value for name, value in actor_to_arrays(made.actor).items()}
+    meta = {"history": made.history, "level": made.level, "transitions": made.transitions}
+    return TaskResult(meta, {**arrays, "state": np.frombuffer(made.state, dtype=np.uint8)})
+
+
+def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, list[Scene]]]:
+    """Names and scenes of everything that is judged: the same for everybody."""
+    n = params["episodes"]
+
+    def scenes(conditions: CrowdConditions, setups: Sequence[str] = TRAINED_SETUPS) -> list[Scene]:
+        return crowd_scene_set(n, conditions, purpose=Purpose.REPORT, seed=0, setups=setups)
+
+    yield "published", scenes(PUBLISHED)
+    for speed in params["speeds"]:
+        yield f"speed {speed:g}", scenes(CrowdConditions((2, 2), (1, 1), (speed, speed)))
+    for number in params["numbers"]:
+        yield f"number {number}", scenes(CrowdConditions((number, number), (1, 1), (0.6, 0.6)))
+    yield "homes", scenes(UNSEEN_HOMES, (CROWD_HOME.name,))
+    for behaviour in ("orca", "social_force"):
+        yield behaviour, scenes(CrowdConditions((2, 2), (1, 1), (0.6, 0.6), behaviour))
+
+
+def _judged(params: dict[str, Any], judge: Judge) -> TaskResult:
+    meta: dict[str, Any] = {}
+    arrays = {}
+    for name, scenes in _conditions(params):
+        table = judge(scenes)
+        meta[name], arrays[name.replace(" ", "_")] = table.rates(), table.outcome
+        if name == "published" and params.get("robustness"):
+            meta["no_icp"], meta["no_walls"] = judge(scenes, icp=False).rates(), judge(scenes, walls=False).rates()
+    return TaskResult({"rates": meta}, arrays)
+
+
+def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """A trained policy on the reporting scenes; ours also without ICP and in the open."""
+    import torch
+
+    torch.set_num_threads(1)
+    given = VARIANTS[params["variant"]].given
+    arrays = {name[6:]: value for name, value in needs[0].arrays.items() if name.startswith("actor.")}
+    actor = actor_from_arrays(params["variant"], arrays)
+
+    def act(states: Any) -> Any:
+        with torch.no_grad():
+            return actor(torch.as_tensor(states)).numpy()
+
+    return _judged(params, lambda scenes, **more: evaluate_crowds(act, given, scenes, **more))
+
+
+def planned(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """A planner on the same scenes."""
+    del needs
+    plan = PLANNERS[params["planner"]]
+    return _judged(params, lambda scenes, **more: evaluate_crowds(None, "ranges", scenes, plan=plan, **more))
+
+
+FUNCTIONS: dict[str, Function] = {"trained": trained, "judged": judged, "planned": planned}

@@ -1,0 +1,228 @@
+"""`desirepath reproduce pedestrians`, without the command line: work, table 4.1, robustness and curves, report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from backend.experiments.reproduction.enquery.report import kinds
+from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS
+from backend.experiments.reproduction.pedestrians.plan import (
+    DDPG,
+    PLANNED,
+    PedestrianBudget,
+    PedestrianPlan,
+    make_plan,
+)
+from backend.experiments.reproduction.pedestrians.published_numbers import (
+    DEPARTURES,
+    HOMES,
+    HOMES_AT_LEAST,
+    SUCCESS_AT_LEAST,
+    TABLE,
+    WITHOUT_ICP,
+    WITHOUT_WALLS,
+)
+from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
+from backend.experiments.reproduction.tasks import Run, Task, TaskResult, Work
+from backend.explain.printed import Section, page
+from backend.explain.printed import Table as PrintedTable
+from backend.learning.cards import Card, card_path, file_sha256
+from backend.learning.pedestrians.crowd_networks import VARIANTS
+
+Load = Callable[[str], TaskResult]
+MEASURES = ("success", "collision", "timeout", "time_s")
+NAMES = {name: variant.name for name, variant in VARIANTS.items()} | {
+    DDPG: "OUR, DDPG as published",
+    "follow": "the path alone",
+    "dwa": "DWA on the lidar",
+    "orca": "ORCA, told everybody's motion",
+    "social_force": "social force, told everybody's motion",
+}
+
+
+def reproduce_pedestrians(
+    out: Path,
+    budget: PedestrianBudget,
+    *,
+    processes: int = 2,
+    command: str = "",
+    tell: Tell = lambda words: None,
+    device: str = "cpu",
+) -> dict[str, Any]:
+    """Compute what is missing under `out`/work, then write results.json with its card, and report.html.
+
+    Stopped in any way and started again, it goes on with the first task that is not stored; a training is several.
+    Raises RuntimeError if another run works in the same folder.
+    """
+    plan, work = make_plan(budget, device), Work(out / "work")
+    with work.claimed():
+        run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
+        rates = table(plan, work.load)
+        judged_bars = bars(rates)
+        results = out / "results.json"
+        summary = write_results(results, run, budget, bars=judged_bars, rates=rates, histories=_histories(plan, work))
+        Card(
+            kind="reproduction",
+            name=f"pedestrians/reproduce_{budget.name}",
+            setup="crowd_corridor, crowd_intersection, crowd_office",
+            file=results.name,
+            sha256=file_sha256(results),
+            command=command,
+            seed=budget.seeds[0],
+            commit=run.commit,
+            config={"updates": budget.updates, "batch_size": budget.batch_size},
+            scenes={"judged": f"{budget.episodes} reporting scenes per condition, the same for everybody"},
+            results={"bars": judged_bars, "core_seconds": run.core_seconds},
+            departures=DEPARTURES,
+            notes=["Simulated throughout."],
+        ).save(card_path(results))
+        html = page(
+            TEMPLATES,
+            "pedestrians.html",
+            run={"budget": budget.name, "seeds": ", ".join(map(str, budget.seeds))},
+            sections=_sections(plan, rates, judged_bars),
+            facts=_facts(plan, run),
+            kinds=kinds(run),
+        )
+        (out / "report.html").write_text(html, encoding="utf-8")
+    return {
+        "report": str(out / "report.html"),
+        "results": str(results),
+        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "bars")},
+    }
+
+
+def table(plan: PedestrianPlan, load: Load) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
+    """By variant and condition: mean and spread (largest less smallest) over seeds of each measure."""
+    found: dict[str, dict[str, Any]] = {}
+    for who in dict.fromkeys(variant for variant, _ in plan.judged):
+        seeds = [load(task.key).meta["rates"] for (variant, _), task in plan.judged.items() if variant == who]
+        found[who] = {
+            condition: {
+                measure: {
+                    "mean": float(np.mean([one[condition][measure] for one in seeds])),
+                    "spread": float(np.ptp([one[condition][measure] for one in seeds])),
+                }
+                for measure in MEASURES
+            }
+            for condition in seeds[0]
+        }
+    return found
+
+
+def bars(rates: dict[str, Any]) -> list[dict[str, Any]]:
+    """The specification's bars with what was reached."""
+    ours = rates["ours"]["published"]["success"]
+    baselines = [rates[who]["published"]["success"]["mean"] for who in ("b1", "b2", "b3") if who in rates]
+    lead = ours["mean"] - max(baselines) if baselines else float("nan")
+    homes = rates["ours"]["homes"]["success"]["mean"]
+    return [
+        _bar("success in the published setting, %", ours["mean"], SUCCESS_AT_LEAST),
+        _bar("lead over the best baseline, points, against the seeds' spread", lead, ours["spread"]),
+        _bar("success in unseen homes, %", homes, HOMES_AT_LEAST),
+    ]
+
+
+def _bar(name: str, value: float, at_least: float) -> dict[str, Any]:
+    return {"name": name, "value": value, "at_least": at_least, "met": bool(value >= at_least)}
+
+
+def _histories(plan: PedestrianPlan, work: Work) -> dict[str, Any]:
+    return {
+        f"{variant} seed {seed}": work.load(task.needs[0].key).meta["history"]
+        for (variant, seed), task in plan.judged.items()
+        if task.needs
+    }
+
+
+def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence[dict[str, Any]]) -> list[Section]:
+    heads = ["policy", "success, %", "collisions, %", "timeouts, %", "time of success, s", "printed success, %"]
+    rows = [
+        [
+            NAMES[who],
+            *(_shown(of["published"][measure]) for measure in MEASURES),
+            f"{TABLE[who][0]:.1f}" if who in TABLE else "-",
+        ]
+        for who, of in rates.items()
+    ]
+    ours, printed = rates["ours"], TABLE["ours"][0]
+    robust = [
+        ["everything as trained", _shown(ours["published"]["success"]), f"{printed:.1f}"],
+        ["without ICP", _shown(ours["no_icp"]["success"]), f"{printed + WITHOUT_ICP:.1f}"],
+        ["without walls", _shown(ours["no_walls"]["success"]), f"{printed + WITHOUT_WALLS:.1f}"],
+        ["unseen homes, ORCA crowds", _shown(ours["homes"]["success"]), f"{HOMES[0]:.1f}"],
+    ]
+    conditions = [name for name in next(iter(rates.values())) if name.split()[0] in ("speed", "number")]
+    more = [*conditions, "homes", "orca", "social_force"]
+    return [
+        Section(
+            "Bars",
+            ["None of this is about people."],
+            [
+                PrintedTable(
+                    "Bars of the specification",
+                    ["bar", "at least", "here", "met"],
+                    [[b["name"], _number(b["at_least"]), _number(b["value"]), _yes(b["met"])] for b in judged_bars],
+                )
+            ],
+        ),
+        Section(
+            "Table 4.1",
+            [
+                f"{plan.budget.episodes} episodes, the same for all: two pedestrians at 0.6 m/s, one who stands. Means "
+                "over seeds, in brackets the difference between the best and the worst seed."
+            ],
+            [PrintedTable("Here, with what was printed", heads, rows)],
+        ),
+        Section("Robustness", [], [PrintedTable("Success of ours, %", ["setting", "here", "printed"], robust)]),
+        Section(
+            "Speed, number, other crowds",
+            ["Success in %. Two pedestrians at that speed; that many at 0.6 m/s; homes as above; crowds that avoid."],
+            [
+                PrintedTable(
+                    "Success, %",
+                    ["policy", *more],
+                    [
+                        [NAMES[who], *(_number(of[name]["success"]["mean"]) for name in more)]
+                        for who, of in rates.items()
+                    ],
+                )
+            ],
+        ),
+        Section("Where this departs from the thesis", points=DEPARTURES),
+    ]
+
+
+def _shown(measure: dict[str, float]) -> str:
+    return f"{_number(measure['mean'])} ({_number(measure['spread'])})"
+
+
+def _number(value: float) -> str:
+    return "-" if not np.isfinite(value) else f"{value:.1f}"
+
+
+def _yes(met: bool) -> str:
+    return "yes" if met else "no"
+
+
+def _facts(plan: PedestrianPlan, run: Run) -> list[tuple[str, str]]:
+    budget = plan.budget
+    return [
+        ("Command", run.command),
+        ("Commit", run.commit),
+        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
+        ("Work", f"{len(run.made)} tasks, {time_in_words(run.core_seconds)} of one core"),
+        ("Updates", f"{budget.updates:,} of {budget.batch_size} transitions per training"),
+        ("Planners", ", ".join(PLANNED)),
+    ]
+
+
+def _name(task: Task) -> str:
+    config = task.params.get("config", {})
+    if config:
+        return f"{config['variant']} {config['learner']} seed {config['seed']} until {task.params['until']:,} updates"
+    return f"{task.kind} {task.params.get('variant', task.params.get('planner'))}"

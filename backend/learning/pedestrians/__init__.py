@@ -1,0 +1,4 @@
+"""Learning to move among pedestrians (chapter 4): attention networks, their baselines, DDPG and TD3, planners.
+
+Scenes, lidar and descriptors live in `backend.simulation.crowds`.
+"""

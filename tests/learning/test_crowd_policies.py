@@ -1,0 +1,101 @@
+"""Attention among pedestrians: sizes as published, what attention sees, training that goes on, evaluation."""
+
+import numpy as np
+import pytest
+import torch
+
+from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds, roll_out_crowd
+from backend.learning.pedestrians.crowd_networks import VARIANTS, Actor, Attention, Critic, attention_weights
+from backend.learning.pedestrians.crowd_planners import PLANNERS
+from backend.learning.pedestrians.crowd_states import SIZES, states
+from backend.learning.pedestrians.crowd_training import (
+    CrowdTrainingConfig,
+    actor_from_arrays,
+    actor_to_arrays,
+    ended_for_good,
+    train_crowd,
+)
+from backend.learning.scene_sets import Purpose
+from backend.simulation.crowds.crowd_engine import CrowdEngine
+from backend.simulation.crowds.crowd_scenes import PUBLISHED
+
+TINY = {"random_transitions": 64, "n_envs": 8, "batch_size": 16, "evaluation_episodes": 2, "evaluate_every": 8}
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    return crowd_scene_set(6, PUBLISHED, purpose=Purpose.FIGURE, seed=3)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_every_network_reads_its_state_and_acts(variant, scenes):
+    engine = CrowdEngine(n_envs=6)
+    engine.reset(scenes)
+    given = states(engine, VARIANTS[variant].given)
+    assert given.shape == (6, SIZES[VARIANTS[variant].given])
+    assert np.abs(given).max() <= 3.0
+    batch = torch.as_tensor(given)
+    actions = Actor(variant)(batch)
+    assert actions.shape == (6, 2)
+    assert Critic(variant)(batch, actions).shape == (6,)
+
+
+def test_attention_has_the_published_layers_and_weighs_what_it_embeds():
+    attention = Attention(22)
+    sizes = [[layer.out_features for layer in part if hasattr(layer, "out_features")] for part in (
+        attention.embedding, attention.score, attention.feature)]  # fmt: skip
+    assert sizes == [[256, 128, 64], [60, 50, 1], [80, 50, 30]]
+    given = torch.randn(4, 30, 22)
+    weights = attention.weights(given)
+    assert torch.allclose(weights.sum(dim=1), torch.ones(4))
+    by_hand = sum(weights[:, i, None] * attention.feature(attention.embedding(given[:, i])) for i in range(30))
+    assert torch.allclose(attention(given), by_hand, atol=1e-6)
+
+
+def test_which_streams_a_policy_attends_with(scenes):
+    engine = CrowdEngine(n_envs=6)
+    engine.reset(scenes)
+    seen = {
+        variant: set(attention_weights(Actor(variant), torch.as_tensor(states(engine, VARIANTS[variant].given))))
+        for variant in ("ours", "no_spatial", "no_temporal", "no_tagd")
+    }
+    assert seen == {
+        "ours": {"spatial", "temporal"}, "no_spatial": {"temporal"}, "no_temporal": {"spatial"},
+        "no_tagd": {"spatial", "temporal"},
+    }  # fmt: skip
+    with pytest.raises(ValueError, match="no attention"):
+        attention_weights(Actor("b1"), torch.zeros(1, SIZES["three_scans"]))
+
+
+@pytest.mark.parametrize("learner", ["td3", "ddpg"])
+def test_a_training_in_two_parts_goes_on_where_it_was(learner):
+    config = CrowdTrainingConfig(variant="b3", learner=learner, updates=16, **TINY)
+    half = train_crowd(config, until=8)
+    whole = train_crowd(config, state=half.state)
+    assert [row["updates"] for row in whole.history] == [8, 16]
+    assert whole.transitions > half.transitions
+    before, after = actor_to_arrays(half.actor), actor_to_arrays(whole.actor)
+    again = actor_to_arrays(actor_from_arrays("b3", after))
+    assert all(np.array_equal(after[name], again[name]) for name in after)
+    assert before.keys() == after.keys()
+
+
+def test_running_out_of_steps_ends_no_value():
+    assert ended_for_good(np.array([0, 1, 2, 3], np.int8)).tolist() == [False, True, True, False]
+
+
+def test_everybody_is_judged_in_the_same_scenes_and_a_planner_needs_no_training(scenes):
+    table = evaluate_crowds(None, "ranges", scenes, plan=PLANNERS["follow"])
+    again = evaluate_crowds(None, "ranges", scenes, plan=PLANNERS["follow"])
+    assert np.array_equal(table.outcome, again.outcome)
+    rates = table.rates()
+    assert rates["success"] + rates["collision"] + rates["timeout"] == pytest.approx(100)
+    for name in ("dwa", "orca", "social_force"):
+        assert len(evaluate_crowds(None, "ranges", scenes[:2], plan=PLANNERS[name]).outcome) == 2
+
+
+def test_a_rollout_keeps_where_everybody_was(scenes):
+    actor = Actor("ours")
+    made = roll_out_crowd(lambda seen: actor(torch.as_tensor(seen)).detach().numpy(), "points_and_groups", scenes[0])
+    assert len(made.poses) == len(made.actions) + 1
+    assert all(one.walk is not None for one in made.scene.crowd.pedestrians)
