@@ -1,5 +1,5 @@
 """A policy for somebody whom the nine objectives do not describe: the best of the setup's library by what their answers
-say, and behind it one that is fine-tuned from there.
+say, and behind it one that a search among the library's mixes finds.
 
 Only where the answers are more probably about something else, and only what is surely better for this very person: the
 verdict is given in scenes of its own.
@@ -8,14 +8,15 @@ verdict is given in scenes of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 
 from backend.jobs.alignment_algorithms import Aligned, gate_rule
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import AlignParams
 from backend.learning.alignment.gate import at_gate
+from backend.learning.alignment.mix_search import SCENES_SEED, MixSearchConfig
 from backend.learning.alignment.never_worse import PersonalVerdict, better_for_person
-from backend.learning.alignment.own_policy import fine_tuned
-from backend.learning.alignment.own_reward import OwnRewardConfig
+from backend.learning.alignment.own_policy import searched
 from backend.learning.alignment.policy_library import best_of
 from backend.learning.cards import DEPARTURES
 from backend.learning.policies.policy import Policy
@@ -27,8 +28,8 @@ from backend.learning.scene_sets import Purpose, describe
 
 SOMETHING_ELSE = 0.5
 """From this probability on, answers count as being about something that is not among the nine objectives."""
-UPDATES = {"instant": 0, "conditioning_search": 6_000}
-"""By what it stands in for: nothing is trained while somebody waits; half a minute of a shared core behind it."""
+SEARCHED = {"instant": False, "conditioning_search": True}
+"""By what it stands in for: nothing is searched while somebody waits; half a minute of a shared core behind it."""
 FEWEST_ANSWERS = 8
 
 
@@ -37,33 +38,31 @@ def free_form(
 ) -> tuple[Aligned, PersonalVerdict] | None:
     """The policy with its verdict; None where the nine describe the answers, there are few, or the setup has no step
     basis or library."""
-    updates = UPDATES.get(params.algorithm)
-    if updates is None or len(preferences) < FEWEST_ANSWERS or believed.something_else() < SOMETHING_ELSE:
+    if (
+        params.algorithm not in SEARCHED
+        or len(preferences) < FEWEST_ANSWERS
+        or believed.something_else() < SOMETHING_ELSE
+    ):
         return None
     basis, library = load_step_basis(base.setup), load_policy_library(base.setup)
     if basis is None or library is None:
         return None
     steps = step_posterior_of(preferences, basis)
     place = best_of(library, believed, steps)
-    policy = library.policy(place, load_conditioned(f"{base.setup}/conditioned"), base)
+    conditioned, searched_behind = load_conditioned(f"{base.setup}/conditioned"), SEARCHED[params.algorithm]
+    policy = library.policy(place, conditioned, base)
     results: dict[str, object] = {"step_weights": [round(float(weight), 4) for weight in steps.mean]}
     config: dict[str, object] = {"recipe": "own_policy_library", "place": place}
     scenes = {}
-    if updates:
-        settings = OwnRewardConfig(
-            seed=params.seed, updates=updates, checkpoints=max(3, updates // 1_000), gate=gate_rule(params)
+    if searched_behind:
+        search = MixSearchConfig(seed=params.seed)
+        own = searched(
+            library, place, (conditioned, base), basis, (believed, steps), search, context.progress.part(0.3, 0.9)
         )
-        own = fine_tuned(library, policy, base, basis, (believed, steps), settings, context.progress.part(0.3, 0.9))
         policy = own.policy
-        config = {**settings.as_dict(), "replay_sha256": own.tuned.replay_sha256, "begun_at_place": place}
-        results |= {
-            "chosen": own.chosen,
-            "expected": own.expected,
-            "chosen_checkpoint": own.tuned.chosen,
-            "gained": own.tuned.gained,
-            "history": own.tuned.history,
-        }
-        scenes = {"select": describe(Purpose.ALIGN_SELECT, settings.selection_scenes, params.seed)}
+        config |= {"recipe": "own_policy_search", **asdict(search)}
+        results |= {"chosen": own.chosen, "expected": own.expected}
+        scenes = {"select": describe(Purpose.ALIGN_SELECT, search.scenes, SCENES_SEED + params.seed)}
     policy = policy.without_critic()
     gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
     verdict = better_for_person(believed, policy, base, seed=params.seed, needed=params.surely_better)

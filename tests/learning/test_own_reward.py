@@ -9,12 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
+from torch import nn
+from typer.testing import CliRunner
 
+from backend.cli import app
+from backend.experiments.benchmarks import people_policies
 from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
+from backend.learning.alignment import own_policy
 from backend.learning.alignment.gate import GateRule
-from backend.learning.alignment.own_policy import fine_tuned
+from backend.learning.alignment.mix_search import Candidate, MixSearchConfig
+from backend.learning.alignment.own_policy import SearchedPolicy, searched
 from backend.learning.alignment.own_reward import OwnRewardConfig, means_of, tune_to_reward
-from backend.learning.alignment.policy_library import best_of
+from backend.learning.alignment.policy_library import best_of, mixed_policy
 from backend.learning.errors import LearningError
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.measures.step_basis import StepBasis
@@ -35,7 +42,7 @@ from backend.learning.rewards.step_weights import StepWeightsRewardModel, fit_st
 from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
-from backend.simulation.setups import get_setup
+from backend.simulation.setups import OPEN_FIELD, get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Pairs = list[tuple[Trajectory, Trajectory]]
@@ -114,36 +121,59 @@ def test_the_shipped_basis_is_what_its_card_says(basis: StepBasis) -> None:
     assert load_step_basis("corridor") is None
 
 
-def test_a_training_that_spoiled_the_policy_does_not_take_over(basis: StepBasis, pairs: Pairs) -> None:
+def test_what_a_search_spoiled_does_not_take_over(
+    basis: StepBasis, pairs: Pairs, monkeypatch: pytest.MonkeyPatch
+) -> None:
     base, library = load_policy("study_room/base"), load_policy_library("study_room")
     assert library is not None
     chosen = answered("network:0", pairs[:10])
     believed = FreePosterior.from_answers(PairDifferences.of("study_room", pairs[:10]), chosen)
     steps = StepPosterior.from_answers(step_differences(basis, pairs[:10]), chosen)
-    start = library.policy(best_of(library, believed, steps), load_conditioned("study_room/conditioned"), base)
-    config = OwnRewardConfig(
-        updates=30,
-        checkpoints=1,
-        selection_scenes=20,
-        replay_transitions=2_000,
-        learning_rate=0.3,
-        final_learning_rate=0.3,
-        gate=GateRule(scenes=20),
-    )
-    own = fine_tuned(library, start, base, basis, (believed, steps), config)
-    assert own.tuned.history[-1]["success_rate"] < 0.9
-    assert own.chosen == "start"
-    assert own.policy.digest() == start.without_critic().digest()
+    place = best_of(library, believed, steps)
+    policies = load_conditioned("study_room/conditioned"), base
+    start = library.policy(place, *policies).without_critic()
+
+    def found(*parts: float) -> SearchedPolicy:
+        candidates = [(Candidate(False, np.full(len(library.actors), part, dtype=np.float32)), 9.0) for part in parts]
+        monkeypatch.setattr(own_policy, "search_mixes", lambda *_: candidates)
+        return searched(library, place, policies, basis, (believed, steps), MixSearchConfig())
+
+    spoiled = found(8.0, -9.0)
+    assert spoiled.chosen == "start"
+    assert spoiled.policy.digest() == start.digest()
+    scenes = scene_set("study_room", 20, purpose=Purpose.REPORT, seed=7)
+    far_off = mixed_policy(base, library.actors, np.full(len(library.actors), 8.0, dtype=np.float32))
+    rolled_out = rollout(get_setup("study_room"), far_off.rollout_policy, scenes)
+    assert np.mean([one.outcome == Outcome.SUCCESS for one in rolled_out]) < 0.9
+
+
+def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch.manual_seed(1)
+    torch.save(nn.Linear(OPEN_FIELD.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
+    said = {"format": "desirepath-reward-1", "setup": "open_field", "file": "net.pt"}
+    (tmp_path / "somebody.json").write_text(json.dumps(said))
+    small = {"pool": 12, "test": 10, "scenes": 10}
+    monkeypatch.setattr(people_policies, "PeoplePoliciesConfig", lambda **given: PeoplePoliciesConfig(**given, **small))
+    monkeypatch.setattr(people_policies, "TRUE_SCENES", 3)
+    given = ["--setup", "open_field", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--seeds", "2-3"]
+    told = CliRunner().invoke(app, ["benchmark", "people-policies", *given, "--at-once", "--json"])
+    assert told.exit_code == 0, told.output
+    result = json.loads(told.stdout.splitlines()[-1])
+    assert [(one["person"], one["seed"]) for one in result["persons"]] == [("somebody", 2), ("somebody", 3)]
+    assert {"share_at_once", "success_at_once", "raised_at_once", "calibration_error"} <= set(result)
+    assert 0 <= result["calibration_error"] <= 1
 
 
 def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path: Path) -> None:
     config = PeoplePoliciesConfig(families=("network",), people=2)
     nobody = known_persons(tmp_path / "out.json", "study_room", config)
     assert nobody == []
-    persons = [{"person": "network:0", "gain_at_once": 0.2}]
+    persons = [{"person": "network:0", "seed": 0, "gain_at_once": 0.2}]
     (tmp_path / "out.json").write_text(
         json.dumps({"setup": "study_room", "config": asdict(config), "persons": persons})
     )
     assert known_persons(tmp_path / "out.json", "study_room", config) == persons
     assert known_persons(tmp_path / "out.json", "open_field", config) == []
-    assert known_persons(tmp_path / "out.json", "study_room", replace(config, seed=1)) == []
+    assert known_persons(tmp_path / "out.json", "study_room", replace(config, seeds=(1,))) == []

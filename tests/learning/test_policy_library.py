@@ -3,6 +3,7 @@ and never has to wait for a training."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +12,19 @@ import pytest
 
 from backend.experiments.shipping.policy_libraries import directions, library_settings
 from backend.learning.alignment.library_measures import measured_against
-from backend.learning.alignment.policy_library import TIME, PolicyLibrary, best_of, expected_gains
+from backend.learning.alignment.mix_search import MixSearchConfig, search_mixes
+from backend.learning.alignment.policy_library import (
+    FORMAT_WITHOUT_MIXES,
+    TIME,
+    PolicyLibrary,
+    best_of,
+    expected_gains,
+    mixed_policy,
+)
 from backend.learning.errors import LearningError
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.people.card import member
+from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import (
     load_conditioned,
     load_policy,
@@ -28,6 +38,8 @@ from backend.learning.queries.queries import QuerySet
 from backend.learning.rewards.step_weights import step_differences
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
+from backend.simulation.npz import from_npz, to_npz
+from backend.simulation.scene import Scene
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Outcome
 
@@ -133,3 +145,55 @@ def test_directions_are_opposite_and_orthogonal() -> None:
     np.testing.assert_allclose(found[0::2], -found[1::2])
     np.testing.assert_allclose(found[0::2] @ found[0::2].T, 24 * np.eye(24), atol=1e-3)
     assert len(library_settings(51)) == 69
+
+
+def test_a_library_of_before_mixes_is_read_and_each_trained_policy_is_its_own(tmp_path: Path) -> None:
+    library = load_policy_library("open_field")
+    assert library is not None
+    few = PolicyLibrary(
+        library.setup,
+        library.settings[:2],
+        library.weights[:2],
+        library.actors[:2],
+        np.eye(2, dtype=np.float32),
+        library.measures[np.arange(4)],
+    )
+    meta, arrays = from_npz(few.to_bytes())
+    arrays.pop("mixes")
+    (tmp_path / "old.npz").write_bytes(to_npz(meta | {"format": FORMAT_WITHOUT_MIXES}, arrays))
+    again = PolicyLibrary.load(tmp_path / "old.npz")
+    assert len(again) == 4
+    np.testing.assert_array_equal(again.mixes, np.eye(2))
+    base, conditioned = load_policy("open_field/base"), load_conditioned("open_field/conditioned")
+    for layer, stored in zip(again.policy(3, conditioned, base).actor, library.actors[1], strict=True):
+        np.testing.assert_array_equal(layer, stored.astype(np.float32))
+    halfway = mixed_policy(base, few.actors, np.array([0.0, 0.5], dtype=np.float32))
+    np.testing.assert_allclose(halfway.actor[0], (base.actor[0] + few.actors[1][0]) / 2, atol=1e-5)
+
+
+def test_a_search_among_mixes_finds_what_its_judge_likes_and_what_arrives() -> None:
+    library = load_policy_library("open_field")
+    assert library is not None
+    base, conditioned = load_policy("open_field/base"), load_conditioned("open_field/conditioned")
+    first = len(library.settings)
+    wished = sum(np.float32(0.3) * (library.actors[k][0] - base.actor[0]) for k in (0, 1))
+
+    def judge(policies: Sequence[Policy], scenes: Sequence[Scene]) -> np.ndarray:
+        assert len(scenes) == 5
+        return np.array([-np.square(one.actor[0] - base.actor[0] - wished).sum() for one in policies])
+
+    expected = -np.abs(np.arange(len(library)) - first - 2.0)  # the search begins there
+    config = MixSearchConfig(first=5, generations=4, children=8, scenes=5, arriving=60)
+    known = search_mixes(library, conditioned, base, expected, judge, config)
+    values = [value for _, value in known]
+    assert values == sorted(values, reverse=True)
+    scenes = scene_set("open_field", 5, purpose=Purpose.REPORT, seed=72)
+    assert values[0] > judge([library.policy(first + k, conditioned, base) for k in range(5)], scenes).max()
+    scenes = scene_set("open_field", 100, purpose=Purpose.REPORT, seed=72)
+    found = known[0][0].policy(library, conditioned.as_trained(), base)
+    assert (
+        np.mean(
+            [one.outcome == Outcome.SUCCESS for one in rollout(get_setup("open_field"), found.rollout_policy, scenes)]
+        )
+        > 0.9
+    )

@@ -86,6 +86,9 @@ def people(
         int | None,
         typer.Option(min=20, max=5_000, help="Instead: what a linear model on all measures reaches with so many."),
     ] = None,
+    policies: Annotated[
+        bool, typer.Option("--policies", help="Also share_at_once of the library's best, as `people-policies` does.")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -133,6 +136,22 @@ def people(
         queries=queries,
     )
     result = benchmark_people(setup, config, more, lambda done: typer.echo(f"{done:.0%}", err=True))
+    if policies:
+        from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
+
+        result = with_shares(
+            result,
+            setup,
+            PeoplePoliciesConfig(
+                config.families,
+                people=number,
+                answers=config.shown_after,
+                seeds=config.seeds,
+                fine_tuning=False,
+                trained=0,
+            ),
+            more,
+        )
     if out is not None:
         write_result(out, result)
     say(result, as_json)
@@ -142,14 +161,33 @@ def people(
 @plain_errors
 def people_policies(
     setup: Annotated[str, typer.Option(help="study_room or open_field: with step basis and library.")] = "study_room",
-    family: Annotated[str, typer.Option(help="Families of the card, comma-separated; tuning or held_out.")] = "tuning",
-    number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family.")] = 4,
+    family: Annotated[
+        str,
+        typer.Option(help="Families of the card, comma-separated; tuning or held_out; none with --reward."),
+    ] = "tuning",
+    number: Annotated[int, typer.Option("--people", min=1, max=1_000, help="Of each family and seed.")] = 4,
     first: Annotated[int, typer.Option(min=0, help="Number of the first person of each family.")] = 0,
     answers: Annotated[int, typer.Option(min=2, help="Right ones, each to the pair that tells most.")] = 15,
-    seed: Annotated[int, typer.Option(min=0, help="Of pairs, scenes and trainings.")] = 0,
+    seeds: Annotated[
+        str,
+        typer.Option("--seeds", "--seed", help="FIRST-LAST; each has pairs, scenes, trainings and people of its own."),
+    ] = "0",
+    reward: Annotated[
+        Path | None,
+        typer.Option(help="A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."),
+    ] = None,
     at_once: Annotated[
         bool, typer.Option("--at-once", help="Nothing is trained; the yardstick is the library's best.")
     ] = False,
+    fine_tuning: Annotated[
+        bool, typer.Option(help="With --at-once: also the search behind the choice, without the yardstick's training.")
+    ] = False,
+    successors: Annotated[
+        int, typer.Option("--successor-features", min=0, help="Also by successor features of so many policies.")
+    ] = 0,
+    pretraining: Annotated[
+        str, typer.Option(help="A folder with SETUP/base.npz, conditioned.npz and policy_library.npz; default shipped.")
+    ] = "",
     out: Annotated[
         Path | None,
         typer.Option(help="Also write everything to this file, as JSON, after every person; a stopped run goes on."),
@@ -157,20 +195,31 @@ def people_policies(
     as_json: JsonFlag = False,
 ) -> None:
     """What the robot of simulated people outside the nine objectives gains, at once and after fine-tuning, against
-    training on their true reward."""
+    what converged training on their true reward gains."""
     from backend.experiments.benchmarks.people_policies import (
         PeoplePoliciesConfig,
-        benchmark_people_policies,
+        benchmark_seeds,
         known_persons,
         result_of,
     )
     from backend.learning.people.card import people_card
+    from backend.learning.people.reward_file import read_reward
 
     card = people_card()
-    families = {"tuning": card.tuning, "held_out": card.held_out}.get(family) or tuple(family.split(","))
-    config = PeoplePoliciesConfig(families=families, people=number, first=first, answers=answers, seed=seed)
+    groups = {"tuning": card.tuning, "held_out": card.held_out, "none": ()}
+    families = () if reward is not None else groups.get(family, tuple(family.split(",")))
+    more = {reward.stem: read_reward(reward, setup)} if reward is not None else {}
+    config = PeoplePoliciesConfig(
+        families=families,
+        people=number,
+        first=first,
+        answers=answers,
+        seeds=tuple(seed_range(seeds)),
+        pretraining=pretraining,
+        successors=successors,
+    )
     if at_once:
-        config = replace(config, tuned=0, trained=0)
+        config = replace(config, fine_tuning=fine_tuning, trained=0)
     persons = known_persons(out, setup, config) if out is not None else []
 
     def keep(one: dict[str, Any]) -> None:
@@ -179,7 +228,7 @@ def people_policies(
         if out is not None:
             write_result(out, result_of(setup, config, persons))
 
-    result = benchmark_people_policies(setup, config, keep, tuple(persons))
+    result = benchmark_seeds(setup, config, keep, tuple(persons), more)
     if out is not None:
         write_result(out, result)
     say(result, as_json)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.jobs.free_form import UPDATES
-from backend.learning.alignment.gate import GateRule
+from backend.experiments.benchmarks.successor_features import SuccessorFeatures
+from backend.experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth, true_scores
+from backend.learning.alignment.mix_search import MixSearchConfig
 from backend.learning.alignment.never_worse import better_for_person
-from backend.learning.alignment.own_policy import fine_tuned
-from backend.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
+from backend.learning.alignment.own_policy import searched
 from backend.learning.alignment.policy_library import PolicyLibrary, best_of
 from backend.learning.errors import LearningError
 from backend.learning.measures.step_basis import StepBasis, seen_steps
 from backend.learning.people.asked_pairs import FIRST_SEED, AskedPairs, asked_pairs
+from backend.learning.people.asked_people import BINS
 from backend.learning.people.card import member, people_card
 from backend.learning.people.families.base import FamilyMember, StepFamilyMember
 from backend.learning.people.families.changing import ChangingMember
@@ -46,24 +47,29 @@ Doubles = NDArray[np.float64]
 TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
 SELECT_SEED = 7_500  # of these, of no card
 SHOWN = ("at_once", "refined")
+BESIDE = "successor"
 
 
 @dataclass(frozen=True)
 class PeoplePoliciesConfig:
-    """families: of the card; people: of each, from number `first` on. answers: asked, each the one that tells most.
-    scenes: fresh ones in which gains are measured. tuned, trained: updates of the fine-tuning and of the yardstick's
-    training; 0: none."""
+    """families: of the card; people: of each, from number `first` on, for each seed others. answers: asked, each the
+    one that tells most. scenes: fresh ones in which gains are measured. fine_tuning: whether the search behind it
+    is made; trained: updates of a round of the yardstick's training; 0: none. pretraining: a folder with base,
+    conditioned and library of the setup's folder in it; empty: what is shipped.
+    successors: policies of the library whose successor features are measured beside it; 0: none."""
 
     families: tuple[str, ...]
     people: int = 4
     first: int = 0
     answers: int = 15
-    seed: int = 0
+    seeds: tuple[int, ...] = (0,)
     pool: int = 200
     test: int = 200
     scenes: int = 400
-    tuned: int = UPDATES["conditioning_search"]
-    trained: int = UPDATES["conditioning_search"]
+    fine_tuning: bool = True
+    trained: int = 4_000
+    pretraining: str = ""
+    successors: int = 0
 
 
 @dataclass(frozen=True)
@@ -88,34 +94,55 @@ class TrueReward(RewardModel):
         raise LearningError("a simulated person's reward is not stored")
 
 
-def benchmark_people_policies(
+def benchmark_seeds(
     setup: str,
     config: PeoplePoliciesConfig,
     on_person: Callable[[dict[str, Any]], None] | None = None,
     known: Sequence[dict[str, Any]] = (),
+    more: Mapping[str, FamilyMember] | None = None,
 ) -> dict[str, Any]:
     """Result: {"simulated": True, "setup", "people", "families", "persons"}, and for `at_once` and `refined`:
     "raised_at_once" and "harmed_at_once" (shown and truly worse) with Wilson intervals, "share_at_once" (median over
     people whom the yardstick helps), "success_at_once", "shown_at_once", "seconds_at_once" (of processor), ... A
     person's gains are in typical differences of a pair, in fresh scenes in which both policies arrive. The yardstick is
-    the better of the library's best by their true score (`best`) and of that one trained on by their true reward
-    (`trained`; null where they value no steps), where that takes no longer than a library's may. known: persons of a
-    run of the same settings that was stopped; families take turns, so that what there is then is of all of them. Raises
-    LearningError for unknown families, and where the setup has no step basis or no policy library."""
+    what converged training on their true reward gains (`trained`, `true_yardstick.py`), or, where nothing is trained,
+    the library's best by their true score (`best`). known: persons of a run of the same settings that was stopped;
+    families take turns, so that what there is then is of all of them. more: further people by name, such as a reward
+    file's. Raises LearningError for unknown families, and where the setup has no step basis or no policy library."""
     card = people_card()
     unknown = [name for name in config.families if name not in card.families]
     if unknown:
         raise LearningError(f"family = {unknown[0]!r}: families are {', '.join(card.families)}")
-    room = _Room.of(setup, config)
-    persons = []
-    done = {one["person"]: one for one in known}
-    for name in (
-        f"{family}:{k}" for k in range(config.first, config.first + config.people) for family in config.families
-    ):
-        persons.append(done.get(name) or {"person": name} | _measured(member(name, setup), room, config))
-        if on_person and name not in done:
-            on_person(persons[-1])
+    persons, done = [], {(one["seed"], one["person"]): one for one in known}
+    for seed in config.seeds:
+        first, room = config.first + seed * config.people, None
+        names = [f"{family}:{k}" for k in range(first, first + config.people) for family in config.families]
+        for name in [*names, *(more or {})]:
+            if (seed, name) not in done:
+                room = room or _Room.of(setup, config, seed)
+                person = (more or {}).get(name) or member(name, setup)
+                done[seed, name] = {"person": name, "seed": seed} | _measured(person, room, config)
+                if on_person:
+                    on_person(done[seed, name])
+            persons.append(done[seed, name])
     return result_of(setup, config, persons)
+
+
+def with_shares(
+    result: dict[str, Any], setup: str, config: PeoplePoliciesConfig, more: Mapping[str, FamilyMember]
+) -> dict[str, Any]:
+    """A result of `benchmark people` with `share_at_once`, `success_at_once` and `gain_at_once` of every family: of the
+    policy that a library has for the same people at once, against the library's best by their true score."""
+    persons = benchmark_seeds(setup, config, more=more)["persons"]
+    keys = ("share_at_once", "success_at_once", "gain_at_once")
+
+    def of(*names: str) -> dict[str, Any]:
+        found = summary_of([one for one in persons if one["person"].startswith(names)])
+        return {key: found[key] for key in keys}
+
+    everybody = tuple(dict.fromkeys(one["person"].partition(":")[0] for one in persons))
+    rows = [row | (of(*more) if row["family"] == "file" else of(f"{row['family']}:")) for row in result["rows"]]
+    return result | of(*everybody) | {"rows": rows}
 
 
 def result_of(setup: str, config: PeoplePoliciesConfig, persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -163,13 +190,47 @@ def summary_of(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
             f"harmed_{when}_interval": [harmed.low, harmed.high],
             f"seconds_{when}": float(np.median([one[f"seconds_{when}"] for one in persons])),
         }
+    if f"gain_{BESIDE}" in persons[0]:
+        raised = wilson(sum(one[f"gain_{BESIDE}"] > 0 for one in persons), len(persons))
+        shares = [one[f"share_{BESIDE}"] for one in persons if one[f"share_{BESIDE}"] is not None]
+        found |= {
+            f"raised_{BESIDE}": raised.value,
+            f"raised_{BESIDE}_interval": [raised.low, raised.high],
+            f"gain_{BESIDE}": float(np.median([one[f"gain_{BESIDE}"] for one in persons])),
+            f"share_{BESIDE}": float(np.median(shares)) if shares else None,
+            f"success_{BESIDE}": float(np.mean([one[f"success_{BESIDE}"] for one in persons])),
+            f"longer_s_{BESIDE}": float(np.mean([one[f"longer_s_{BESIDE}"] for one in persons])),
+        }
     trained = [one["gain_trained"] for one in persons if one["gain_trained"] is not None]
     return found | {
         "gain_best": float(np.median([one["gain_best"] for one in persons])),
         "gain_trained": float(np.median(trained)) if trained else None,
+        "success_base": _mean_of(persons, "success_base"),
         "accuracy": float(np.mean([one["accuracy"] for one in persons])),
         "claimed": float(np.mean([one["claimed"] for one in persons])),
+        "calibration_error": _calibration_error([one["bins"] for one in persons if "bins" in one]),
     }
+
+
+def _bins(sure: Doubles, right: NDArray[np.bool_]) -> list[list[float]]:
+    """By tenth of what was claimed (0.5 to 1): how many answers, the sum of the claims, how many came true."""
+    places = np.minimum(((sure - 0.5) * 2 * BINS).astype(int), BINS - 1)
+    sums = [np.bincount(places, of, BINS) for of in (np.ones(len(sure)), sure, right.astype(np.float64))]
+    return [[round(float(one), 3) for one in row] for row in np.stack(sums, axis=1)]
+
+
+def _calibration_error(bins: Sequence[list[list[float]]]) -> float | None:
+    """Expected calibration error, as `asked_people.calibration_error`; None of files of before."""
+    if not bins:
+        return None
+    count, claimed, right = np.sum(np.array(bins), axis=0).T
+    return float(np.abs(claimed - right).sum() / count.sum())
+
+
+def _mean_of(persons: Sequence[dict[str, Any]], key: str) -> float | None:
+    """None where a file of before does not say it."""
+    found = [one[key] for one in persons if key in one]
+    return float(np.mean(found)) if found else None
 
 
 def _median_interval(values: Sequence[float]) -> tuple[float, float]:
@@ -183,6 +244,7 @@ class _Room:
     """What all people share. by_policy: the library's rollouts, of the base policy first, in the same few scenes."""
 
     setup: str
+    seed: int
     pairs: AskedPairs
     seen: Doubles
     base: Policy
@@ -191,24 +253,45 @@ class _Room:
     conditioned: ConditionedPolicy
     rolled_out: tuple[Trajectory, ...]
     by_policy: tuple[Trajectory, ...]
+    fresh: dict[int, list[Trajectory]]
+    successors: SuccessorFeatures | None
 
     @classmethod
-    def of(cls, setup: str, config: PeoplePoliciesConfig) -> _Room:
+    def of(cls, setup: str, config: PeoplePoliciesConfig, seed: int) -> _Room:
         basis, library = load_step_basis(setup), load_policy_library(setup)
         if basis is None or library is None:
             raise LearningError(f"setup = {setup!r}: no step basis or no policy library is shipped for it")
         base, conditioned = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned")
-        scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_SEED + 50 + config.seed)
-        pairs = asked_pairs(setup, config.seed, asked=config.pool, test=config.test)
+        if config.pretraining:
+            folder = Path(config.pretraining) / setup
+            base, conditioned = Policy.load(folder / "base.npz"), ConditionedPolicy.load(folder / "conditioned.npz")
+            library = PolicyLibrary.load(folder / "policy_library.npz")
+        scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_SEED + 50 + seed)
+        pairs = asked_pairs(setup, seed, asked=config.pool, test=config.test)
         seen = step_differences(basis, pairs.trajectories)
-        few = scene_set(setup, TRUE_SCENES, purpose=Purpose.ALIGN_SELECT, seed=SELECT_SEED + config.seed)
+        few = scene_set(setup, TRUE_SCENES, purpose=Purpose.ALIGN_SELECT, seed=SELECT_SEED + seed)
         policies = [base, *(library.policy(place, conditioned, base) for place in range(len(library)))]
         by_policy = tuple(one for policy in policies for one in _rolled_out(policy, few))
         usual = tuple(_rolled_out(base, scenes))
-        return cls(setup, pairs, seen, base, basis, library, conditioned, usual, by_policy)
+        spread = np.flatnonzero(library.allowed)
+        spread = spread[np.linspace(0, len(spread) - 1, config.successors).astype(int)]
+        of = [library.policy(int(place), conditioned, base) for place in spread]
+        successors = SuccessorFeatures.fitted([base, *of], base, basis) if config.successors else None
+        return cls(setup, seed, pairs, seen, base, basis, library, conditioned, usual, by_policy, {}, successors)
+
+    @property
+    def scenes(self) -> list[Scene]:
+        """The fresh ones."""
+        return [one.scene for one in self.rolled_out]
 
     def policy(self, place: int) -> Policy:
         return self.library.policy(place, self.conditioned, self.base)
+
+    def in_fresh_scenes(self, place: int) -> list[Trajectory]:
+        """What the library's policy of that place does; many people have the same one."""
+        if place not in self.fresh:
+            self.fresh[place] = _rolled_out(self.policy(place), self.scenes)
+        return self.fresh[place]
 
 
 def _rolled_out(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
@@ -226,56 +309,63 @@ def _measured(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -
         "accuracy": float(((claimed > 0.5) == better[test]).mean()),
         "claimed": float(np.maximum(claimed, 1 - claimed).mean()),
         "something_else": believed.something_else(),
+        "bins": _bins(np.maximum(claimed, 1 - claimed), (claimed > 0.5) == better[test]),
     }
     began = time.process_time()
     place = best_of(room.library, believed, posterior)
-    policies = {"at_once": room.policy(place)}
     result |= {"place": place, "seconds_at_once": round(time.process_time() - began, 1)}
-    if config.tuned:
+    did = {"at_once": room.in_fresh_scenes(place)}
+    policies = {"at_once": room.policy(place)}
+    if config.fine_tuning:
         began = time.process_time()
-        settings = _settings(config, config.tuned)
-        own = fine_tuned(room.library, policies["at_once"], room.base, room.basis, (believed, posterior), settings)
-        policies["refined"] = own.policy
+        settings, both = MixSearchConfig(seed=room.seed), (room.conditioned, room.base)
+        own = searched(room.library, place, both, room.basis, (believed, posterior), settings)
+        policies["refined"], did["refined"] = own.policy, _rolled_out(own.policy, room.scenes)
         result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
-    policies["best"] = _best_by_the_truth(person, room)
-    reward = _true_reward(person, room.setup)
-    if reward is not None and config.trained:
-        tuned = tune_to_reward(room.base, reward, _settings(config, config.trained), start=policies["best"])
-        policies["trained"] = tuned.policy
-    for when in ("at_once", "refined", "best", "trained"):
-        if when not in policies:
+    if room.successors is not None:
+        acting = room.successors.at(posterior.mean)
+        did[BESIDE] = list(rollout(get_setup(room.setup), acting, room.scenes))
+    by_truth = _gains_by_the_truth(person, room)
+    did["best"] = room.in_fresh_scenes(int(by_truth.argmax()))
+    if config.trained:
+        yardstick = YardstickConfig(seed=room.seed, updates=config.trained)
+        true = converged_on_the_truth(
+            person, _true_reward(person, room.setup), room.library, room.conditioned, room.base, by_truth, yardstick
+        )
+        did["trained"] = _rolled_out(true.policy, room.scenes)
+        result["yardstick"] = true.steps
+    for when in ("at_once", "refined", BESIDE, "best", "trained"):
+        if when not in did and when == BESIDE:
+            continue
+        if when not in did:
             result |= {f"gain_{when}": None}
             continue
-        result |= {f"{key}_{when}": value for key, value in _gained(person, policies[when], room).items()}
+        result |= {
+            f"{key}_{when}": value for key, value in _compared(person, did[when], room.rolled_out, room.setup).items()
+        }
         if when in SHOWN:
-            verdict = better_for_person(believed, policies[when], room.base, seed=config.seed)
+            verdict = better_for_person(believed, policies[when], room.base, seed=room.seed)
             result |= {f"probability_{when}": verdict.probability_better, f"shown_{when}": verdict.passed}
-    soon = result["gain_trained"] is not None and result["longer_s_trained"] <= room.library.longest_s
-    whole = max(result["gain_best"], result["gain_trained"]) if soon else result["gain_best"]
-    for when in SHOWN:
-        gain = result[f"gain_{when}"]
+    result["success_base"] = float(np.mean([one.outcome == Outcome.SUCCESS for one in room.rolled_out]))
+    whole = result["gain_best"] if result["gain_trained"] is None else result["gain_trained"]
+    for when in (*SHOWN, BESIDE):
+        gain = result.get(f"gain_{when}")
         result[f"share_{when}"] = gain / whole if gain is not None and whole > 0.05 else None
     return result
 
 
-def _settings(config: PeoplePoliciesConfig, updates: int) -> OwnRewardConfig:
-    return OwnRewardConfig(
-        updates=updates, checkpoints=max(3, updates // 1_000), seed=config.seed, gate=GateRule(scenes=50)
-    )
-
-
-def _best_by_the_truth(person: FamilyMember, room: _Room) -> Policy:
-    """Of the library, of those that are allowed to be anybody's."""
-    scores = person.scores(room.by_policy).reshape(-1, TRUE_SCENES)
+def _gains_by_the_truth(person: FamilyMember, room: _Room) -> Doubles:
+    """(n,) of the library; minus infinity for those that are nobody's."""
+    scores = true_scores(person, room.by_policy).reshape(-1, TRUE_SCENES)
     arrived = np.array([one.outcome == Outcome.SUCCESS for one in room.by_policy]).reshape(-1, TRUE_SCENES)
     both = arrived[1:] & arrived[0]
     gains = np.where(both, scores[1:] - scores[0], 0.0).sum(1) / np.maximum(both.sum(1), 1)
-    return room.policy(int(np.where(room.library.allowed, gains, -np.inf).argmax()))
+    return np.where(room.library.allowed, gains, -np.inf)
 
 
 def _asked(better: NDArray[np.bool_], room: _Room, config: PeoplePoliciesConfig) -> tuple[StepPosterior, list[int]]:
     """The posterior after `answers` right answers, each to the pair whose answer tells most."""
-    left = list(np.random.default_rng([config.seed, 61]).permutation(room.pairs.asked))
+    left = list(np.random.default_rng([room.seed, 61]).permutation(room.pairs.asked))
     asked: list[int] = []
     posterior = StepPosterior.from_answers(room.seen[:0], [])
     for _ in range(config.answers):
@@ -292,16 +382,13 @@ def _true_reward(person: FamilyMember, setup: str) -> TrueReward | None:
     return TrueReward(setup, one) if isinstance(one, StepFamilyMember) else None
 
 
-def _gained(person: FamilyMember, policy: Policy, room: _Room) -> dict[str, float]:
-    return _compared(person, policy, room.rolled_out)
-
-
-def _compared(person: FamilyMember, policy: Policy, usual: Sequence[Trajectory]) -> dict[str, float]:
+def _compared(
+    person: FamilyMember, own: Sequence[Trajectory], usual: Sequence[Trajectory], setup: str
+) -> dict[str, float]:
     """In typical differences of a pair, against what the base policy did in the same scenes."""
-    own = _rolled_out(policy, [one.scene for one in usual])
     arrived = np.array([one.outcome == Outcome.SUCCESS for one in own])
     both = arrived & np.array([one.outcome == Outcome.SUCCESS for one in usual])
-    gained = (person.scores(own) - person.scores(usual))[both] / person.unit(policy.setup)
+    gained = (true_scores(person, own) - true_scores(person, usual))[both] / person.unit(setup)
     longer = np.array([one.duration_s - other.duration_s for one, other in zip(own, usual, strict=True)])[both]
     return {
         "gain": float(gained.mean()) if len(gained) else -1.0,

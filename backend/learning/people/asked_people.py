@@ -101,8 +101,8 @@ def benchmark_people(
     `calibration_error` and the same of the posterior over the nine alone; and of the policy after `shown_after`
     answers: `shown_rate`, `gain` (mean own score over the base policy in typical differences, fresh scenes in which
     both arrive), `preferred_rate`, `success_rate`, `harmed_rate` with its Wilson interval; `today_*`: the same of the
-    policy conditioned on the posterior over the nine, shown to everybody. share_at_once, share_refined: of what
-    training on the true reward gains; null, that is not trained here. Raises LearningError for unknown names.
+    policy conditioned on the posterior over the nine, shown to everybody. What the policies of a library gain is
+    `benchmark people-policies`'s. Raises LearningError for unknown names.
     """
     if config.choose not in ("random", "information"):
         raise LearningError(f"choose = {config.choose!r}: random or information")
@@ -288,8 +288,6 @@ def _row(found: list[dict[str, Any]], config: PeopleConfig) -> dict[str, Any]:
         "today_harmed_rate": rate_today.value,
         "today_harmed_rate_low": rate_today.low,
         "today_harmed_rate_high": rate_today.high,
-        "share_at_once": None,
-        "share_refined": None,
     }
 
 
