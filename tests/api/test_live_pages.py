@@ -100,6 +100,8 @@ def test_the_policy_of_chapter_5_has_its_own_three_weights_in_a_triangle(analyst
     page = analyst.get(f"{PAGE}?policy_a={policy}&a_distance=0.5&a_efficiency=0.5").text
     assert 'data-triangle="demonstration distance efficiency"' in page
     assert "&#34;distance&#34;: 0.5" in page
+    assert "distance from the person" in page
+    assert "Abstand zur Person" in analyst.get(f"{PAGE}?policy_a={policy}", headers={"Accept-Language": "de"}).text
     assert 'name="corner"' not in page
     asked = f"{PAGE}/paths?policy_a={policy}&scene=3500000000"
     corners = ("", "&a_demonstration=1", "&a_distance=1", "&a_efficiency=1")

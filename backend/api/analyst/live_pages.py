@@ -102,6 +102,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
         replay=token,
         another=str(seed + 1) if seed is not None and seed < LARGEST_SEED else None,
         all_objectives=OBJECTIVES,
+        three_objectives=objectives_of(ADAPTABLE),
     )
 
 
