@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from backend.experiments.shipping.adaptable import ship_adaptable
+from backend.experiments.shipping.depth import ship_controller, ship_perception
 from backend.experiments.shipping.explained_room import ship_explained, ship_ranking_set
 from backend.experiments.shipping.path_weights import ship_path_weights
 from backend.experiments.shipping.policies import (
@@ -31,7 +32,7 @@ from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.experiments.shipping.step_bases import ship_step_basis
 from backend.experiments.shipping.words import ship_words
 from backend.learning.shipped_files import DATASETS
-from backend.simulation.setups import EXPLAINED_ROOM, SETUPS
+from backend.simulation.setups import EXPLAINED_ROOM, HOME, SETUPS
 
 
 def main() -> None:
@@ -48,6 +49,8 @@ def main() -> None:
         "adaptable",
         "words",
         "path-weights",
+        "depth",
+        "depth-perception",
     )
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS), nargs="?", help="of all but words")
@@ -66,6 +69,11 @@ def main() -> None:
     given = (arguments.setup, arguments.seed, arguments.out, show)
     if arguments.what == "words":
         ship_words(arguments.seed, arguments.out)
+    elif arguments.what in ("depth", "depth-perception"):
+        work = arguments.work or arguments.out / HOME.name / "work"
+        ship_perception(work, arguments.out)
+        if arguments.what == "depth":
+            ship_controller(work, arguments.out)
     elif arguments.what == "adaptable":
         ship_adaptable(arguments.seed, arguments.out, arguments.work)
     elif arguments.what == "ranking-set":

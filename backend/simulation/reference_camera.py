@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from backend.simulation.depth_camera import DEPTH_CAMERA, DepthCamera, Frames
 from backend.simulation.depth_shapes import MANNEQUIN, seen_of
-from backend.simulation.reference import _pybullet
+from backend.simulation.reference import pybullet
 from backend.simulation.scene import Scene
 
 NEAR_M, FAR_M = 0.02, 30.0
@@ -24,7 +24,7 @@ class ReferenceCamera:
 
     def __init__(self, camera: DepthCamera = DEPTH_CAMERA) -> None:
         self.camera = camera
-        self._p = _pybullet()
+        self._p = pybullet()
         self._client = self._p.connect(self._p.DIRECT)
         rise = math.degrees(2 * math.atan(camera.rows / 2 / camera.focal_px))
         projection = list(self._p.computeProjectionMatrixFOV(rise, camera.columns / camera.rows, NEAR_M, FAR_M))

@@ -83,7 +83,7 @@ class Placements:
                     row[column : column + 3] = drawn[column : column + 3]
                     walk = None if column == k.PERSON_X else walk
             if self._fits(row):
-                return row, self._walked_on(walk, moment, row)
+                return row, self._walked_on(walk, int(moment), row)
         return None
 
     def _walked_on(self, walk: NDArray[np.float64] | None, moment: int, row: k.Row) -> NDArray[np.float64] | None:

@@ -73,7 +73,7 @@ def reproduce_depth(
 
 def findings(plan: DepthPlan, load: Callable[[str], TaskResult]) -> dict[str, Any]:
     """All that was measured: configurations with means over seeds and every seed's own, the encoder, the bars."""
-    configurations = {}
+    configurations: dict[str, Any] = {}
     for name in CONFIGURATIONS:
         of_seeds = [load(plan.judged[name, seed].key).meta for seed in plan.budget.seeds]
         configurations[name] = {
