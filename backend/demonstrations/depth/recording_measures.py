@@ -50,8 +50,9 @@ def prediction_set(recording: Recording, encoder: DepthEncoder) -> tuple[Floats,
 def prediction_errors(recording: Recording, encoder: DepthEncoder, predictor: PersonPredictor) -> dict[str, Any]:
     """Where the person is next, metres off, where they are in view: the predictor, constant velocity, standing still.
 
-    Constant velocity goes on as from the step before to the last one, in the robot's own frame, as the predictor has
-    it; it knows nothing of the robot's turning. Latents: share of the variance of their change that is foretold.
+    Constant velocity goes on as from the step before to the last one: in the robot's own frame, which is all that the
+    predictor has, and in the world's, for a robot that knows how it moved itself. Latents: share of the variance of
+    their change that is foretold.
     """
     sequences, latents, people, seen = prediction_set(recording, encoder)
     before = seen & (sequences[:, -2, 0] > 0)
@@ -72,9 +73,21 @@ def prediction_errors(recording: Recording, encoder: DepthEncoder, predictor: Pe
         "n": int(before.sum()),
         "predictor_m": off(foretold),
         "constant_velocity_m": off(turned),
+        "constant_velocity_in_the_world_m": _world_error(recording),
         "standing_m": off(last),
         "latent_change_foretold": float(1 - np.square(latents - foretold_latents).sum() / change),
     }
+
+
+def _world_error(recording: Recording) -> float:
+    """Mean distance (m) of people from where a constant velocity puts them, where they were in view three times."""
+    times, robots = recording.episodes.shape
+    flat = recording.poses.reshape(-1, 3), np.nan_to_num(recording.people.reshape(-1, 4), nan=1e6)
+    seen = DEPTH_CAMERA.sees(*flat).reshape(times, robots)
+    places = np.nan_to_num(recording.people[:, :, :2], nan=1e6)
+    together = seen[2:] & seen[1:-1] & seen[:-2] & ~recording.begins[2:] & ~recording.begins[1:-1]
+    off = np.linalg.norm(places[2:] - 2 * places[1:-1] + places[:-2], axis=2)[together]
+    return float(off.mean()) if len(off) else 0.0
 
 
 def _place(person: Floats) -> NDArray[np.float64]:
