@@ -7,6 +7,8 @@ import pytest
 
 from backend.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
 from backend.demonstrations.depth.recording import Recording, record, train_encoder
+from backend.learning.cards import file_sha256
+from backend.learning.shipped_files import DATASETS, load_card
 from backend.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
 from backend.perception.predictor import INPUTS, STEPS, PersonPredictor, PredictorConfig, fit_predictor
 from backend.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
@@ -84,6 +86,22 @@ def test_the_encoder_learns_and_comes_back_from_its_file(recording: Recording):
     assert again.frames(latents).shape == frames.shape
     with pytest.raises(ValueError, match="not a desirepath depth encoder"):
         DepthEncoder.from_bytes(b"something else")
+
+
+def test_the_shipped_encoder_and_predictor_are_small_and_do_what_their_cards_say(recording: Recording):
+    encoder_path, predictor_path = (DATASETS / "home" / f"depth_{what}.npz" for what in ("encoder", "predictor"))
+    assert encoder_path.stat().st_size + predictor_path.stat().st_size < 2_000_000
+    card = load_card("home/depth_encoder")
+    assert card.sha256 == file_sha256(encoder_path)
+    assert load_card("home/depth_predictor").parents == {"home/depth_encoder": card.sha256}
+    encoder = DepthEncoder.from_bytes(encoder_path.read_bytes())
+    frames = recording.frames(DEPTH_CAMERA, np.arange(0, recording.size, 4))
+    seen = CameraNoise().applied(frames, DEPTH_CAMERA, np.random.default_rng(0))
+    off = np.abs(encoder.frames(encoder.latents(seen)) - frames)
+    assert off.mean() < 2 * card.results["reconstruction"]["all"]["mean_m"]
+    predictor = PersonPredictor.from_bytes(predictor_path.read_bytes())
+    latents, people = predictor.next(np.zeros((3, STEPS, INPUTS), dtype=np.float32))
+    assert (latents.shape, people.shape) == ((3, LATENTS), (3, 2))
 
 
 def test_the_predictor_learns_who_walks_on_and_comes_back_from_its_file():
