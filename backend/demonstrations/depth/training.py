@@ -163,10 +163,10 @@ def train_depth_controller(
     while agent.updates < config.updates:
         warm = transitions >= config.random_transitions
         if warm:
-            actions = np.clip(agent.act(states) + random.normal(size=(config.n_envs, 2)) * noise, -1, 1)
+            wanted = np.clip(agent.act(states) + random.normal(size=(config.n_envs, 2)) * noise, -1, 1)
         else:
-            actions = random.uniform(-1, 1, (config.n_envs, 2))
-        actions = actions.astype(np.float32)
+            wanted = random.uniform(-1, 1, (config.n_envs, 2))
+        actions: Floats = wanted.astype(np.float32)
         senses.acted(actions)
         engine.step(actions)
         # After a step that ended an episode this is the next one's beginning: nothing is learned from it there.
