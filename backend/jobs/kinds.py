@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
-from pydantic_core import PydanticUndefined
+from pydantic_core import PydanticCustomError, PydanticUndefined
 
 SetupName = Literal["study_room", "open_field"]
 TrainedSetup = Literal["study_room", "open_field", "explained_room"]  # whose base policy can be trained anew
@@ -77,9 +77,13 @@ def _checked_weights(words: str) -> str:
     """Raises ValueError saying what no policy can be conditioned on."""
     from backend.learning.adaptable.objectives import NAMES
     from backend.learning.adaptable.policy import parsed_preference
+    from backend.learning.errors import OppositeWeights
     from backend.learning.preferences.objectives import parsed_weights
 
-    (parsed_preference if words.partition("=")[0].strip() in NAMES else parsed_weights)(words)
+    try:
+        (parsed_preference if words.partition("=")[0].strip() in NAMES else parsed_weights)(words)
+    except OppositeWeights as wrong:  # of a type of its own, so that forms say it in their language
+        raise PydanticCustomError("opposites", "{message}", {"message": str(wrong)}) from None
     return words
 
 

@@ -9,3 +9,7 @@ class LearningError(ValueError):
 
 class TooFewAnswers(LearningError):
     """Fewer answers about two different trajectories than what was asked for needs."""
+
+
+class OppositeWeights(LearningError):
+    """Two preference weights above 0 that exclude each other."""

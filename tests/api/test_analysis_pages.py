@@ -95,7 +95,7 @@ def test_looking_again_after_new_answers_starts_no_other_report(walked, lab, lab
 def test_why_there_is_no_report_is_said(walked, lab, here):
     page = awaited(lab, f"{here}/analysis/simulated")
     assert "There is no report" in page.text
-    assert "none of them has a completed session" in page.text
+    assert "nobody whose answers count has completed the study" in page.text
 
 
 def test_a_report_of_pilots_alone_says_where_the_pilot_phase_ends(lab, lab_services, monkeypatch):

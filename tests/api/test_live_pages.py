@@ -150,6 +150,9 @@ def test_the_form_takes_weights_of_conditioned_policies_alone(analyst, services)
     ):
         refused = analyst.post("/lab/jobs/new/compare", data=given | wrong)
         assert (refused.status_code, says in refused.text) == (422, True), wrong
+    opposites = given | {"weights_b": "farther=1,closer=1"}
+    german = analyst.post("/lab/jobs/new/compare", data=opposites, headers={"Accept-Language": "de"})
+    assert (german.status_code, "Gegensätze" in german.text, "are opposites" in german.text) == (422, True, False)
     assert analyst.post("/lab/jobs/new/compare", data=given | {"weights_b": "farther=1"}).status_code == 303
 
 

@@ -32,6 +32,7 @@ EXPLAINED_PROBLEMS = {
     "less_than": "below",
     "literal_error": "choice",
     "setups": "setups",
+    "opposites": "opposites",
 }
 
 

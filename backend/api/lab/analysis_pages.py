@@ -20,7 +20,8 @@ from backend.api.core.media import answers_with, figure_file
 from backend.api.core.roles import Right
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.api.lab.whole_reports import MadeFrom, ReportFiles
-from backend.store.models import Participant, Study
+from backend.store.models import Participant, Session, Study
+from backend.store.who_counts import FINISHED, not_left_out, same_kind
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
 
@@ -44,6 +45,22 @@ def _only_pilots(s: DatabaseSession, study: Study, who: str) -> bool:
     return phases == {True}
 
 
+def _nobody_counts(s: DatabaseSession, study: Study, who: str) -> bool:
+    """Whether none of these whom a report counts has completed the study."""
+    done = (
+        select(Session.id)
+        .join(Participant, Participant.id == Session.participant_id)
+        .where(
+            Participant.study_id == study.id,
+            same_kind(simulated=who == "simulated", pilot=False),
+            not_left_out(),
+            Session.state == FINISHED,
+        )
+        .limit(1)
+    )
+    return s.scalars(done).first() is None
+
+
 def _there(request: Request, study: Study, who: str, s: DatabaseSession) -> ReportFiles | None:
     return services_of(request).reports.there(study.id, who, MadeFrom.of(s, study))
 
@@ -63,6 +80,7 @@ def analysis(request: Request, study_id: str, who: str, database: Db, anew: bool
             "ready": report.ready,
             "problem": report.problem,
             "only_pilots": report.problem is not None and _only_pilots(s, study, who),
+            "nobody_counts": report.problem is not None and _nobody_counts(s, study, who),
             "report": report,
             "newer": now.answers - report.made_from.answers,
             "old": now != report.made_from,

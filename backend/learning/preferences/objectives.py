@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.learning.errors import LearningError
+from backend.learning.errors import LearningError, OppositeWeights
 from backend.learning.preferences import bounds, step_terms
 from backend.learning.preferences.bounds import SceneBounds
 from backend.learning.preferences.measures import MEASURES
@@ -144,7 +144,8 @@ def check_weights(weights: Floats) -> Floats:
             raise LearningError(f"preference weight {name} = {weight:g}: must be between 0 and 1")
     for a, b in OPPOSITES:
         if weights[a] > 0 and weights[b] > 0:
-            raise LearningError(f"preference weights {NAMES[a]} and {NAMES[b]} are opposites: only one may be above 0")
+            message = f"preference weights {NAMES[a]} and {NAMES[b]} are opposites: only one may be above 0"
+            raise OppositeWeights(message)
     return weights
 
 
