@@ -30,6 +30,10 @@ class Settings(BaseSettings):
     artefacts_url: str | None = Field(
         None, description="fsspec URL of the artefact store; default inside the data folder"
     )
+    links_to_store: bool = Field(
+        False,
+        description="browsers reach the S3 store, too: downloads of artefacts are signed links to it, good for minutes",
+    )
     host: str = Field("127.0.0.1", description="address to listen on")
     port: int = Field(8000, ge=1, le=65534, description="port of the pages; the stage listens on the next one")
     shares_ports: bool = Field(
@@ -74,6 +78,9 @@ class Settings(BaseSettings):
     )
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
+    machine: str = Field(
+        "", max_length=80, description="what the pages of jobs call this machine; default: its own name"
+    )
     standing_process: bool = Field(
         True, description="keep one process loaded (about 350 MB), so that instant policies are there within seconds"
     )

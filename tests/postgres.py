@@ -41,11 +41,12 @@ def server() -> Iterator[str]:
 
 
 @contextmanager
-def holding(server_url: str, sqlite: Path) -> Iterator[str]:
-    """URL of a new database that holds what the SQLite file holds, a migrated empty one where there is no such file."""
+def holding(server_url: str, sqlite: Path, *, empty: bool = False) -> Iterator[str]:
+    """URL of a new database that holds what the SQLite file holds, a migrated empty one where there is no such file;
+    empty: one without any table."""
     _make_empty(server_url)
     name = f"desirepath_test_{os.getpid()}_{next(_numbers)}"
-    _say(server_url, f"CREATE DATABASE {name} TEMPLATE {EMPTY}")
+    _say(server_url, f"CREATE DATABASE {name}" + ("" if empty else f" TEMPLATE {EMPTY}"))
     url = _url(server_url, name)
     if sqlite.is_file():
         _copy(Database(f"sqlite:///{sqlite}"), Database(url))

@@ -40,6 +40,7 @@ from backend.jobs.heartbeat import silent_s
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, StorageError, check_writable, is_full
+from backend.store.places import StoreAway
 from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
@@ -154,6 +155,12 @@ def create_application(services: Services) -> Application:
         response = trouble(request, 503, "busy", "Too much is going on here right now; nothing was stored. Try again.")
         response.headers["Retry-After"] = str(RETRY_AFTER_S)
         return response
+
+    @application.exception_handler(StoreAway)
+    def files_away(request: Request, problem: Exception) -> Response:
+        log.error("the artefact store does not answer", route=route_of(request), problem=str(problem)[:300])
+        said = "The server's store of files does not answer; nothing was stored. Try again."
+        return trouble(request, 503, "files_away", said, headers={"Retry-After": str(RETRY_AFTER_S)})
 
     @application.exception_handler(OSError)
     def disk_full(request: Request, problem: OSError) -> Response:

@@ -23,7 +23,7 @@ def register(app: typer.Typer) -> None:
 @plain_errors
 def export(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
-    out: Annotated[Path, typer.Option(help="Folder to write; made if missing, must be empty.")],
+    out: Annotated[str, typer.Option(help="Folder to write; made if missing, must be empty. Or s3://BUCKET/FOLDER.")],
     pilots: Annotated[bool, typer.Option("--pilots", help="With the pilot participants, marked.")] = False,
     open_data: Annotated[
         bool, typer.Option("--open-data", help="For publication: nothing of who did not agree to that.")
@@ -33,41 +33,50 @@ def export(
     """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
     from backend.store.audit import record
     from backend.store.dataset.writing import export_study
+    from backend.store.places import written_at
 
     database, files = open_store()
-    written = export_study(database, files, study, out, pilots=pilots, open_data=open_data)
+    with written_at(out) as folder:
+        written = export_study(database, files, study, folder, pilots=pilots, open_data=open_data)
     with database.transaction() as s:
         record(s, "study_exported", by=COMMAND_LINE, study_id=study, pilots=pilots, open_data=open_data)
     say(dict(written) if as_json else _summary(written["study"], written["files"], out), as_json)
 
 
-def _summary(study: str, files: list[dict[str, Any]], out: Path) -> dict[str, Any]:
+def _summary(study: str, files: list[dict[str, Any]], out: str) -> dict[str, Any]:
     """What a person wants to know of an export; every file with its hash is in `--json` and in the folder."""
     tables = [
         {"table": Path(one["path"]).stem, "rows": one["rows"]} for one in files if one["path"].endswith(".parquet")
     ]
-    return {"study": study, "folder": str(out), "files": len(files), "tables": tables}
+    return {"study": study, "folder": out, "files": len(files), "tables": tables}
 
 
 @plain_errors
 def import_(
-    folder: Annotated[Path, typer.Argument(help="A folder that `desirepath export` wrote.")], as_json: JsonFlag = False
+    folder: Annotated[str, typer.Argument(help="A folder that `desirepath export` wrote, here or on S3.")],
+    as_json: JsonFlag = False,
 ) -> None:
     """Load an exported data set into this installation, to the same answers."""
     from backend.store.dataset.importing import import_dataset
+    from backend.store.places import read_from
 
     database, files = open_store()
-    say(dict(import_dataset(database, files, folder)), as_json)
+    with read_from(folder) as fetched:
+        say(dict(import_dataset(database, files, fetched)), as_json)
 
 
 @plain_errors
-def backup(out: Annotated[Path, typer.Option(help="File to write.")], as_json: JsonFlag = False) -> None:
+def backup(
+    out: Annotated[str, typer.Option(help="File to write, or s3://BUCKET/FILE.")], as_json: JsonFlag = False
+) -> None:
     """Copy the database and all artefacts into one file; the server may keep running."""
     from backend.store.audit import record
     from backend.store.backup import backup as write_backup
+    from backend.store.places import written_at
 
     database, files = open_store()
-    written = write_backup(database, files, out)
+    with written_at(out) as file:
+        written = write_backup(database, files, file) | {"file": out}
     with database.transaction() as s:
         record(s, "backup_made", by=COMMAND_LINE)
     say(dict(written), as_json)
@@ -75,9 +84,14 @@ def backup(out: Annotated[Path, typer.Option(help="File to write.")], as_json: J
 
 @plain_errors
 def restore(
-    file: Annotated[Path, typer.Argument(help="A file that `desirepath backup` wrote.")], as_json: JsonFlag = False
+    file: Annotated[str, typer.Argument(help="A file that `desirepath backup` wrote, here or on S3.")],
+    as_json: JsonFlag = False,
 ) -> None:
-    """Bring a backup back into an empty data folder."""
+    """Bring a backup back into an empty data folder, or into an empty PostgreSQL database."""
     from backend.store.backup import restore as read_backup
+    from backend.store.places import read_from
 
-    say(dict(read_backup(file, get_settings().data)), as_json)
+    settings = get_settings()
+    with read_from(file) as fetched:
+        back = read_backup(fetched, settings.data, database_url=settings.database, artefacts_url=settings.artefacts)
+    say(dict(back), as_json)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from backend.jobs.leases import holds
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError
@@ -21,8 +22,8 @@ STEP_NAMES = ("updates", "steps", "epoch", "scenes", "step", "tried")  # a curve
 class Progress:
     """Collects progress and curve points and writes them at most twice a second."""
 
-    def __init__(self, database: Database, job_id: str) -> None:
-        self._database, self._job_id = database, job_id
+    def __init__(self, database: Database, job_id: str, attempt: str | None = None) -> None:
+        self._database, self._job_id, self._attempt = database, job_id, attempt
         self._points: list[dict[str, Any]] = []
         self._fraction, self._message = 0.0, ""
         self._calls = 0
@@ -57,7 +58,7 @@ class Progress:
         points = [JobMetric(job_id=self._job_id, **point) for point in self._points]
         with self._database.transaction() as s:
             job = s.get(Job, self._job_id)
-            if job is not None:
+            if holds(job, self._attempt):
                 job.progress, job.message, job.heartbeat_at = self._fraction, self._message, utc_now()
                 s.add_all(points)
         self._points = []

@@ -22,6 +22,7 @@ from typing import IO, Any, TypeVar
 
 import structlog
 
+from backend.jobs.leases import KEPT_LOG_BYTES, WorkerName, begin_attempt, end_attempt, holds, this_process
 from backend.settings import Settings
 from backend.store.database import Database, StorageError
 from backend.store.models import Job, utc_now
@@ -44,13 +45,14 @@ log = structlog.get_logger("desirepath.jobs")
 
 class Outcome(StrEnum):
     """How an attempt ended. `crashed`: killed by a signal, so another attempt may work; `again`: it could not work
-    just now, which is no attempt."""
+    just now, which is no attempt; `lost`: another worker has taken the job up."""
 
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     CANCELLED = "cancelled"
     CRASHED = "crashed"
     AGAIN = "again"
+    LOST = "lost"
 
 
 class ExitCode(IntEnum):
@@ -62,9 +64,14 @@ class ExitCode(IntEnum):
     ORPHANED = 4  # its worker is gone
 
 
+def log_folder(settings: Settings) -> Path:
+    """Where this machine's training processes write."""
+    return settings.data / "logs" / "jobs"
+
+
 def log_file(settings: Settings, job_id: str) -> Path:
     """Where a job's processes write; all attempts in one file."""
-    return settings.data / "logs" / "jobs" / f"{job_id}.log"
+    return log_folder(settings) / f"{job_id}.log"
 
 
 def read_log(settings: Settings, job_id: str, last_bytes: int = LOG_TAIL_BYTES) -> str:
@@ -103,12 +110,12 @@ def start_worker(settings: Settings, output: IO[Any] | None = None) -> subproces
     )
 
 
-def start_process(settings: Settings, job_id: str | None = None) -> subprocess.Popen[bytes]:
-    """A training process for that job; without one, a standing process: it gets everything ready, is told jobs one
-    after another on its standard input (`Standing.take`), and tells on its standard output how each ended."""
+def start_process(settings: Settings, job_id: str | None = None, attempt: str = "") -> subprocess.Popen[bytes]:
+    """A training process for that attempt at a job; without one, a standing process: it gets everything ready, is told
+    jobs one after another on its standard input (`Standing.take`), and says on its standard output how each ended."""
     command = [sys.executable, "-m", "backend.jobs.run", str(os.getpid())]
     return subprocess.Popen(
-        command if job_id is None else [*command, job_id],
+        command if job_id is None else [*command, job_id, attempt],
         env=environment_of(settings) | ONE_THREAD,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE if job_id is None else None,
@@ -127,15 +134,15 @@ class Standing:
         self._lock = threading.Lock()
         self.ready = start_process(settings) if wanted else None  # stands by, for the next instant job
 
-    def take(self, job_id: str) -> subprocess.Popen[bytes]:
+    def take(self, job_id: str, attempt: str = "") -> subprocess.Popen[bytes]:
         """The standing process if it is free and lives, else a fresh one, with that job."""
         with self._lock:
             process, self.ready = self.ready, None
         if process is None or process.poll() is not None:
-            return start_process(self._settings, job_id)
+            return start_process(self._settings, job_id, attempt)
         assert process.stdin is not None  # noqa: S101  opened by start_process
         with contextlib.suppress(BrokenPipeError):  # it died just now, which `watch` finds
-            process.stdin.write(f"{job_id}\n".encode())
+            process.stdin.write(f"{job_id} {attempt}\n".encode())
             process.stdin.flush()
         return process
 
@@ -190,6 +197,7 @@ def run_attempt(
     number: int,
     running: dict[str, subprocess.Popen[bytes]],
     standing: Standing,
+    worker: WorkerName | None = None,
 ) -> Outcome:
     """Run attempt `number` (from 1) in a process until the job ends, is cancelled or the process dies.
 
@@ -197,7 +205,7 @@ def run_attempt(
     that found the database away or the disk full is followed by another, some times.
     """
     for wait_s in [*_waits(ATTEMPT_TRIES), None]:
-        outcome = _run_process(database, settings, job_id, number, running, standing)
+        outcome = _run_process(database, settings, job_id, number, running, standing, worker or this_process())
         if outcome != Outcome.AGAIN:
             return outcome
         if wait_s is not None:
@@ -212,16 +220,18 @@ def _run_process(
     number: int,
     running: dict[str, subprocess.Popen[bytes]],
     standing: Standing,
+    worker: WorkerName,
 ) -> Outcome:
-    instant = patiently(lambda: _begin(database, job_id, number))
-    if isinstance(instant, Outcome):
-        return instant
-    process = standing.take(job_id) if instant else start_process(settings, job_id)
+    begun = patiently(lambda: _begin(database, job_id, number, worker))
+    if isinstance(begun, Outcome):
+        return begun
+    instant, attempt = begun
+    process = standing.take(job_id, attempt) if instant else start_process(settings, job_id, attempt)
     log.info("job started", job=job_id, attempt=number, pid=process.pid)
     running[job_id] = process
     code = None
     try:
-        code = watch(database, job_id, process)
+        code = watch(database, job_id, process, attempt)
     finally:
         del running[job_id]
         if code is None or not instant:
@@ -229,11 +239,12 @@ def _run_process(
         if instant:
             standing.give_back(process)
     code = process.returncode if code is None else code
-    return patiently(lambda: _outcome(database, settings, job_id, code))
+    return patiently(lambda: _outcome(database, settings, job_id, code, attempt))
 
 
-def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
-    """Mark the job as running. Returns whether it is an instant one; an outcome if it has ended or must not start."""
+def _begin(database: Database, job_id: str, number: int, worker: WorkerName) -> Outcome | tuple[bool, str]:
+    """Mark the job as running, by us. Returns whether it is an instant one and the attempt's id; an outcome if it has
+    ended or must not start."""
     with database.transaction() as s:
         job = s.get(Job, job_id)
         if job is None:  # erased while it was queued
@@ -243,34 +254,35 @@ def _begin(database: Database, job_id: str, number: int) -> Outcome | bool:
         if job.state == "cancelling":
             finish(job, "cancelled")
             return Outcome.CANCELLED
-        now = utc_now()
-        job.state, job.started_at, job.heartbeat_at, job.progress = "running", job.started_at or now, now, 0.0
+        attempt = begin_attempt(s, job, worker)
+        job.state, job.started_at, job.progress = "running", job.started_at or utc_now(), 0.0
         job.message = "" if number == 1 else f"attempt {number}"
-        return is_instant(job)
+        return is_instant(job), attempt
 
 
-def watch(database: Database, job_id: str, process: subprocess.Popen[bytes]) -> int | None:
-    """Wait for the job's exit code, telling every two seconds that we are alive. None: the job is to be cancelled."""
+def watch(database: Database, job_id: str, process: subprocess.Popen[bytes], attempt: str | None = None) -> int | None:
+    """Wait for the job's exit code, telling every two seconds that we are alive. None: the job is to be cancelled, or
+    another worker has it."""
     beat: datetime = utc_now()
     while True:
         code = ended(process, POLL_S)
         if code is not None:
             return code
-        if patiently(lambda: _is_cancelled(database, job_id)):
+        if patiently(lambda: _must_end(database, job_id, attempt)):
             return None
         if (utc_now() - beat).total_seconds() >= HEARTBEAT_S:
             beat = utc_now()
             # Where others write for long, the next sign of life will do; a training must not be lost for it.
             with contextlib.suppress(StorageError), database.transaction() as s:
                 job = s.get(Job, job_id)
-                if job is not None:
+                if job is not None and job.held_by == attempt:
                     job.heartbeat_at = beat
 
 
-def _is_cancelled(database: Database, job_id: str) -> bool:
+def _must_end(database: Database, job_id: str, attempt: str | None) -> bool:
     with database.session() as s:
         job = s.get(Job, job_id)
-        return job is None or job.state == "cancelling"
+        return job is None or job.state == "cancelling" or not holds(job, attempt)
 
 
 def ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
@@ -297,34 +309,43 @@ def end_group(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _outcome(database: Database, settings: Settings, job_id: str, code: int) -> Outcome:
+def _outcome(database: Database, settings: Settings, job_id: str, code: int, attempt: str) -> Outcome:
     with database.transaction() as s:
         job = s.get(Job, job_id)
         if job is None:
             return Outcome.CANCELLED
-        if job.state in FINAL_STATES:
-            return Outcome(job.state)
-        if job.state == "cancelling":
-            finish(job, "cancelled")
-            return Outcome.CANCELLED
-        if code < 0:
-            name = signal.Signals(-code).name
-            job.error = f"The training process was killed by {name}. Out of memory is the usual cause; see the log."
-            log.warning("job's process was killed", job=job_id, signal=name)
-            return Outcome.CRASHED
-        if code == ExitCode.AGAIN:
-            log.warning("job's process found the database away or the disk full", job=job_id)
-            return Outcome.AGAIN
-        job.error = f"The training process ended with exit code {code}:\n{read_log(settings, job_id)}".strip()
-        finish(job, "failed")
-        return Outcome.FAILED
+        outcome = _outcome_of(job, settings, code, attempt)
+        end_attempt(s, attempt, outcome, read_log(settings, job_id, KEPT_LOG_BYTES))
+        return outcome
+
+
+def _outcome_of(job: Job, settings: Settings, code: int, attempt: str) -> Outcome:
+    if job.state in FINAL_STATES:
+        return Outcome(job.state)
+    if not holds(job, attempt):
+        log.warning("another worker has taken the job up", job=job.id)
+        return Outcome.LOST
+    if job.state == "cancelling":
+        finish(job, "cancelled")
+        return Outcome.CANCELLED
+    if code < 0:
+        name = signal.Signals(-code).name
+        job.error = f"The training process was killed by {name}. Out of memory is the usual cause; see the log."
+        log.warning("job's process was killed", job=job.id, signal=name)
+        return Outcome.CRASHED
+    if code == ExitCode.AGAIN:
+        log.warning("job's process found the database away or the disk full", job=job.id)
+        return Outcome.AGAIN
+    job.error = f"The training process ended with exit code {code}:\n{read_log(settings, job.id)}".strip()
+    finish(job, "failed")
+    return Outcome.FAILED
 
 
 def _give_up_waiting(database: Database, settings: Settings, job_id: str) -> Outcome:
     with database.transaction() as s:
         job = s.get(Job, job_id)
         if job is not None and job.state not in FINAL_STATES:
-            said = "The database was away or the disk full, several times in a row; start it again with retry."
+            said = "Database or artefact store was away, or the disk full, several times in a row; start it again."
             job.error = f"{said}\n{read_log(settings, job_id)}".strip()
             finish(job, "failed")
     return Outcome.FAILED

@@ -1,7 +1,7 @@
-"""The training process: `python -m backend.jobs.run WORKER_PID [JOB_ID]` does one job and writes down how it ended.
+"""The training process: `python -m backend.jobs.run WORKER_PID [JOB_ID ATTEMPT]` does one job, writes how it ended.
 
-Without a job's id it stands ready, reads ids from its standard input and tells each job's exit code on its standard
-output. Started by `process.py`; everything that is printed while a job is done goes into the job's log.
+Without a job it stands ready, reads ids of jobs and attempts from its standard input and says each job's exit code on
+its standard output. Started by `process.py`; everything that is printed while a job is done goes into the job's log.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import get_kind
+from backend.jobs.leases import end_attempt, holds
 from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
 from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, is_full
 from backend.store.models import Job
 from backend.store.outbox import enqueue_job
+from backend.store.places import StoreAway
 
 ORPHAN_POLL_S = 0.5
 MEASURED_KINDS = ("align", "train_base")
@@ -37,27 +39,27 @@ MEASURING_PRIORITY = 20  # after everything that somebody started
 NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the server goes before both
 
 
-def main(worker_pid: int, job_id: str | None = None) -> ExitCode:
+def main(worker_pid: int, job_id: str | None = None, attempt: str = "") -> ExitCode:
     """Do the job given, or one after another as they are told, until the worker ends."""
     threading.Thread(target=_end_with_worker, args=(worker_pid,), daemon=True).start()
     settings = get_settings()
     if job_id is not None:
         _log_into(log_file(settings, job_id))
-        return do(settings, job_id)
+        return do(settings, job_id, attempt)
     with os.fdopen(os.dup(sys.stdout.fileno()), "w") as worker:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but exit codes goes to the worker
         _load()
-        while job_id := sys.stdin.readline().strip():
-            _log_into(log_file(settings, job_id))
-            print(int(do(settings, job_id)), file=worker, flush=True)
+        while told := sys.stdin.readline().split():
+            _log_into(log_file(settings, told[0]))
+            print(int(do(settings, *told)), file=worker, flush=True)
     return ExitCode.DONE
 
 
-def do(settings: Settings, job_id: str) -> ExitCode:
-    """Do the job. Returns the exit code; the row holds the rest. What passes (a database that is away, a full disk)
-    ends no job."""
+def do(settings: Settings, job_id: str, attempt: str = "") -> ExitCode:
+    """Do the job. Returns the exit code; the row holds the rest, as long as that attempt holds the job. What passes (a
+    database or a store of files that is away, a full disk) ends no job."""
     try:
-        return _do(settings, job_id)
+        return _do(settings, job_id, attempt or None)
     except Exception as problem:
         if not _passes(problem):
             raise
@@ -67,19 +69,19 @@ def do(settings: Settings, job_id: str) -> ExitCode:
 
 
 def _passes(problem: Exception) -> bool:
-    return isinstance(problem, DatabaseBusy) or is_full(problem)
+    return isinstance(problem, DatabaseBusy | StoreAway) or is_full(problem)
 
 
-def _do(settings: Settings, job_id: str) -> ExitCode:
+def _do(settings: Settings, job_id: str, attempt: str | None) -> ExitCode:
     database, files = Database(settings.database), ArtefactStore(settings.artefacts)
     with _only_one(settings, job_id):
         with database.session() as s:
             job = s.get(Job, job_id)
-            if job is None or job.state in FINAL_STATES:
+            if job is None or job.state in FINAL_STATES or not holds(job, attempt):
                 return ExitCode.DONE
         os.nice(NICENESS["participant" if job.session_id else "analyst"] - os.nice(0))
         print(f"{job.kind} {job_id} begins", flush=True)
-        progress = Progress(database, job_id)
+        progress = Progress(database, job_id, attempt)
         began = time.monotonic()
         try:
             result = _work(JobContext(settings, database, files, job, progress))
@@ -88,23 +90,24 @@ def _do(settings: Settings, job_id: str) -> ExitCode:
                 raise
             traceback.print_exc()
             patiently(progress.write)
-            return patiently(functools.partial(_fail, database, job_id, problem))
+            return patiently(functools.partial(_fail, database, job_id, attempt, problem))
         patiently(progress.write)
         print(f"done in {time.monotonic() - began:.1f} s", flush=True)
-        patiently(lambda: _keep(database, job_id, result))
+        patiently(lambda: _keep(database, job_id, attempt, result))
         return ExitCode.DONE
 
 
-def _keep(database: Database, job_id: str, result: dict[str, object]) -> None:
+def _keep(database: Database, job_id: str, attempt: str | None, result: dict[str, object]) -> None:
     with database.transaction() as s:
-        row = s.get(Job, job_id)
-        if row is not None and row.state not in FINAL_STATES:
+        row = s.get(Job, job_id, with_for_update=True)
+        if row is not None and row.state not in FINAL_STATES and holds(row, attempt):
             if row.state == "cancelling":
                 finish(row, "cancelled")
             else:
                 row.result = result
                 finish(row, "succeeded")
                 _measure_later(s, row)
+            _end_attempt(s, row, attempt)
 
 
 def _load() -> None:
@@ -150,18 +153,25 @@ def _measure_later(s: DatabaseSession, job: Job) -> None:
         )
 
 
-def _fail(database: Database, job_id: str, problem: Exception) -> ExitCode:
+def _fail(database: Database, job_id: str, attempt: str | None, problem: Exception) -> ExitCode:
     """Write a readable error: the sentence of errors meant for people, the type besides for all others."""
     meant_for_people = isinstance(problem, ValueError | LookupError | OSError) and not isinstance(
         problem, ValidationError | KeyError | IndexError
     )
     text = str(problem) if meant_for_people else f"{type(problem).__name__}: {problem}"
     with database.transaction() as s:
-        job = s.get(Job, job_id)
-        if job is not None and job.state not in FINAL_STATES:
+        job = s.get(Job, job_id, with_for_update=True)
+        if job is not None and job.state not in FINAL_STATES and holds(job, attempt):
             job.error = text
             finish(job, "cancelled" if job.state == "cancelling" else "failed")
+            _end_attempt(s, job, attempt)
     return ExitCode.FAILED
+
+
+def _end_attempt(s: DatabaseSession, job: Job, attempt: str | None) -> None:
+    """In the transaction of the job's end: the worker may be killed before it writes that down."""
+    if attempt is not None:
+        end_attempt(s, attempt, job.state, "")
 
 
 def _end_with_worker(worker_pid: int) -> None:
@@ -180,7 +190,7 @@ def _only_one(settings: Settings, job_id: str) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    ended = main(int(sys.argv[1]), *sys.argv[2:3])
+    ended = main(int(sys.argv[1]), *sys.argv[2:4])
     try:
         sys.stdout.flush()
         sys.stderr.flush()

@@ -11,8 +11,9 @@ import platform
 import signal
 import subprocess
 import threading
-from datetime import timedelta
-from io import BufferedWriter
+import time
+import uuid
+from io import BufferedRandom
 
 import structlog
 from sqlalchemy import select
@@ -20,18 +21,31 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from backend.jobs.engine import Engine, EngineState, Queue
 from backend.jobs.heartbeat import beat
-from backend.jobs.process import FINAL_STATES, Standing, conclude, end_group, finish, is_instant, patiently, run_attempt
+from backend.jobs.leases import WorkerName, claim_silent, is_silent, say_alive
+from backend.jobs.process import (
+    FINAL_STATES,
+    Standing,
+    conclude,
+    end_group,
+    finish,
+    is_instant,
+    log_folder,
+    patiently,
+    run_attempt,
+)
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError, check_writable
-from backend.store.models import Job, utc_now
+from backend.store.models import Job
 from backend.store.shipped_policies import register_shipped
 
 OUTBOX_POLL_S = 0.25  # a participant is waiting
 STALE_CHECK_S = 5.0
 PARENT_POLL_S = 0.5
 DATABASE_AWAY_S = 1.0
-STALE_AFTER = timedelta(seconds=12)  # six missed heartbeats; taking up a job that still lives does no harm (run.py)
+TIDY_S = 600.0
+LEFT_OVER_S = 3_600.0  # since a log was written last; a row is written before its log
+TOKEN_CHARACTERS = 8
 
 log = structlog.get_logger("desirepath.worker")
 
@@ -53,16 +67,16 @@ class Worker:
         self._database.migrate()
         with self._database.transaction() as s:
             register_shipped(s, ArtefactStore(settings.artefacts))
-        self._slot, executor_id = _take_slot(settings)
+        self._slot, self.name = _take_slot(settings)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._submitted: set[str] = set()
         self._standing = Standing(settings, wanted=settings.standing_process)
         self._engine = Engine(
             settings.jobs_database,
-            executor_id=executor_id,
+            executor_id=self.name.id,
             processes=settings.training_processes,
             attempt=lambda job_id, number: run_attempt(
-                self._database, settings, job_id, number, self._running, self._standing
+                self._database, settings, job_id, number, self._running, self._standing, self.name
             ),
             conclude=lambda job_id, outcome: patiently(lambda: conclude(self._database, job_id, outcome)),
         )
@@ -70,16 +84,22 @@ class Worker:
     def run(self, stopping: threading.Event) -> None:
         """Work until `stopping` is set, then end all training processes; the next worker takes their jobs up."""
         self._engine.start()
-        log.info("worker ready", processes=self._settings.training_processes)
-        until_check = 0.0
+        log.info("worker ready", worker=self.name.id, processes=self._settings.training_processes)
+        until_check = until_tidy = 0.0
         while not stopping.is_set():
             try:
                 self.submit_queued()
                 until_check -= OUTBOX_POLL_S
                 if until_check <= 0:
                     beat(self._settings.data)
+                    with self._database.transaction() as s:
+                        say_alive(s, self.name, self._settings.training_processes)
                     self.revive_stale()
                     until_check = STALE_CHECK_S
+                    until_tidy -= STALE_CHECK_S
+                    if until_tidy <= 0:
+                        self.tidy_logs()
+                        until_tidy = TIDY_S
             except (StorageError, SQLAlchemyError) as problem:  # trainings go on meanwhile
                 log.warning("the worker waits for the database", problem=str(problem)[:200])
                 stopping.wait(DATABASE_AWAY_S)
@@ -102,10 +122,16 @@ class Worker:
         with self._database.session() as s:
             unfinished = list(s.scalars(select(Job).where(Job.state.not_in(FINAL_STATES))))
         for job in unfinished:
-            last_sign = job.heartbeat_at or job.created_at
-            if job.id in self._running or utc_now() - last_sign < STALE_AFTER:
+            if job.id in self._running or not is_silent(job):
                 continue
-            match self._engine.state(job.id):
+            standing = self._engine.state(job.id)
+            if standing is EngineState.WAITING:
+                continue
+            with self._database.transaction() as s:
+                mine = claim_silent(s, job.id)
+            if not mine:
+                continue
+            match standing:
                 case EngineState.UNKNOWN:
                     self._engine.submit(job.id, queue=queue_of(job), priority=job.priority)
                 case EngineState.RUNNING:
@@ -113,8 +139,15 @@ class Worker:
                     self._engine.resume(job.id, queue=queue_of(job))
                 case EngineState.ENDED:
                     self._give_up(job)
-                case EngineState.WAITING:
-                    pass
+
+    def tidy_logs(self) -> None:
+        """Delete logs of jobs that were erased on another machine; an erasure reaches its own data folder only."""
+        before = time.time() - LEFT_OVER_S
+        old = [one for one in log_folder(self._settings).glob("*.log") if one.stat().st_mtime < before]
+        with self._database.session() as s:
+            gone = [one for one in old if s.get(Job, one.stem) is None]
+        for one in gone:
+            one.unlink(missing_ok=True)
 
     def _give_up(self, waiting: Job) -> None:
         job_id = waiting.id
@@ -148,16 +181,24 @@ def _stop_with_parent(parent: int, stopping: threading.Event) -> None:
     stopping.set()
 
 
-def _take_slot(settings: Settings) -> tuple[BufferedWriter, str]:
-    """The first free worker's place in this data folder, held until the process ends, and the executor id that goes
-    with it: the same after a restart, never shared by two living workers."""
+def _take_slot(settings: Settings) -> tuple[BufferedRandom, WorkerName]:
+    """The first free worker's place in this data folder, held until the process ends, and the name that goes with it:
+    the same after a restart, and no other's on any machine, whatever these call themselves."""
     number = 0
     while True:
-        held = (settings.data / f"worker-{number}.lock").open("wb")
+        held = (settings.data / f"worker-{number}.lock").open("a+b")
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             held.close()
             number += 1
-        else:
-            return held, f"{platform.node()}-{number}"
+            continue
+        held.seek(0)
+        token = held.read(TOKEN_CHARACTERS).decode("ascii", errors="replace")
+        if len(token) < TOKEN_CHARACTERS:
+            token = uuid.uuid4().hex[:TOKEN_CHARACTERS]
+            held.truncate(0)
+            held.write(token.encode())
+            held.flush()
+        machine = (settings.machine or platform.node())[:80]
+        return held, WorkerName(f"{machine}-{number}-{token}", machine)

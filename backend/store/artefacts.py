@@ -15,13 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import fsspec
 from fsspec.implementations.local import LocalFileSystem
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.simulation.trajectory import Trajectory
-from backend.store.database import StorageError
 from backend.store.models import (
     Artefact,
     ArtefactAnswer,
@@ -31,6 +29,7 @@ from backend.store.models import (
     TrajectoryRow,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.places import explained, file_system_of
 
 ARTEFACT_KINDS = (
     "policy",
@@ -53,11 +52,16 @@ class ArtefactError(ValueError):
 
 
 class ArtefactStore:
-    """Content-addressed files below one fsspec URL (`file:///...`, `s3://...`): same bytes, same name, stored once."""
+    """Content-addressed files below one fsspec URL (`file:///...`, `s3://...`): same bytes, same name, stored once.
+
+    Nothing half-written can be read: on a local disk a file is written beside and renamed, an S3 store shows an object
+    once all of it has arrived. Every method raises StorageError that names the store where that does not answer.
+    """
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self._fs, root = fsspec.core.url_to_fs(url)
+        self._fs, root = file_system_of(url)
+        self._is_local = isinstance(self._fs, LocalFileSystem)
         self._root = str(root).rstrip("/")
 
     def put(self, content: bytes) -> str:
@@ -67,27 +71,23 @@ class ArtefactStore:
     def put_all(self, contents: Iterable[bytes]) -> list[str]:
         """Store many at once, which on a local disk is far faster than one by one: it waits for the disk once."""
         named = [(hashlib.sha256(content).hexdigest(), content) for content in contents]
-        new = {
-            self._path(sha): content
-            for sha, content in named
-            if not (self._fs.exists(self._path(sha)) and self._fs.size(self._path(sha)) == len(content))
-        }
-        try:
-            if isinstance(self._fs, LocalFileSystem):
+        with explained(self.url):
+            new = {
+                self._path(sha): content
+                for sha, content in named
+                if not (self._fs.exists(self._path(sha)) and self._fs.size(self._path(sha)) == len(content))
+            }
+            if self._is_local:
                 _write_durably({Path(path): content for path, content in new.items()})
-            else:
-                for path, content in new.items():
-                    self._fs.pipe_file(path, content)
-        except OSError as problem:
-            raise StorageError(
-                f"artefact store {self.url}: {problem.strerror or problem}; check free space and permissions"
-            ) from problem
+            elif new:
+                self._fs.pipe(new)
         return [sha for sha, _ in named]
 
     def get(self, sha: str) -> bytes:
         """The content of that name. Raises ArtefactError if it is not there or is not what its name says."""
         try:
-            content: bytes = self._fs.cat_file(self._path(sha))
+            with explained(self.url):
+                content: bytes = self._fs.cat_file(self._path(sha))
         except FileNotFoundError:
             raise ArtefactError(f"file {sha} is not in the artefact store {self.url}") from None
         if hashlib.sha256(content).hexdigest() != sha:
@@ -96,24 +96,36 @@ class ArtefactStore:
 
     def exists(self, sha: str) -> bool:
         path = self._path(sha)
-        if isinstance(self._fs, LocalFileSystem):
+        if self._is_local:
             return os.path.exists(path)  # noqa: PTH110  of hundreds at a time; fsspec takes five times as long
-        return bool(self._fs.exists(path))
+        with explained(self.url):
+            return bool(self._fs.exists(path))
 
     def delete(self, sha: str) -> None:
         """Remove the file; nothing happens if there is none."""
-        if self._fs.exists(self._path(sha)):
-            self._fs.rm_file(self._path(sha))
+        with explained(self.url):
+            if self._fs.exists(self._path(sha)):
+                self._fs.rm_file(self._path(sha))
 
     def names(self) -> Iterator[str]:
         """The sha256 of every file, sorted."""
-        if self._fs.exists(self._root):
-            found = (str(path).rsplit("/", 1)[-1] for path in self._fs.find(self._root))
-            yield from sorted(name for name in found if SHA256.fullmatch(name))
+        with explained(self.url):
+            paths = self._fs.find(self._root) if self._fs.exists(self._root) else []
+        found = (str(path).rsplit("/", 1)[-1] for path in paths)
+        yield from sorted(name for name in found if SHA256.fullmatch(name))
 
     def age_s(self, sha: str, now: float) -> float:
         """Seconds from the file's last change to `now` (Unix time)."""
-        return now - float(self._fs.modified(self._path(sha)).timestamp())
+        with explained(self.url):
+            return now - float(self._fs.modified(self._path(sha)).timestamp())
+
+    def link_to(self, sha: str, file_name: str, *, seconds: int) -> str | None:
+        """A signed address at which anybody may fetch that file for so long, under that name; None for a local disk."""
+        if self._is_local:
+            return None
+        with explained(self.url):
+            quoted = f'attachment; filename="{file_name}"'
+            return str(self._fs.sign(self._path(sha), expiration=seconds, ResponseContentDisposition=quoted))
 
     def _path(self, sha: str) -> str:
         if not SHA256.fullmatch(sha):  # also keeps ids from requests out of path names

@@ -33,6 +33,7 @@ from backend.store.models import (
     Erasing,
     Event,
     Job,
+    JobAttempt,
     JobMetric,
     Note,
     Participant,
@@ -41,6 +42,7 @@ from backend.store.models import (
     Response,
     Setting,
     StrokeRow,
+    TaskFile,
     Tombstone,
     TrajectoryRow,
     Trial,
@@ -243,6 +245,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     s.execute(delete(ArtefactParent).where(edges))
     s.execute(delete(Artefact).where(Artefact.id.in_(doomed.artefacts)))
     s.execute(delete(JobMetric).where(JobMetric.job_id.in_(doomed.jobs)))
+    s.execute(delete(JobAttempt).where(JobAttempt.job_id.in_(doomed.jobs)))
     s.execute(delete(Job).where(Job.id.in_(doomed.jobs)))
     counts = {
         "strokes": strokes,
@@ -292,7 +295,9 @@ def _without(data: Any, names: set[str]) -> Any:
 def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
     """Delete files without a row that a crash left behind: they may be trajectories or models of anybody."""
     known = set(s.scalars(select(TrajectoryRow.id))) | set(s.scalars(select(Artefact.id)))
-    known |= {sha for sha in s.scalars(select(StrokeRow.demonstration)) if sha}
+    known |= {sha for sha in s.scalars(select(StrokeRow.demonstration)) if sha} | set(
+        s.scalars(select(TaskFile.sha256))
+    )
     now = time.time()
     orphans = [name for name in files.names() if name not in known and files.age_s(name, now) > ORPHAN_AGE_S]
     for name in orphans:

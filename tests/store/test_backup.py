@@ -15,6 +15,7 @@ from backend.store.database import Database
 from backend.store.erasure import erase_participant
 from backend.store.models import Response, Setting, TrajectoryRow
 from backend.store.snapshots import load_snapshot, take_snapshot
+from tests import postgres
 from tests.store.small_study import SmallStudy
 
 
@@ -102,3 +103,35 @@ def test_a_postgresql_installation_is_sent_to_its_own_tools(files: ArtefactStore
     elsewhere = Database("postgresql://nobody@127.0.0.1:1/nothing")  # never connected to
     with pytest.raises(BackupError, match="pg_dump"):
         backup(elsewhere, files, tmp_path / "a.tar")
+
+
+def test_a_backup_of_postgresql_comes_back_to_the_same_answers(
+    postgres_server: str, files: ArtefactStore, tmp_path: Path
+):
+    """As with SQLite, by the same command, while somebody writes."""
+    with postgres.holding(postgres_server, tmp_path / "none") as url:
+        study = SmallStudy(Database(url), files)
+        _, session = study.participant("P1")
+        with study.database.transaction() as s:
+            s.add(Setting(key="not committed yet", value={}))
+            s.flush()
+            said = backup(study.database, study.files, tmp_path / "monday.tar")
+        assert said["missing"] == []
+        assert said["artefacts"] >= 8
+        study.participant("P2", drives=100)  # after the backup
+        with pytest.raises(BackupError, match="has tables already"):
+            restore(tmp_path / "monday.tar", tmp_path / "taken", database_url=url)
+        study.database.close()
+    with postgres.holding(postgres_server, tmp_path / "none", empty=True) as url:
+        restore(tmp_path / "monday.tar", tmp_path / "new", database_url=url)
+        database = Database(url)
+        database.migrate()  # as a server does at its start
+        with database.session() as s:
+            assert s.get(Setting, "not committed yet") is None
+            assert set(s.scalars(select(Response.session_id))) == {session}
+            there = ArtefactStore((tmp_path / "new" / "artefacts").as_uri())
+            for trajectory_id in s.scalars(select(TrajectoryRow.id)):
+                load_trajectory(there, trajectory_id)
+        database.close()
+    with pytest.raises(BackupError, match="of an installation on PostgreSQL"):
+        restore(tmp_path / "monday.tar", tmp_path / "sqlite")

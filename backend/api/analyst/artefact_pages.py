@@ -22,7 +22,7 @@ from backend.api.core import svg_figures
 from backend.api.core.auditing import audit_details
 from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.contract import form_of
-from backend.api.core.dependencies import Db, Files, services_of
+from backend.api.core.dependencies import Db, Files, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from backend.api.core.media import answers_with, media_of
 from backend.api.core.permits import in_studies, may_with, seen_artefacts
@@ -37,6 +37,7 @@ from backend.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, chec
 from backend.store.who_counts import Whose
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+LINK_S = 300  # ours: how long a signed link to the store of files is good for
 
 
 @router.get("/lab/snapshots")
@@ -179,12 +180,15 @@ def card(artefact_id: str, database: Db) -> Response:
 
 
 @router.get("/lab/artefacts/{artefact_id}/content", response_class=Response, responses=answers_with("json", "npz"))
-def content(artefact_id: str, database: Db, files: Files) -> Response:
-    """The artefact's own file, as its id says."""
+def content(artefact_id: str, database: Db, files: Files, services: TheServices) -> Response:
+    """The artefact's own file, as its id says; where browsers reach the artefact store, it comes from there."""
     with database.session() as s:
         found = _usable(s, artefact_id)
-    ending = "json" if found.kind in ("snapshot", "evaluation") else "npz"
-    return _download(files.get(found.id), f"{found.kind}-{found.id[:12]}.{ending}")
+    name = f"{found.kind}-{found.id[:12]}.{'json' if found.kind in ('snapshot', 'evaluation') else 'npz'}"
+    link = files.link_to(found.id, name, seconds=LINK_S) if services.settings.links_to_store else None
+    if link is not None:
+        return RedirectResponse(link, status_code=307, headers={"Cache-Control": "no-store"})
+    return _download(files.get(found.id), name)
 
 
 @router.get("/lab/policies/{artefact_id}/policy.zip")

@@ -30,9 +30,10 @@ from backend.api.lab.study_rows import found_page
 from backend.jobs.curves import Points, curves_of
 from backend.jobs.kept_artefacts import command_of, find_artefact
 from backend.jobs.kinds import ALIGNMENTS, CONDITIONED, KINDS, WEIGHED, JobParamsError, Kind, Params, get_kind
+from backend.jobs.leases import attempts_at, kept_log
 from backend.jobs.process import FINAL_STATES, read_log
 from backend.store.artefacts import ArtefactError
-from backend.store.models import Artefact, Job, Study, utc_now
+from backend.store.models import Artefact, Job, JobAttempt, Study, utc_now
 from backend.store.outbox import cancel_job, enqueue_job
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
@@ -162,6 +163,7 @@ def job_state(job_id: str, database: Db) -> Response:
             "error": job.error,
             "params": job.params,
             "result": job.result,
+            "attempts": [{**_attempt(one), "began_at": one.began_at.isoformat()} for one in attempts_at(s, job.id)],
             "curves": {name: _together(lines) for name, lines in curves_of(s, job.id).items()},
         }
     return reply_of(JobData, now)
@@ -195,7 +197,8 @@ def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Res
 def log(job_id: str, database: Db, services: TheServices) -> Response:
     with database.session() as s:
         _job(s, job_id)
-    return PlainTextResponse(read_log(services.settings, job_id, last_bytes=5_000_000))
+        kept = kept_log(attempts_at(s, job_id))
+    return PlainTextResponse(read_log(services.settings, job_id, last_bytes=5_000_000) or kept)
 
 
 def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
@@ -210,6 +213,17 @@ def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
 def _together(lines: Mapping[str, Points]) -> list[list[float]]:
     """All points of a curve in order; of a step with raw and averaged weights the raw one's first."""
     return [list(point) for point in sorted(chain.from_iterable(lines.values()), key=lambda point: point[0])]
+
+
+def _attempt(one: JobAttempt) -> dict[str, Any]:
+    """Who worked on a job, and how that ended."""
+    return {
+        "machine": one.machine,
+        "worker": one.worker,
+        "began_at": one.began_at,
+        "seconds": None if one.ended_at is None else max(0.0, (one.ended_at - one.began_at).total_seconds()),
+        "outcome": one.outcome or "running",
+    }
 
 
 def _kind(name: str) -> Kind:
@@ -328,13 +342,16 @@ def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
     if job.state == "queued":
         earlier = select(func.count()).select_from(Job).where(Job.state == "queued", Job.created_at < job.created_at)
         waiting_before = s.scalar(earlier) or 0
+    attempts = attempts_at(s, job.id)
+    settings = services_of(request).settings
     return {
         "line": line_of(s, job),
         "job": job,
         "made": made_by(s, job),
         "curves": drawn_curves(t, s, job),
         "to_go": seconds_to_go(job, utc_now()),
-        "log": read_log(services_of(request).settings, job.id, last_bytes=LOG_TAIL_BYTES),
+        "attempts": [_attempt(one) for one in attempts],
+        "log": read_log(settings, job.id, last_bytes=LOG_TAIL_BYTES) or kept_log(attempts),
         "waiting_before": waiting_before,
         "known_kind": job.kind in KINDS,
         "command": _command(job),

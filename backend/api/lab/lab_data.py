@@ -73,8 +73,20 @@ class _AsParams:
         return {"anyOf": [handler(TypeAdapter(asked).core_schema), {"type": "object", "additionalProperties": True}]}
 
 
+class AttemptData(Reply):
+    """One time that a worker took a job up. seconds: how long, null while it is at work. outcome: `running`,
+    `succeeded`, `failed`, `cancelled`, `crashed`, `again` or `lost` (`JobAttempt`)."""
+
+    machine: str
+    worker: str
+    began_at: str
+    seconds: float | None
+    outcome: str
+
+
 class JobData(Reply):
-    """A job with its curves: (step, value) by name. result: what its kind found, as its card says it."""
+    """A job with its curves: (step, value) by name. result: what its kind found, as its card says it. attempts: who
+    worked on it, first one first."""
 
     job: str
     kind: str
@@ -84,4 +96,5 @@ class JobData(Reply):
     error: str | None
     params: Annotated[dict[str, JsonValue], _AsParams]
     result: dict[str, JsonValue] | None
+    attempts: list[AttemptData]
     curves: dict[str, list[tuple[int, float]]]

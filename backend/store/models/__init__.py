@@ -23,8 +23,8 @@ from backend.store.models.lab import (
     StudyRole,
     User,
 )
-from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobMetric
-from backend.store.models.server import RateWindow, ServerProcess
+from backend.store.models.learned import Artefact, ArtefactAnswer, ArtefactParent, Job, JobAttempt, JobMetric, TaskFile
+from backend.store.models.server import RateWindow, ServerProcess, WorkerProcess
 from backend.store.models.studies import (
     Erasing,
     Participant,
@@ -50,6 +50,7 @@ __all__ = [
     "Identity",
     "Invitation",
     "Job",
+    "JobAttempt",
     "JobMetric",
     "Note",
     "Participant",
@@ -68,11 +69,13 @@ __all__ = [
     "StrokeRow",
     "Study",
     "StudyRole",
+    "TaskFile",
     "Tombstone",
     "TrajectoryRow",
     "Trial",
     "User",
     "UtcDateTime",
+    "WorkerProcess",
     "new_id",
     "protocol_digest",
     "utc_now",

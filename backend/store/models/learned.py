@@ -74,11 +74,40 @@ class Job(Base):
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
     heartbeat_at: Mapped[datetime | None]
+    held_by: Mapped[str | None] = mapped_column(String(32))  # the attempt (`JobAttempt`) that may write how it ends
     __table_args__ = (
         CheckConstraint(
             "state in ('queued', 'running', 'cancelling', 'succeeded', 'failed', 'cancelled')", name="state"
         ),
     )
+
+
+class JobAttempt(Base):
+    """One time that a worker took a job up: which one, on which machine, from when to when, and how that ended.
+
+    outcome: succeeded, failed, cancelled, crashed (its process was killed), again (the database was away or the disk
+    full), lost (nothing was heard of the worker, and another took the job up). `log`: the end of what it printed.
+    """
+
+    __tablename__ = "job_attempt"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    job_id: Mapped[str] = mapped_column(ForeignKey("job.id"), index=True)
+    worker: Mapped[str] = mapped_column(String(120))
+    machine: Mapped[str] = mapped_column(String(80))
+    began_at: Mapped[datetime] = mapped_column(default=utc_now)
+    ended_at: Mapped[datetime | None]
+    outcome: Mapped[str | None] = mapped_column(String(16))
+    log: Mapped[str] = mapped_column(Text, default="")
+
+
+class TaskFile(Base):
+    """What one task of a sweep came to (`desirepath reproduce --on workers`), by the key of all that it depends on."""
+
+    __tablename__ = "task_file"
+    key: Mapped[str] = mapped_column(String(120), primary_key=True)
+    sha256: Mapped[str] = mapped_column(String(64))
+    job_id: Mapped[str | None] = mapped_column(String(32))
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
 
 
 class JobMetric(Base):

@@ -20,6 +20,17 @@ class ServerProcess(Base):
     seen_at: Mapped[datetime]
 
 
+class WorkerProcess(Base):
+    """A background worker that lives, on whichever machine. `id` is the same after a restart in its data folder."""
+
+    __tablename__ = "worker_process"
+    id: Mapped[str] = mapped_column(String(120), primary_key=True)
+    machine: Mapped[str] = mapped_column(String(80))
+    trainings: Mapped[int] = mapped_column(Integer)  # at once
+    started_at: Mapped[datetime]
+    seen_at: Mapped[datetime]
+
+
 class RateWindow(Base):
     """How often something was asked for, in this window of time and in the one before. The key as sha256 only."""
 
