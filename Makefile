@@ -4,7 +4,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: mutation run test soak setup setup-test lint lock secrets clean
+.PHONY: compose-here rehearse-upgrade mutation run test soak setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -52,6 +52,14 @@ lock:
 secrets:
 	mkdir -p -m 700 secrets
 	test -s secrets/database_password || (umask 022 && od -An -N24 -tx1 /dev/urandom | tr -d ' \n' > secrets/database_password)
+
+# What docker-compose.yml would start, without containers, on loopback; a study walked through it in Chromium.
+compose-here: setup-test
+	$(BIN)/python scripts/compose_here.py walk
+
+# The version of a commit (OLD=...), upgraded to this one while people take part: what was lost?
+rehearse-upgrade: setup-test
+	$(BIN)/python scripts/compose_here.py upgrade $(if $(OLD),--old $(OLD)) --participants 4
 
 clean:
 	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache

@@ -23,6 +23,7 @@ def register(app: typer.Typer) -> None:
     """Add this module's commands to the main one."""
     app.command()(serve)
     app.command()(worker)
+    app.command()(migrate)
     app.command()(password)
 
 
@@ -53,9 +54,10 @@ def serve(
     if settings.shares_ports:  # one of several; who started them has seen to everything else
         run(services)
         return
-    with services.database.transaction() as s:
-        register_shipped(s, services.files)
-    password = ensure_first_user(services.database)
+    with services.database.one_starts():
+        with services.database.transaction() as s:
+            register_shipped(s, services.files)
+        password = ensure_first_user(services.database)
     link = _demo_link(services) if demo else None
 
     def announce() -> None:
@@ -104,6 +106,16 @@ def worker(
     from backend.jobs.worker import run_worker
 
     run_worker(get_settings(), parent=parent)
+
+
+@plain_errors
+def migrate(as_json: JsonFlag = False) -> None:
+    """Bring the database to this version's tables, before the first process of a new version starts beside old ones."""
+    from backend.commands.study import open_store
+    from backend.store.database import newest_revision
+
+    open_store()[0].close()
+    say({"revision": newest_revision()}, as_json)
 
 
 @plain_errors

@@ -324,6 +324,19 @@ def _as_it_is(given: Mapping[str, Any]) -> dict[str, Any]:
     return dict(given)
 
 
+class TaskParams(Params):
+    """One task of a sweep (`desirepath reproduce CHAPTER --on workers`); that command alone starts it, no form has it.
+
+    key: the hash of all that its result depends on; needs: keys of the tasks whose results it gets.
+    """
+
+    chapter: str
+    key: str
+    function: str
+    params: dict[str, Any]
+    needs: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Kind:
     """One kind of job. variants: its parameters; where it has several algorithms, one class by each `recipe`."""
@@ -412,6 +425,9 @@ KINDS = {
         _one("ask_person", AskPersonParams),
     )
 }
+TASK = "task"
+OF_SWEEPS = _one(TASK, TaskParams)
+"""A kind of job that nobody starts by hand."""
 
 
 def named_artefacts(params: Params) -> list[tuple[str, str]]:
@@ -428,6 +444,8 @@ def named_artefacts(params: Params) -> list[tuple[str, str]]:
 
 def get_kind(name: str) -> Kind:
     """The kind of that name. Raises JobParamsError listing the known ones."""
+    if name == TASK:
+        return OF_SWEEPS
     try:
         return KINDS[name]
     except KeyError:

@@ -40,7 +40,7 @@ NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the se
 
 
 def main(worker_pid: int, job_id: str | None = None, attempt: str = "") -> ExitCode:
-    """Do the job given, or one after another as they are told, until the worker ends."""
+    """Do the job given, or one after another as they come, until the worker ends."""
     threading.Thread(target=_end_with_worker, args=(worker_pid,), daemon=True).start()
     settings = get_settings()
     if job_id is not None:
@@ -49,9 +49,9 @@ def main(worker_pid: int, job_id: str | None = None, attempt: str = "") -> ExitC
     with os.fdopen(os.dup(sys.stdout.fileno()), "w") as worker:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but exit codes goes to the worker
         _load()
-        while told := sys.stdin.readline().split():
-            _log_into(log_file(settings, told[0]))
-            print(int(do(settings, *told)), file=worker, flush=True)
+        while line := sys.stdin.readline().split():
+            _log_into(log_file(settings, line[0]))
+            print(int(do(settings, *line)), file=worker, flush=True)
     return ExitCode.DONE
 
 

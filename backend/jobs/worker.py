@@ -65,7 +65,7 @@ class Worker:
         self._settings = settings
         self._database = Database(settings.database)
         self._database.migrate()
-        with self._database.transaction() as s:
+        with self._database.one_starts(), self._database.transaction() as s:
             register_shipped(s, ArtefactStore(settings.artefacts))
         self._slot, self.name = _take_slot(settings)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
@@ -83,7 +83,8 @@ class Worker:
 
     def run(self, stopping: threading.Event) -> None:
         """Work until `stopping` is set, then end all training processes; the next worker takes their jobs up."""
-        self._engine.start()
+        with self._database.one_starts():
+            self._engine.start()
         log.info("worker ready", worker=self.name.id, processes=self._settings.training_processes)
         until_check = until_tidy = 0.0
         while not stopping.is_set():

@@ -35,6 +35,7 @@ MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vac
 PROBE_BYTES = 64 * 1024
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 NO_SERVER = ("connection failed", "connection is bad", "could not translate host name")  # in what psycopg says
+START_LOCK = 7_305_442  # as below, for what else a start makes
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
 COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
 COMPACT_TRIES_S = 15.0
@@ -191,6 +192,20 @@ class Database:
                 pending = s.get(Setting, COMPACT_PENDING) is not None
         if pending:
             self.compact()
+
+    @contextlib.contextmanager
+    def one_starts(self) -> Iterator[None]:
+        """Of several processes that start at once, perhaps on several machines, one is in this block at a time: what
+        each makes where it is missing is made once."""
+        if self.is_sqlite:
+            yield
+            return
+        with self.explained(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": START_LOCK})
+            try:
+                yield
+            finally:
+                connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": START_LOCK})
 
     def _upgrade(self, connection: Connection) -> None:
         from alembic import command  # a third of a second that a restart need not wait

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from backend.experiments.reproduction.on_workers import Queue, SweepError
+from backend.experiments.reproduction.tasks import Task, Work
 from backend.jobs import process
 from backend.jobs.leases import STALE_AFTER, WorkerName, attempts_at, begin_attempt, claim_silent, end_attempt, holds
 from backend.jobs.process import FINAL_STATES, Outcome
@@ -24,7 +26,7 @@ from backend.store.outbox import enqueue_job
 from tests import postgres
 
 ROOT = Path(__file__).resolve().parents[2]
-PATIENCE_S = 100.0
+PATIENCE_S = 200.0
 HERE, THERE = WorkerName("here-0-aaaaaaaa", "here"), WorkerName("there-0-bbbbbbbb", "there")
 
 
@@ -41,9 +43,11 @@ def worker_on(machine: str, folder: Path, database_url: str, artefacts_url: str)
     worker = subprocess.Popen(
         [sys.executable, "-m", "backend.cli", "worker"], cwd=folder, env=plain | {"PYTHONPATH": str(ROOT)} | told
     )
-    yield worker
-    worker.kill()
-    worker.wait()
+    try:
+        yield worker
+    finally:
+        worker.kill()
+        worker.wait()
 
 
 def until(holds_now: object, told: str) -> None:
@@ -109,6 +113,45 @@ def held(database: Database) -> tuple[Database, str, str]:
         job = enqueue_job(s, "evaluate", {})
         job.state = "running"
         return database, job.id, begin_attempt(s, job, HERE)
+
+
+def test_a_sweep_is_spread_over_machines_and_goes_on_where_it_was(postgres_server: str, tmp_path: Path) -> None:
+    """Four tasks and one that needs them, on the queue; ended in the middle, and started again on another folder."""
+    numbers = [{"number": one, "seconds": 0.5} for one in range(4)]
+    parts = [Task("waiting", one, seconds=0.5) for one in numbers]
+    whole = Task("summed", {}, needs=tuple(parts))
+    artefacts = (tmp_path / "artefacts").as_uri()
+    with (
+        postgres.holding(postgres_server, tmp_path / "none") as url,
+        worker_on("alpha", tmp_path / "a", url, artefacts),
+        worker_on("beta", tmp_path / "b", url, artefacts),
+    ):
+        database = Database(url)
+        until(lambda: living(database) == {"alpha", "beta"}, "they did not start")
+        told: list[str] = []
+
+        def sweep(folder: str, tasks: list[Task]) -> int:
+            queue = Queue("benchmark", database, ArtefactStore(artefacts), created_by="tests")
+            work = Work(tmp_path / folder)
+            with work.claimed():
+                done = queue.finish(tasks, work, on_task=lambda task, *_: told.append(task.kind))
+                assert all(work.has(task) for task in tasks)
+            return done
+
+        assert sweep("first", parts[:3]) == 3
+        with database.session() as s:
+            assert len(s.query(Job).all()) == 3
+            assert {one.machine for one in s.query(JobAttempt)} == {"alpha", "beta"}
+        assert sweep("second", [whole]) == 5  # of which three were computed before, and are only fetched
+        assert told[3:].count("summed") == 1
+        with database.session() as s:
+            assert len(s.query(Job).all()) == 5
+        assert Work(tmp_path / "second").load(whole.key).meta["sum"] == 6
+        assert sweep("second", [whole]) == 0
+        broken = Task("waiting", {"number": 0, "seconds": "long"})
+        with pytest.raises(SweepError, match="could not convert string to float: 'long'"):
+            sweep("third", [broken])
+        database.close()
 
 
 def test_of_several_that_look_one_takes_a_silent_job_up(held: tuple[Database, str, str]) -> None:

@@ -106,7 +106,7 @@ def test_exports_and_backups_go_there_and_come_back(shared: S3, study: SmallStud
     with written_at(where) as folder:
         export_study(study.database, study.files, study.id, folder)
     with read_from(where) as fetched:
-        assert len(read_dataset(fetched).tables["responses"]) == 4
+        assert len(read_dataset(fetched).tables["responses"]) == 6
     with pytest.raises(StorageError, match="something is there already"), written_at(where):
         pass
     saved = f"s3://{BUCKET}/backups/monday.tar"

@@ -101,6 +101,35 @@ def faults(
     say(result, as_json)
 
 
+@commands.command("workers")
+@plain_errors
+def several_workers(
+    tasks: Annotated[int, typer.Option(min=1, help="Of one sweep.")] = 24,
+    workers: Annotated[str, typer.Option(help="Numbers of workers, with commas.")] = "1,2,4",
+    task_s: Annotated[float, typer.Option(min=0.1, help="Seconds that one task takes.")] = 5.0,
+    load: Annotated[str, typer.Option(help="waiting: needs no processor; working: one core each.")] = "waiting",
+    kills: Annotated[int, typer.Option(min=0, help="How often a worker is killed in the middle of a job.")] = 3,
+    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """A sweep on several workers, and seconds until a killed one's job goes on. On a PostgreSQL server of its own."""
+    from backend.experiments.benchmarks.workers import benchmark_workers
+
+    if load not in ("waiting", "working"):
+        raise typer.BadParameter(f"load = {load}: must be waiting or working")
+    result = benchmark_workers(
+        tasks=tasks,
+        workers=[int(one) for one in workers.split(",")],
+        task_s=task_s,
+        load="working" if load == "working" else "waiting",
+        kills=kills,
+        tell=lambda words: typer.echo(words, err=True),
+    )
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
+
+
 @commands.command()
 @plain_errors
 def pages(

@@ -137,7 +137,7 @@ def benchmark_faults(
                 raise ServeBenchmarkError(f"{stuck} of {participants} participants do not get on; {broken[:1]}")
             unfinished = _unfinished(database, jobs)
         acknowledged = {key: value for one in people for key, value in one.acknowledged.items()}
-        lost, halves = _lost(database, acknowledged), _half_trials(database)
+        lost, halves = lost_answers(database, acknowledged), half_trials(database)
     return {
         "kills": kills,
         "participants": participants,
@@ -254,7 +254,7 @@ def _unfinished(database: Database, jobs: list[str]) -> list[str]:
         time.sleep(0.5)
 
 
-def _lost(database: Database, acknowledged: dict[str, tuple[str, str, str]]) -> int:
+def lost_answers(database: Database, acknowledged: dict[str, tuple[str, str, str]]) -> int:
     """Acknowledged answers that are not stored where they belong with the choice that was sent."""
     asked = select(Response.request_id, Session.token_hash, Response.step_key, Response.value)
     with database.session() as s:
@@ -263,7 +263,7 @@ def _lost(database: Database, acknowledged: dict[str, tuple[str, str, str]]) -> 
     return sum(kept.get(request_id) != sent for request_id, sent in acknowledged.items())
 
 
-def _half_trials(database: Database) -> int:
+def half_trials(database: Database) -> int:
     """Trials that are answered without an answer, or have one and are not."""
     asked = (
         select(func.count())

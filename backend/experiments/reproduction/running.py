@@ -7,6 +7,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,8 +18,13 @@ from backend.learning.cards import source_commit
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+    from backend.experiments.reproduction.on_workers import Queue
+
 TEMPLATES = __package__
 Tell = Callable[[str], None]
+ELSEWHERE: ContextVar[Queue | None] = ContextVar(
+    "where a run's tasks are computed, if not by this machine", default=None
+)
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,11 @@ def compute(
     def report(task: Task, done: int, todo: int, left: float) -> None:
         tell(f"[{done}/{todo}] {name(task)}; about {time_in_words(left)} left")
 
-    computed = finish(wanted, functions, work, processes=processes, on_task=report)
+    elsewhere = ELSEWHERE.get()
+    if elsewhere is None:
+        computed = finish(wanted, functions, work, processes=processes, on_task=report)
+    else:
+        computed = elsewhere.finish(wanted, work, on_task=report, workers=processes)
     made = {task.key: work.load(task.key).meta["made"] for task in in_order(wanted)}
     return Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
 

@@ -68,6 +68,16 @@ Function = Callable[[dict[str, Any], Sequence[TaskResult]], TaskResult]
 """(params, results of the needs) -> result; runs in any process, so it must be a module's function."""
 
 
+def to_bytes(made: TaskResult) -> bytes:
+    """The content of a task's file."""
+    return to_npz(made.meta, made.arrays)
+
+
+def from_bytes(content: bytes) -> TaskResult:
+    """Never unpickles."""
+    return TaskResult(*from_npz(content))
+
+
 class Work:
     """The folder of finished tasks. A file that is there is whole: it is written beside and renamed."""
 
@@ -81,13 +91,16 @@ class Work:
         return self.path(task.key).is_file()
 
     def load(self, task_key: str) -> TaskResult:
-        """Never unpickles."""
-        return TaskResult(*from_npz(self.path(task_key).read_bytes()))
+        return from_bytes(self.path(task_key).read_bytes())
 
     def store(self, task_key: str, made: TaskResult) -> None:
+        self.store_bytes(task_key, to_bytes(made))
+
+    def store_bytes(self, task_key: str, content: bytes) -> None:
+        """Store what `to_bytes` made, perhaps on another machine."""
         partial = self.folder / f"{task_key}.{os.getpid()}{PARTIAL}"
         with partial.open("wb") as file:
-            file.write(to_npz(made.meta, made.arrays))
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         partial.replace(self.path(task_key))
@@ -108,22 +121,27 @@ class Work:
             yield
 
 
-def finish_task(functions: Mapping[str, Function], folder: Path, task: Task) -> float:
-    """Compute and store one task whose needs are stored; returns its seconds. Runs in any process."""
-    work = Work(folder)
+def computed(
+    functions: Mapping[str, Function], kind: str, params: dict[str, Any], needs: Sequence[TaskResult]
+) -> TaskResult:
+    """What a task comes to, as it is stored: with what it was and how long it took. Runs in any process."""
     began, cpu = time.perf_counter(), time.process_time()
-    made = functions[task.kind](task.params, [work.load(need.key) for need in task.needs])
-    seconds = time.perf_counter() - began
+    made = functions[kind](params, needs)
     about = {
-        "seconds": seconds,
+        "seconds": time.perf_counter() - began,
         "cpu_seconds": time.process_time() - cpu,
         "commit": source_commit(),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    work.store(
-        task.key, TaskResult({**made.meta, "kind": task.kind, "params": task.params, "made": about}, made.arrays)
-    )
-    return seconds
+    return TaskResult({**made.meta, "kind": kind, "params": params, "made": about}, made.arrays)
+
+
+def finish_task(functions: Mapping[str, Function], folder: Path, task: Task) -> float:
+    """Compute and store one task whose needs are stored; returns its seconds. Runs in any process."""
+    work = Work(folder)
+    made = computed(functions, task.kind, task.params, [work.load(need.key) for need in task.needs])
+    work.store(task.key, made)
+    return float(made.meta["made"]["seconds"])
 
 
 @dataclass(frozen=True)
@@ -176,7 +194,7 @@ def finish(
     if processes < 1:
         raise ValueError(f"processes = {processes}: at least 1")
     missing = [task for task in in_order(tasks) if not work.has(task)]
-    progress = _Progress(missing, processes, on_task)
+    progress = Countdown(missing, processes, on_task)
     if processes == 1:
         for task in missing:
             progress.count(task, finish_task(functions, work.folder, task))
@@ -195,7 +213,7 @@ def finish(
     return len(missing)
 
 
-class _Progress:
+class Countdown:
     """Corrects the estimate of what is left by how long the finished tasks took."""
 
     def __init__(self, tasks: Sequence[Task], processes: int, on_task: OnTask) -> None:
