@@ -8,6 +8,10 @@ COPY app app
 COPY backend backend
 # PyBullet has wheels for amd64 only; elsewhere it is compiled.
 ARG DESIREPATH_TORCH_INDEX
+# Backups need pg_dump of the database's own version; Debian's is older, so PostgreSQL's own packages (as its site says).
+RUN apt-get update && apt-get install -y --no-install-recommends postgresql-common ca-certificates \
+ && /usr/share/postgresql-common/pgdg/apt.postgresql.org.sh -y \
+ && apt-get install -y --no-install-recommends postgresql-client-17 && rm -rf /var/lib/apt/lists/*
 RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
  && scripts/setup.sh \
  && .venv/bin/python -m compileall -q app backend \

@@ -28,7 +28,7 @@ def dump(db: Database, out: Path) -> dict[str, bool]:
     Returns the files that rows in it name -> whether an erasure may have removed the file itself. Raises BackupError.
     """
     # What is dumped and what is asked here is one and the same moment.
-    with db.engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
+    with db.explained(), db.engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
         moment = connection.execute(text("SELECT pg_export_snapshot()")).scalar_one()
         options = ["--format=custom", "--no-owner", "--no-privileges", f"--snapshot={moment}", f"--file={out}"]
         _run("pg_dump", db.url, [*options, "--schema=public"])

@@ -11,7 +11,7 @@ from sqlalchemy import select
 
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.backup import BackupError, backup, restore
-from backend.store.database import Database
+from backend.store.database import Database, StorageError
 from backend.store.erasure import erase_participant
 from backend.store.models import Response, Setting, TrajectoryRow
 from backend.store.snapshots import load_snapshot, take_snapshot
@@ -99,10 +99,11 @@ def test_what_is_missing_is_told_but_not_what_an_erasure_removed(study: SmallStu
     assert backup(study.database, study.files, tmp_path / "b.tar")["missing"] == [lost]
 
 
-def test_a_postgresql_installation_is_sent_to_its_own_tools(files: ArtefactStore, tmp_path: Path):
-    elsewhere = Database("postgresql://nobody@127.0.0.1:1/nothing")  # never connected to
-    with pytest.raises(BackupError, match="pg_dump"):
-        backup(elsewhere, files, tmp_path / "a.tar")
+def test_a_database_server_that_does_not_answer_is_named_and_nothing_is_left(files: ArtefactStore, tmp_path: Path):
+    database = Database("postgresql://nobody@127.0.0.1:1/none")
+    with pytest.raises(StorageError, match="no database server answers there"):
+        backup(database, files, tmp_path / "out" / "x.tar")
+    assert list((tmp_path / "out").iterdir()) == []
 
 
 def test_a_backup_of_postgresql_comes_back_to_the_same_answers(
