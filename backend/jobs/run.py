@@ -16,6 +16,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from pydantic import ValidationError
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.jobs.context import JobContext, Progress
-from backend.jobs.kinds import get_kind
+from backend.jobs.kinds import TaskParams, get_kind
 from backend.jobs.leases import end_attempt, holds
 from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
 from backend.settings import Settings, get_settings
@@ -34,6 +35,7 @@ from backend.store.outbox import enqueue_job
 from backend.store.places import StoreAway
 
 ORPHAN_POLL_S = 0.5
+SWEEP_TASKS = "backend.experiments.reproduction.on_workers"
 MEASURED_KINDS = ("align", "train_base")
 MEASURING_PRIORITY = 20  # after everything that somebody started
 NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the server goes before both
@@ -133,10 +135,14 @@ def _log_into(file: Path) -> None:
 
 
 def _work(context: JobContext) -> dict[str, object]:
+    params = get_kind(context.job.kind).read(context.job.params)
     # Imported late, so that its failure is written to the row, too.
+    if isinstance(params, TaskParams):  # what a task needs stands above this room, and is found by name
+        done: dict[str, object] = import_module(SWEEP_TASKS).do_task(context, params)
+        return done
     from backend.jobs.runners import run_kind
 
-    return run_kind(context, get_kind(context.job.kind).read(context.job.params))
+    return run_kind(context, params)
 
 
 def _measure_later(s: DatabaseSession, job: Job) -> None:

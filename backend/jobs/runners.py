@@ -8,8 +8,6 @@ from backend.jobs import aligning, asking_person, comparing, demonstrating, kind
 from backend.jobs.context import JobContext
 from backend.jobs.kinds import Params
 
-TASKS = "backend.experiments.reproduction.on_workers"
-
 
 def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
     """Do the work that the parameters ask for; returns the job's result."""
@@ -32,14 +30,4 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
             return demonstrating.train_demonstrations(context, params)
         case kinds.AskPersonParams():
             return asking_person.ask_person(context, params)
-        case kinds.TaskParams():
-            return _task(context, params)
     raise TypeError(f"no runner for {type(params).__name__}")
-
-
-def _task(context: JobContext, params: kinds.TaskParams) -> dict[str, Any]:
-    """A task of a chapter: what it computes stands above this room, and is found by name."""
-    from importlib import import_module
-
-    done: dict[str, Any] = import_module(TASKS).do_task(context, params)
-    return done

@@ -83,8 +83,7 @@ class Worker:
 
     def run(self, stopping: threading.Event) -> None:
         """Work until `stopping` is set, then end all training processes; the next worker takes their jobs up."""
-        with self._database.one_starts():
-            self._engine.start()
+        self._engine.start()
         log.info("worker ready", worker=self.name.id, processes=self._settings.training_processes)
         until_check = until_tidy = 0.0
         while not stopping.is_set():

@@ -35,6 +35,7 @@ MIN_FREE_BYTES = 100 * 2**20  # ours: below this a training's artefacts or a vac
 PROBE_BYTES = 64 * 1024
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 NO_SERVER = ("connection failed", "connection is bad", "could not translate host name")  # in what psycopg says
+START_LOOK_S = 0.1
 START_LOCK = 7_305_442  # as below, for what else a start makes
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
 COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
@@ -201,7 +202,9 @@ class Database:
             yield
             return
         with self.explained(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
-            connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": START_LOCK})
+            # Asked again and again: a statement that waits would hold up the indexes that the jobs' engine makes.
+            while not connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": START_LOCK}).scalar_one():
+                time.sleep(START_LOOK_S)
             try:
                 yield
             finally:
