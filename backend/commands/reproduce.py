@@ -114,13 +114,20 @@ def adaptable(
 
 @commands.command()
 @plain_errors
-def depth(out: Out, budget: BudgetName = "small", processes: Processes = 1, as_json: JsonFlag = False) -> None:
+def depth(
+    out: Out,
+    budget: BudgetName = "small",
+    processes: Processes = 1,
+    on: On = Where.here,
+    as_json: JsonFlag = False,
+) -> None:
     """Chapter 3: encoder and predictor, six configurations in furnished homes among people who walk."""
     from backend.experiments.reproduction.depth.plan import BUDGETS
     from backend.experiments.reproduction.depth.run import reproduce_depth
 
     chosen = _chosen(BUDGETS, budget)
-    say(reproduce_depth(out, chosen, **_run("depth", budget, processes)), as_json)
+    with _computed_on(on, "depth"):
+        say(reproduce_depth(out, chosen, **_run("depth", budget, processes)), as_json)
 
 
 @commands.command()
@@ -130,6 +137,7 @@ def pedestrians(
     budget: BudgetName = "small",
     processes: Processes = 2,
     device: Annotated[str, typer.Option(help="What trains: cpu, or cuda where a GPU is there.")] = "cpu",
+    on: On = Where.here,
     as_json: JsonFlag = False,
 ) -> None:
     """Chapter 4: attention networks, ablations, baselines and planners among pedestrians; table 4.1."""
@@ -138,7 +146,8 @@ def pedestrians(
 
     chosen = _chosen(BUDGETS, budget)
     run = _run("pedestrians", budget, processes, f"--device {device} ")
-    say(reproduce_pedestrians(out, chosen, device=device, **run), as_json)
+    with _computed_on(on, "pedestrians"):
+        say(reproduce_pedestrians(out, chosen, device=device, **run), as_json)
 
 
 @commands.command()

@@ -36,7 +36,7 @@ from backend.store.outbox import ENDED, enqueue_job
 
 CHAPTERS = {
     name: f"backend.experiments.reproduction.{name}.computing"
-    for name in ("enquery", "demonstrations", "interface", "adaptable", "explanations")
+    for name in ("enquery", "demonstrations", "interface", "adaptable", "explanations", "depth", "pedestrians")
 } | {"benchmark": "backend.experiments.benchmarks.sweep_tasks"}
 POLL_S = 0.25
 SWEEP_PRIORITY = 30  # after everything that somebody started by hand
