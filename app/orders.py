@@ -72,9 +72,16 @@ class Explained(TypedDict):
     goal: list[float]
 
 
+class Walker(TypedDict):
+    """One pedestrian: the name of their node, and where they are from the moment on in which the robot moves."""
+
+    name: str
+    track: Track
+
+
 class ShowOrder(TypedDict):
     """A scene has been built; say so once all of it can be seen. halted: where the robot stands already, after its
-    rollout was watched.
+    rollout was watched. crowd: who walks beside the person.
     """
 
     type: Literal["show"]
@@ -84,6 +91,7 @@ class ShowOrder(TypedDict):
     meshes: list[str]
     robots: list[str]
     person: str
+    crowd: list[Walker]
     stands: list[float]
     start: list[float]
     sharpness: float

@@ -15,10 +15,12 @@ from app import furniture
 from app.orders import Drawn, PaperOrder, StrokeTrouble, Surroundings, Track
 from app.views import View
 from backend.demonstrations.stroke import drawn_limits
+from backend.simulation.pedestrians import where_on_route
 from backend.simulation.scene import Scene
 from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
 
 TIGHT_M = 0.08  # ours: nearer than this nobody can tell from the picture whether it still fits
+LONGEST_CROWD_S = 60.0  # that pedestrians without a record are played for, twice the longest episode of ch. 4
 Points = Sequence[tuple[float, float]]
 
 
@@ -30,6 +32,23 @@ def walk_track(scene: Scene) -> Track | None:
     poses = scene.walk.poses_at(times)
     rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
     return [[round(float(value), 4) for value in row] for row in rows]
+
+
+def crowd_tracks(scene: Scene) -> list[Track]:
+    """Where the scene's pedestrians are, as the page plays it: as they were recorded, else along their routes, where
+    they avoid nobody.
+    """
+    tracks = []
+    for one in scene.crowd.pedestrians if scene.crowd else ():
+        if one.walk is not None:
+            times = np.asarray(one.walk.times_s)
+            poses = one.walk.poses_at(times)
+        else:
+            times = np.arange(0.0, LONGEST_CROWD_S, CONTROL_DT_S)
+            poses = np.array([where_on_route(one, float(t)) for t in times])
+        rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
+        tracks.append([[round(float(value), 3) for value in row] for row in rows])
+    return tracks
 
 
 def surroundings(scene: Scene, person: str) -> Surroundings:

@@ -20,6 +20,7 @@ from app import bodies, furniture, surfaces
 from app.glb import Surface, to_glb
 from app.shapes import Shape, disc, merged
 from app.views import Camera, View
+from backend.simulation.pedestrians import where_on_route
 from backend.simulation.scene import Scene
 
 Detail = Literal["full", "light"]
@@ -44,6 +45,7 @@ class Nodes:
     meshes: tuple[str, ...]
     robots: tuple[str, ...]
     person: str = ""
+    crowd: tuple[str, ...] = ()
 
 
 def build(
@@ -73,6 +75,16 @@ def build(
     )
     meshes.append(f"{root}/person")
 
+    crowd = []
+    for index, pedestrian in enumerate(scene.crowd.pedestrians if scene.crowd else ()):
+        x, y, yaw = where_on_route(pedestrian, 0.0)
+        name = f"{root}/pedestrian{index}"
+        api.add_glb(
+            name, _pedestrian(), position=(x, y, 0.0), wxyz=_about_z(yaw), cast_shadow=False, receive_shadow=False
+        )
+        crowd.append(name)
+    meshes += crowd
+
     frames = []
     for index, colours in enumerate(robots):
         frame = f"{root}/robot{index}"
@@ -82,7 +94,7 @@ def build(
         api.add_glb(f"{frame}/body", _robot(colours), cast_shadow=False, receive_shadow=False)
         frames.append(frame)
         meshes.append(f"{frame}/body")
-    return Nodes(tuple(meshes), tuple(frames), f"{root}/person")
+    return Nodes(tuple(meshes), tuple(frames), f"{root}/person", tuple(crowd))
 
 
 def add_paths(
@@ -126,6 +138,13 @@ def _person(height: float, *, seen: bool) -> bytes:
         marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
         marks.append(Surface(bodies.mannequin(height)))
     return to_glb(marks)
+
+
+@cache
+def _pedestrian() -> bytes:
+    """Somebody of the crowd: seen in every view, without the mark of the participant's place."""
+    shade = Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True)
+    return to_glb([shade, Surface(bodies.mannequin())])
 
 
 def _about_z(yaw: float) -> tuple[float, float, float, float]:

@@ -20,7 +20,7 @@ import viser
 from app import bodies, explained_nodes, scene_nodes, viser_hooks
 from app.beside import Beside
 from app.orders import Order
-from app.paper import Paper, surroundings, walk_track
+from app.paper import Paper, crowd_tracks, surroundings, walk_track
 from app.views import View, camera_for, frame_of, require_view
 from backend.explain.shown_explanation import ShownExplanation
 from backend.simulation.scene import Scene
@@ -267,6 +267,10 @@ class Stage:
                         "meshes": list(self._nodes.meshes),
                         "robots": list(self._nodes.robots),
                         "person": self._nodes.person,
+                        "crowd": [
+                            {"name": name, "track": track}
+                            for name, track in zip(self._nodes.crowd, crowd_tracks(scene), strict=True)
+                        ],
                         "stands": [scene.person.pose.x, scene.person.pose.y, scene.person.pose.yaw],
                         "start": [scene.start.x, scene.start.y, scene.start.yaw],
                         "sharpness": SHARPNESS[self.detail],

@@ -72,7 +72,7 @@ interface DesirePath {
   };
   player: {
     along(track: Track, t: number): number[];
-    use(names: string[], who?: string, where?: number[]): void;
+    use(names: string[], who?: string, where?: number[], walkers?: Orders["show"]["crowd"]): void;
     walkTo(walked: Track, t: number): void;
     place(i: number, where: number[], watched: boolean): void;
     play(order: Orders["play"]): void;

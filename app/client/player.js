@@ -12,6 +12,8 @@
   let person = "";
   /** @type {number[]} */
   let stands = [0, 0, 0];
+  /** Who walks beside the person. @type {Orders["show"]["crowd"]} */
+  let crowd = [];
   /** Counts playbacks; a frame of an older one sees that it is over. */
   let turn = 0;
   /** @type {string | null} */
@@ -44,8 +46,17 @@
     window.desirePath.camera.stand(x, y);
   }
 
+  /** Pedestrians are where they are at `t`, whatever else moves. @param {number} t */
+  function poseCrowd(t) {
+    for (const { name, track } of crowd) {
+      const [x, y, yaw] = at(track, t);
+      window.desirePath.viser.pose(name, x, y, yaw);
+    }
+  }
+
   /** @param {Track[]} tracks @param {number} t @param {Track | null} walked */
   function pose(tracks, t, walked) {
+    poseCrowd(t);
     if (walked) put(at(walked, t));
     tracks.forEach((track, i) => {
       const [x, y, yaw] = at(track, t);
@@ -62,10 +73,10 @@
   window.desirePath.player = {
     along: at,
 
-    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] */
-    use(names, who = "", where = [0, 0, 0]) {
+    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] @param {Orders["show"]["crowd"]} [walkers] */
+    use(names, who = "", where = [0, 0, 0], walkers = []) {
       this.interrupt("another-scene");
-      [robots, person, stands] = [names, who, where];
+      [robots, person, stands, crowd] = [names, who, where, walkers];
     },
 
     /** The person stands where that walk has them at `t`. @param {Track} walked @param {number} t */
@@ -146,6 +157,7 @@
 
     /** The robot stands where its rollout ended. @param {number[]} pose x, y, yaw */
     end([x, y, yaw]) {
+      poseCrowd(Infinity);
       window.desirePath.viser.pose(robots[0], x, y, yaw);
       window.desirePath.camera.watch(x, y);
       window.desirePath.explained.at(Infinity, x, y, yaw);
@@ -155,6 +167,7 @@
     rest([x, y, yaw]) {
       this.interrupt("stopped");
       window.desirePath.camera.hold();
+      poseCrowd(0);
       put(stands);
       window.desirePath.viser.pose(robots[0], x, y, yaw);
       window.desirePath.camera.watch(x, y);

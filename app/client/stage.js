@@ -18,7 +18,7 @@
     sheet.legend([]);
     draw.stop();
     steer.stop();
-    player.use(order.robots, order.person, [...order.stands]);
+    player.use(order.robots, order.person, [...order.stands], order.crowd);
     const whenStanding = () => {
       if (mine !== shown) return;
       if (!viser.isUp() || !order.meshes.every((name) => viser.hasMesh(name))) {

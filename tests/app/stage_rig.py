@@ -163,9 +163,15 @@ class Visitor:
 
     def robot(self) -> list[float]:
         """Position of the first robot in the world frame, metres."""
+        return self.position_of("robot0")
+
+    def position_of(self, node: str) -> list[float]:
+        """Position of what bears that name in the scene that stands, in the world frame, metres."""
         position: list[float] = self.frame.evaluate(
-            "(() => { const poses = window.__viserMutable.nodePoseData;"
-            " return poses[Object.keys(poses).find((name) => /robot0$/.test(name))].position; })()"
+            "(node) => { const poses = window.__viserMutable.nodePoseData;"
+            " const found = Object.keys(poses).filter((name) => name.endsWith('/' + node)).at(-1);"
+            " return poses[found].position; }",
+            node,
         )
         return position
 

@@ -234,7 +234,7 @@ def test_nothing_that_is_sent_tells_the_goal(rig: StageRig, visit: Visit, monkey
     for source in sent:
         order = json.loads(source.removeprefix("window.desirePath.run(").removesuffix(")"))
         assert set(order) <= {
-            *("type", "camera", "meshes", "robots", "person", "stands", "walk", "start", "sharpness"),
+            *("type", "camera", "meshes", "robots", "person", "crowd", "stands", "walk", "start", "sharpness"),
             *("playback_id", "label", "label_s", "hold_s", "tracks", "paper", "explained", "halted"),
         }
         assert order.get("paper") is None  # a pair of dots says where a path was to end
