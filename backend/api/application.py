@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import structlog
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
-from sqlalchemy.exc import DataError, SQLAlchemyError
+from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
 from backend.api.core.catalogues import Texts
-from backend.api.core.contract import Reply, trouble_in
+from backend.api.core.contract import trouble_in
 from backend.api.core.dependencies import Application, Services, route_of
-from backend.api.core.disk import room_left
 from backend.api.core.figure_process import FigureProcess
+from backend.api.core.health import CODES, Health, health_of
+from backend.api.core.lab_frame import lab_page
+from backend.api.core.media import PAGE
 from backend.api.core.monitoring import Monitoring
 from backend.api.core.openid import OpenId
 from backend.api.core.prose import prose
@@ -36,25 +37,15 @@ from backend.api.stage.listening import Listeners
 from backend.api.stage.presenting import Presenter
 from backend.api.stage.replay_stages import ReplayStages
 from backend.api.stage.stage_proxy import INNER, StageDoor
-from backend.jobs.heartbeat import silent_s
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, DatabaseBusy, StorageError, check_writable, is_full
+from backend.store.database import Database, DatabaseBusy, check_writable, is_full
 from backend.store.places import StoreAway
 from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 RETRY_AFTER_S = 2  # ours: sent with a 503; the pages, bots and benchmarks wait as long and ask again
 log = structlog.get_logger("desirepath.web")
-
-
-class Health(Reply):
-    """How the server is. `status`: the worst of it; `free_mb`: on the fullest disk of those that it writes on;
-    `worker_silent_s`: since a worker of this data folder said that it lives, null where none ever did."""
-
-    status: Literal["ok", "disk_low", "disk_full", "no_database"]
-    free_mb: int
-    worker_silent_s: float | None
 
 
 def build_services(settings: Settings) -> Services:
@@ -114,20 +105,15 @@ def create_application(services: Services) -> Application:
     def home() -> Response:
         return RedirectResponse("/lab/studies", status_code=303)
 
-    @application.get("/health", tags=["server"])
-    def health(response: Response) -> Health:
-        """For load balancers and containers. 507: the disk is full, 503: the database does not answer; in both no
-        answer can be stored."""
-        room, silent = room_left(services.settings), silent_s(services.settings.data)
-        status: Literal["ok", "disk_low", "disk_full", "no_database"] = room.state
-        try:
-            with services.database.session() as s:
-                s.connection().exec_driver_sql("SELECT 1")
-        except (SQLAlchemyError, StorageError) as problem:
-            log.error("the database does not answer", problem=str(problem)[:300])
-            status = "disk_full" if room.state == "disk_full" else "no_database"
-        response.status_code = {"disk_full": 507, "no_database": 503}.get(status, 200)
-        return Health(status=status, free_mb=room.free_mb, worker_silent_s=silent)
+    @application.get("/health", tags=["server"], response_model=Health, responses={200: {"content": {PAGE: {}}}})
+    def health(request: Request, response: Response) -> Health | Response:
+        """For load balancers and containers, and as a page for browsers. 507: the disk is full, 503: the database does
+        not answer; in both no answer can be stored. What else is wrong stands in `problems` and stops nobody."""
+        found = health_of(services)
+        response.status_code = CODES.get(found.status, 200)
+        if PAGE in request.headers.get("accept", ""):
+            return lab_page(request, "lab/health.html", status=response.status_code, health=found, sign_in=None)
+        return found
 
     @application.exception_handler(HTTPException)
     def http(request: Request, problem: HTTPException) -> Response:

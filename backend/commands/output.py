@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import logging
+import os
 import sys
 from collections.abc import Callable
 from typing import Annotated, Any, ParamSpec
@@ -14,6 +15,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+from backend.store.scrubbing import scrubbed
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 # How a bot's answers stray from its preference (backend/learning/preferences/oracles.py, ResponseModel).
@@ -36,12 +39,31 @@ P = ParamSpec("P")
 
 
 def log_to_stderr() -> None:
-    """Everything logged goes to stderr, so that stdout holds only the answer.
+    """Everything logged goes to stderr, so that stdout holds only the answer; with DESIREPATH_LOGS=json every line is
+    one JSON object. Tokens, passwords and cookies are taken out of both (`store/scrubbing.py`).
 
     The stream is looked up as each line is written: whoever replaced it meanwhile (a test, an embedding program) may
     have closed the one that stood when this ran.
     """
     logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
+    as_json = os.environ.get("DESIREPATH_LOGS") == "json"
+    if as_json:  # what other libraries log, too
+        plain: Any = structlog.stdlib.ProcessorFormatter(
+            processors=[
+                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+                scrubbed,
+                structlog.processors.JSONRenderer(default=str),
+            ],
+            foreign_pre_chain=[
+                structlog.stdlib.add_log_level,
+                structlog.stdlib.add_logger_name,
+                structlog.processors.TimeStamper(fmt="iso", utc=True),
+                structlog.processors.format_exc_info,
+            ],
+        )
+        for handler in logging.getLogger().handlers:
+            handler.setFormatter(plain)
+    in_words = structlog.processors.KeyValueRenderer(key_order=["timestamp", "level", "event"])
     for chatty in ("httpx", "alembic"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
     structlog.configure(
@@ -50,7 +72,8 @@ def log_to_stderr() -> None:
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
-            structlog.processors.KeyValueRenderer(key_order=["timestamp", "level", "event"]),
+            scrubbed,
+            structlog.processors.JSONRenderer(default=str) if as_json else in_words,
         ],
         logger_factory=lambda *_names: structlog.PrintLogger(file=sys.stderr),
     )

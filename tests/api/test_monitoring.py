@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import time
+from datetime import timedelta
+
 import pytest
 from fastapi.testclient import TestClient
 from prometheus_client.parser import text_string_to_metric_families
 from sqlalchemy.exc import OperationalError
 
 from backend.jobs import heartbeat
+from backend.store.models import Job, utc_now
+from backend.store.outbox import enqueue_job
 
 
 def numbers(text: str) -> dict[tuple[str, frozenset[tuple[str, str]]], float]:
@@ -64,3 +70,30 @@ def test_health_names_a_database_that_does_not_answer(client, services, monkeypa
     monkeypatch.setattr(type(services.database), "session", gone)
     answer = client.get("/health")
     assert (answer.status_code, answer.json()["status"]) == (503, "no_database")
+    assert answer.json()["problems"] == ["database_away"]
+    page = client.get("/health", headers={"Accept": "text/html"})
+    assert (page.status_code, "The database does not answer" in page.text) == (503, True)
+
+
+def test_health_names_everything_that_is_wrong_for_programs_and_for_people(client, services, monkeypatch, tmp_path):
+    assert client.get("/health").json()["problems"] == []
+    page = client.get("/health", headers={"Accept": "text/html", "Accept-Language": "de"})
+    assert (page.status_code, "Alles ist in Ordnung" in page.text) == (200, True)
+    heartbeat.beat(services.settings.data)
+    long_ago = time.time() - 1000
+    os.utime(services.settings.data / heartbeat.FILE, (long_ago, long_ago))
+    monkeypatch.setattr(services.files, "url", (tmp_path / "gone" / "artefacts").as_uri())
+    found = client.get("/health")
+    assert (found.status_code, found.json()["problems"]) == (200, ["store_away", "no_worker"])
+    page = client.get("/health", headers={"Accept": "text/html"}).text
+    assert "The artefact store does not answer" in page
+    assert "No worker works" in page
+
+
+def test_a_job_that_nobody_takes_is_named_where_no_worker_ever_was(client, services):
+    with services.database.transaction() as s:
+        job = enqueue_job(s, "evaluate", {})
+    assert client.get("/health").json()["problems"] == []
+    with services.database.transaction() as s:
+        s.get_one(Job, job.id).created_at = utc_now() - timedelta(minutes=5)
+    assert client.get("/health").json()["problems"] == ["no_worker"]
