@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from backend.cli import app
 from backend.experiments.benchmarks import people_policies
 from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
+from backend.experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth
 from backend.learning.alignment import own_policy
 from backend.learning.alignment.gate import GateRule
 from backend.learning.alignment.mix_search import Candidate, MixSearchConfig
@@ -145,6 +146,20 @@ def test_what_a_search_spoiled_does_not_take_over(
     far_off = mixed_policy(base, library.actors, np.full(len(library.actors), 8.0, dtype=np.float32))
     rolled_out = rollout(get_setup("study_room"), far_off.rollout_policy, scenes)
     assert np.mean([one.outcome == Outcome.SUCCESS for one in rolled_out]) < 0.9
+
+
+def test_the_yardstick_is_never_below_the_librarys_best_and_says_each_step() -> None:
+    base, library = load_policy("open_field/base"), load_policy_library("open_field")
+    assert library is not None
+    person = member("network:0", "open_field")
+    assert isinstance(person, StepFamilyMember)
+    gains = np.zeros(len(library))
+    config = YardstickConfig(rounds=1, updates=20, scenes=20, generations=1)
+    conditioned = load_conditioned("open_field/conditioned")
+    found = converged_on_the_truth(person, TrueReward("open_field", person), library, conditioned, base, gains, config)
+    assert list(found.steps) == ["library", "search", "trained_1"]
+    assert list(found.steps.values()) == sorted(found.steps.values())
+    assert not found.policy.critic
 
 
 def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said(
