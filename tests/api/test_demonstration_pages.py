@@ -125,3 +125,15 @@ def test_of_many_paths_one_place_is_laid_open(
         assert page.count("<polyline") == 4  # two drives and two walks
     assert f"/paths/{there}.svg" in lab.get(f"{here}&place={elsewhere}&watch={first.id}").text
     assert lab.get(f"{here}&place=moon-1").status_code == 200
+
+
+def test_paths_of_the_study_room_are_shown_and_no_controller_is_offered_from_them(
+    lab: TestClient, lab_services: Services, study: str
+):
+    with lab_services.database.transaction() as s:
+        for stroke in s.scalars(select(StrokeRow)):
+            stroke.environment = "study_room"
+    page = lab.get(f"/lab/studies/{study}/paths?who=simulated").text
+    assert "study room" in page
+    assert "/paths/study_room-" in page
+    assert "/paths/train" not in page

@@ -256,8 +256,8 @@ def test_what_is_no_stroke_is_unreadable(broken) -> None:
 def test_unknown_places_are_refused() -> None:
     with pytest.raises(SceneError, match="pair"):
         demonstration_scene("room", 4)
-    with pytest.raises(SceneError, match="known: corridor, room"):
-        demonstration_scene("study_room", 0)
+    with pytest.raises(SceneError, match="known: corridor, room, study_room"):
+        demonstration_scene("open_field", 0)
 
 
 def test_driving_in_empty_space_is_what_the_engine_does() -> None:

@@ -41,6 +41,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
 from backend.api.stage.replay_stages import Replay
 from backend.jobs.kinds import get_kind
+from backend.simulation.setups import DEMONSTRATION_SETUPS
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -201,7 +202,7 @@ def paths_page(
             others=not places and bool(attempts_of(s, study, "people" if who == "simulated" else "simulated")),
             chosen=participant,
             people=[row["code"] for row in attempts],
-            environments=sorted({environment for environment, _ in counts}),
+            environments=sorted({environment for environment, _ in counts} & set(DEMONSTRATION_SETUPS)),
             controllers=[one for one in controllers if not participant or participant in one.people],
             limits={flag: t.number(limit, digits) for flag, (limit, digits) in _limits().items()},
             watch=watch,

@@ -37,7 +37,10 @@ def study_tab(
     request: Request, study: Study, tab: str, template: str | None = None, *, status: int = 200, **context: Any
 ) -> Response:
     """A page of a study; without a template, the tab's own."""
-    drawn = any("demonstrations" in entry and entry["demonstrations"] for entry in study.protocol.get("stages", []))
+    drawn = any(
+        entry.get("demonstrations") or "drawing" in (entry.get("methods") or {}).get("methods", ())
+        for entry in study.protocol.get("stages", [])
+    )
     written = any(name.startswith("questionnaires/") and OPEN.search(text) for name, text in study.files.items())
     beside = [name for name, there in (("paths", drawn), ("coding", written)) if there]
     tabs = (*TABS[:2], *beside, *TABS[2:])

@@ -362,7 +362,7 @@ STROKES = Table(
         *_MARKS,
         Column("step", TEXT, "key of the step it was drawn at", form=IS_KEY),
         Column("attempt", WHOLE, "order within the step, from 1"),
-        Column("environment", TEXT, "setup of the scene: corridor or room"),
+        Column("environment", TEXT, "setup of the scene: corridor, room or study_room"),
         Column("pair", WHOLE, "which of the environment's places (start, goal, person), from 0"),
         Column("view", TEXT, "view it was drawn in"),
         Column("pointer", TEXT, "mouse, touch, pen or keys, several joined by +; bot: a simulated demonstrator"),
