@@ -113,7 +113,11 @@ class Queue:
         with self._database.transaction() as s:
             jobs = s.scalars(select(Job).where(Job.kind == TASK, Job.params["key"].as_string().in_(list(missing))))
             newest = {str(job.params["key"]): job for job in sorted(jobs, key=lambda job: job.created_at)}
+            # Asked after the jobs: one that ended in between has left its file.
+            done = set(s.scalars(select(TaskFile.key).where(TaskFile.key.in_(list(missing)))))
             for task in sorted(ready, key=lambda task: -task.seconds):
+                if task.key in done:
+                    continue
                 job = newest.get(task.key)
                 if job is not None and job.id in self._mine and job.state in ("failed", "cancelled"):
                     raise SweepError(f"job {job.id} ({task.key}) {job.state}: {job.error or job.message}")
