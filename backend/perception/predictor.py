@@ -76,7 +76,7 @@ def fit_predictor(
         likelihood = (log_variance + (latents[rows] - mean).square() / log_variance.exp()).mean() / 2
         error = ((people[rows] - person).square().sum(dim=1) * counted[rows]).mean()
         optimiser.zero_grad()
-        (likelihood + config.person_weight * error).backward()  # type: ignore[no-untyped-call]
+        (likelihood + config.person_weight * error).backward()
         optimiser.step()
         falling.step()
     return predictor
