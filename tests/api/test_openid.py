@@ -12,14 +12,14 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
 from backend.api.application import create_application
-from backend.api.core import second_factor
+from backend.api.core import openid, second_factor
 from backend.api.core.admission_by_openid import INVITED_ROLES, admitted, free_name
 from backend.api.core.openid import OpenId, is_safe
 from backend.api.core.sign_ins import COOKIE
 from backend.settings import Settings, SettingsError
 from backend.store.models import Audit, Identity, Invitation, SecondFactor, SignInUnderWay, User, utc_now
 from tests.api import openid_provider
-from tests.api.lab_services import csrf, sign_in
+from tests.api.lab_services import PASSWORD, csrf, sign_in
 from tests.api.openid_provider import CLIENT, SECRET, Provider
 
 ADA = {"sub": "4711", "email": "Ada@Uni.Example", "email_verified": True}
@@ -222,6 +222,16 @@ def test_a_provider_that_is_away_or_says_what_it_may_not_is_not_used(provider, b
     assert browser.get("/lab/sign-in/openid").status_code == 303
 
 
+def test_a_provider_that_answers_nothing_holds_one_click_and_not_all_of_them(provider, browser, monkeypatch):
+    monkeypatch.setattr(openid, "SLOW_S", 0.0)
+    provider.away = True
+    assert browser.get("/lab/sign-in/openid").status_code == 503
+    provider.away = False
+    assert browser.get("/lab/sign-in/openid").status_code == 503  # not asked again yet
+    monkeypatch.setattr(openid, "AWAY_FOR_S", 0.0)
+    assert browser.get("/lab/sign-in/openid").status_code == 303
+
+
 def test_keys_that_the_provider_changed_are_asked_for_again(provider, browser, lab_services):
     lab_services.settings.openid_admits = "uni.example"
     assert come(browser, provider).status_code == 303
@@ -237,13 +247,19 @@ def test_my_account_is_linked_only_after_i_said_so_and_never_with_two(provider, 
     with lab_services.database.session() as s:
         assert s.scalars(select(Identity)).all() == []
     assert lab.post("/lab/account/identity/link").status_code == 403  # without this page's token
-    assert lab.post("/lab/account/identity/link", data={"csrf": csrf(lab)}).status_code == 303
+    for wrong in ({}, {"password": "guess"}):  # a browser left open is not enough for a way in that stays
+        refused = lab.post("/lab/account/identity/link", data={"csrf": csrf(lab), **wrong})
+        assert (refused.status_code, "The password is not right" in refused.text) == (422, True)
+    assert lab.post("/lab/account/identity/link", data={"csrf": csrf(lab), "password": PASSWORD}).status_code == 303
     browser = new_browser(lab_services)
     assert come(browser, provider).headers["location"] == "/lab/jobs"
     assert browser.get("/lab/settings").status_code == 200  # it is the owner's account
     colleague = as_role("viewer")
+    with lab_services.database.transaction() as s:
+        owner = s.scalars(select(User.password_hash).where(User.name == "experimenter")).one()
+        s.execute(update(User).where(User.name == "a-viewer").values(password_hash=owner))
     colleague.get(provider.visit(colleague.get("/lab/account/identity/begin").headers["location"]))
-    taken = colleague.post("/lab/account/identity/link", data={"csrf": csrf(colleague)})
+    taken = colleague.post("/lab/account/identity/link", data={"csrf": csrf(colleague), "password": PASSWORD})
     assert (taken.status_code, "opens an account already" in taken.text) == (422, True)
     linked = re.search(r"/lab/account/identity/([0-9a-f]+)/remove", lab.get("/lab/account").text).group(1)
     assert colleague.post(f"/lab/account/identity/{linked}/remove", data={"csrf": csrf(colleague)}).status_code == 404

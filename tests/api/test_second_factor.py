@@ -16,6 +16,7 @@ from sqlalchemy import select, update
 
 from backend.api.application import create_application
 from backend.api.core import second_factor
+from backend.api.core.auth import change_password
 from backend.api.core.second_factor import STEP_S, matching_step
 from backend.api.core.sign_ins import COOKIE
 from backend.api.core.throttle import limiter_for
@@ -55,6 +56,11 @@ def factor(lab, lab_services):
 @pytest.fixture
 def browser(lab_services):
     return TestClient(create_application(lab_services), follow_redirects=False)
+
+
+def user_id(services) -> str:
+    with services.database.session() as s:
+        return s.scalars(select(SecondFactor.user_id)).one()
 
 
 def half_in(browser) -> TestClient:
@@ -134,6 +140,21 @@ def test_a_sign_in_under_way_is_this_browsers_and_ends(factor, browser, lab_serv
         s.execute(update(SignInUnderWay).values(expires_at=utc_now() - timedelta(seconds=1)))
     said = browser.post("/lab/sign-in/code", data={"code": code_of(factor[0])})
     assert (said.headers["location"], COOKIE in browser.cookies) == ("/lab/sign-in", False)
+
+
+def test_a_new_password_and_signing_out_everywhere_end_what_waits_for_a_code(
+    factor, lab, lab_services, as_role, browser
+):
+    def waiting():
+        return half_in(TestClient(create_application(lab_services), follow_redirects=False))
+
+    thief, ada = waiting(), as_role("owner")
+    ada.post("/lab/settings/accounts/experimenter/sign-out", data={"csrf": csrf(ada)})
+    changed, code = waiting(), code_of(factor[0])
+    change_password(lab_services.database, user_id(lab_services), PASSWORD, "another long password")
+    for one in (thief, changed):
+        said = one.post("/lab/sign-in/code", data={"code": code})
+        assert (said.headers["location"], COOKIE in one.cookies) == ("/lab/sign-in", False)
 
 
 def test_setting_it_up_needs_the_password_and_a_right_code_and_signs_others_out(lab, lab_services, browser):

@@ -17,7 +17,7 @@ from urllib.parse import quote, urlsplit
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import Depends, Request
-from sqlalchemy import delete, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, RedirectResponse, Response
@@ -29,7 +29,7 @@ from backend.api.core.lab_frame import LabRefusal, SignInState, lab_refusal
 from backend.api.core.permits import allows
 from backend.api.core.roles import ROLES, rights_of, rule_of
 from backend.api.core.second_factor import has_second_factor, is_asked_for
-from backend.api.core.sign_ins import COOKIE, hashed, noticed
+from backend.api.core.sign_ins import COOKIE, end_all, hashed, noticed
 from backend.store.database import Database
 from backend.store.models import SignIn, StudyRole, User, utc_now
 
@@ -128,7 +128,7 @@ def reset_password(database: Database, name: str) -> str:
             raise AccountError("name_unknown", name=name)
         password = new_password()
         user.password_hash, user.must_change_password = _hasher.hash(password), True
-        s.execute(delete(SignIn).where(SignIn.user_id == user.id))
+        end_all(s, user.id)
         return password
 
 
@@ -149,8 +149,7 @@ def change_password(database: Database, user_id: str, current: str, new: str, *,
     with database.transaction() as s:
         user = s.get_one(User, user_id)
         user.password_hash, user.must_change_password = new_hash, False
-        others = delete(SignIn).where(SignIn.user_id == user_id)
-        s.execute(others.where(SignIn.token_hash != keep) if keep else others)
+        end_all(s, user_id, but=keep)
 
 
 def new_password() -> str:

@@ -27,6 +27,8 @@ ALGORITHMS = ["RS256", "PS256", "ES256", "Ed25519", "EdDSA"]  # never `none`, ne
 SCOPES = "openid email profile"
 KEPT_S = 3600.0  # how long what the provider says of itself is believed
 PATIENCE_S = 10.0
+SLOW_S = 2.0  # ours; whoever answers with nothing for so long ...
+AWAY_FOR_S = 20.0  # ours; ... is not asked again for that long: every click would hold one of the server's threads
 LEEWAY_S = 60  # clocks that are off
 LARGEST = 512 * 1024  # bytes of an answer; the largest key sets have some ten kB
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -75,6 +77,7 @@ class OpenId:
         self._trusts_email = settings.openid_trusts_email
         self._lock = threading.Lock()
         self._known: tuple[float, Provider, KeySet] | None = None
+        self._away: tuple[float, str] | None = None
 
     def address(self, redirect: str, *, state: str, nonce: str, verifier: str) -> str:
         """Where the browser is sent. Raises OpenIdError."""
@@ -149,26 +152,37 @@ class OpenId:
     def _provider(self, *, anew: bool = False) -> tuple[Provider, KeySet]:
         """What the provider says of itself, and its keys; asked for once an hour."""
         with self._lock:
-            if not anew and self._known is not None and time.monotonic() - self._known[0] < KEPT_S:
+            began = time.monotonic()
+            if not anew and self._known is not None and began - self._known[0] < KEPT_S:
                 return self._known[1:]
-            document = _json_of("GET", f"{self._issuer}/.well-known/openid-configuration")
-            if str(document.get("issuer", "")).rstrip("/") != self._issuer:
-                raise OpenIdError("away", f"the provider calls itself {document.get('issuer')!r}, not {self._issuer}")
-            methods = document.get("token_endpoint_auth_methods_supported", ["client_secret_basic"])
-            provider = Provider(
-                str(document["issuer"]),
-                self._endpoint(document, "authorization_endpoint"),
-                self._endpoint(document, "token_endpoint"),
-                self._endpoint(document, "jwks_uri"),
-                "client_secret_basic" in methods,
-                document.get("authorization_response_iss_parameter_supported") is True,
-            )
+            if self._away is not None and began - self._away[0] < AWAY_FOR_S:
+                raise OpenIdError("away", self._away[1])
             try:
-                keys = KeySet.import_key_set(_json_of("GET", provider.jwks_uri))  # type: ignore[arg-type]
-            except (JoseError, ValueError, KeyError, TypeError) as problem:
-                raise OpenIdError("away", f"its keys cannot be read: {problem}") from None
-            self._known = time.monotonic(), provider, keys
-            return provider, keys
+                self._known = time.monotonic(), *self._asked()
+            except OpenIdError as problem:
+                slow = time.monotonic() - began >= SLOW_S
+                self._away = (time.monotonic(), str(problem)) if slow else None
+                raise
+            return self._known[1:]
+
+    def _asked(self) -> tuple[Provider, KeySet]:
+        document = _json_of("GET", f"{self._issuer}/.well-known/openid-configuration")
+        if str(document.get("issuer", "")).rstrip("/") != self._issuer:
+            raise OpenIdError("away", f"the provider calls itself {document.get('issuer')!r}, not {self._issuer}")
+        methods = document.get("token_endpoint_auth_methods_supported", ["client_secret_basic"])
+        provider = Provider(
+            str(document["issuer"]),
+            self._endpoint(document, "authorization_endpoint"),
+            self._endpoint(document, "token_endpoint"),
+            self._endpoint(document, "jwks_uri"),
+            "client_secret_basic" in methods,
+            document.get("authorization_response_iss_parameter_supported") is True,
+        )
+        try:
+            keys = KeySet.import_key_set(_json_of("GET", provider.jwks_uri))  # type: ignore[arg-type]
+        except (JoseError, ValueError, KeyError, TypeError) as problem:
+            raise OpenIdError("away", f"its keys cannot be read: {problem}") from None
+        return provider, keys
 
     def _endpoint(self, document: Mapping[str, Any], name: str) -> str:
         address = str(document.get(name, ""))

@@ -125,7 +125,9 @@ def end_one(s: DatabaseSession, user_id: str, sign_in_id: str) -> bool:
 
 
 def end_all(s: DatabaseSession, user_id: str, *, but: bytes | None = None) -> int:
-    """End every sign-in of an account, save the one with this hash. Returns how many those were."""
+    """End every sign-in of an account, save the one with this hash, and those that wait for a code: their password
+    counted before. Returns how many were in."""
+    s.execute(delete(SignInUnderWay).where(SignInUnderWay.user_id == user_id, SignInUnderWay.purpose == "code"))
     ended = delete(SignIn).where(SignIn.user_id == user_id)
     ended = ended.where(SignIn.token_hash != but) if but else ended
     return int(s.execute(ended).rowcount)  # type: ignore[attr-defined]

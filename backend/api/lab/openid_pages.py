@@ -31,12 +31,14 @@ from backend.api.core.auth import (
     safe_next,
     served_securely,
     signed_in,
+    verified,
 )
 from backend.api.core.dependencies import Db, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.openid import OpenId, OpenIdError, Someone
 from backend.api.core.sign_ins import begin_under_way, keep_under_way_cookie, under_way
 from backend.api.core.throttle import address_of, count
+from backend.api.lab.account_pages import PROOFS
 from backend.api.lab.settings_pages import settings_page
 from backend.api.lab.sign_in_pages import let_in
 from backend.store.audit import record
@@ -101,16 +103,22 @@ def linking_page(request: Request, database: Db, user: CheckedCsrf) -> Response:
         found = _waiting(s, request, user)
         if found is None:
             return RedirectResponse("/lab/account", status_code=303)
-        return lab_page(request, "lab/link_identity.html", email=found.data["email"], issuer=found.data["issuer"])
+        return _linking_page(request, user, found)
 
 
 @behind.post("/lab/account/identity/link")
-def link_identity(request: Request, database: Db, user: CheckedCsrf) -> Response:
-    """Link what the browser brought back. What opens another account already is refused."""
+def link_identity(request: Request, database: Db, user: CheckedCsrf, password: Annotated[str, Form()] = "") -> Response:
+    """Link what the browser brought back. Needs the password where there is one: a browser left open shall not become
+    a way in that stays. What opens another account already is refused."""
+    counted = count(request, PROOFS, f"proof user:{user.id}")
+    proven = counted and (not user.password_hash or verified(user.password_hash, password))
     with database.transaction() as s:
         found = _waiting(s, request, user)
         if found is None:
             raise LabRefusal(422, "no_identity")
+        if not proven:
+            problem, status = ("password", 422) if counted else ("too_many", 429)
+            return _linking_page(request, user, found, status=status, problem=problem)
         known = found.data
         someone = Someone(known["issuer"], known["subject"], known["email"], False, "")
         if account_of(s, someone) is not None:
@@ -221,6 +229,20 @@ def _asked_to_link(request: Request, database: Database, user_id: str, found: So
     response = RedirectResponse("/lab/account/identity", status_code=303)
     keep_under_way_cookie(response, secret, secure=served_securely(request))
     return response
+
+
+def _linking_page(
+    request: Request, user: User, found: SignInUnderWay, *, status: int = 200, problem: str | None = None
+) -> Response:
+    return lab_page(
+        request,
+        "lab/link_identity.html",
+        status=status,
+        email=found.data["email"],
+        issuer=found.data["issuer"],
+        has_password=bool(user.password_hash),
+        problem=problem,
+    )
 
 
 def _waiting(s: DatabaseSession, request: Request, user: User) -> SignInUnderWay | None:
