@@ -246,7 +246,7 @@ def _begin(database: Database, job_id: str, number: int, worker: WorkerName) -> 
     """Mark the job as running, by us. Returns whether it is an instant one and the attempt's id; an outcome if it has
     ended or must not start."""
     with database.transaction() as s:
-        job = s.get(Job, job_id)
+        job = s.get(Job, job_id, with_for_update=True)
         if job is None:  # erased while it was queued
             return Outcome.CANCELLED
         if job.state in FINAL_STATES:
@@ -311,7 +311,7 @@ def end_group(process: subprocess.Popen[bytes]) -> None:
 
 def _outcome(database: Database, settings: Settings, job_id: str, code: int, attempt: str) -> Outcome:
     with database.transaction() as s:
-        job = s.get(Job, job_id)
+        job = s.get(Job, job_id, with_for_update=True)
         if job is None:
             return Outcome.CANCELLED
         outcome = _outcome_of(job, settings, code, attempt)

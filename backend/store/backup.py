@@ -22,7 +22,7 @@ from typing import Any
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError
 from backend.store.models import utc_now
-from backend.store.postgres_dump import BackupError, bring_back, check_empty, dump
+from backend.store.postgres_dump import NAMED_FILES, BackupError, bring_back, check_empty, dump
 
 FORMAT = "desirepath-backup-1"
 POSTGRES_FORMAT = "desirepath-backup-postgresql-1"
@@ -154,11 +154,8 @@ def _copy_database(file: Path, copy: Path) -> None:
 def _named_files(copy: Path) -> dict[str, bool]:
     """The files that rows of the copied database name -> whether an erasure may have removed the file itself."""
     with closing(sqlite3.connect(copy)) as connection:
-        trajectories = connection.execute("SELECT id FROM trajectory").fetchall()
-        artefacts = connection.execute("SELECT id, quarantined_at IS NOT NULL FROM artefact").fetchall()
-    return dict(
-        sorted({**{name: False for (name,) in trajectories}, **{name: bool(gone) for name, gone in artefacts}}.items())
-    )
+        rows = [row for query in NAMED_FILES for row in connection.execute(query)]
+    return dict(sorted((str(name), bool(gone)) for name, gone in rows))
 
 
 def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:

@@ -15,7 +15,13 @@ from sqlalchemy.engine import URL
 
 from backend.store.database import Database
 
-JOBS_SCHEMA = "dbos"
+NAMED_FILES = (
+    "SELECT id, FALSE FROM trajectory",
+    "SELECT id, quarantined_at IS NOT NULL FROM artefact",
+    "SELECT demonstration, FALSE FROM stroke WHERE demonstration IS NOT NULL",
+    "SELECT sha256, FALSE FROM task_file",
+)
+"""Of any database: the files that rows name, and whether an erasure may have removed the file itself."""
 
 
 class BackupError(ValueError):
@@ -32,10 +38,8 @@ def dump(db: Database, out: Path) -> dict[str, bool]:
         moment = connection.execute(text("SELECT pg_export_snapshot()")).scalar_one()
         options = ["--format=custom", "--no-owner", "--no-privileges", f"--snapshot={moment}", f"--file={out}"]
         _run("pg_dump", db.url, [*options, "--schema=public"])
-        trajectories = connection.execute(text("SELECT id FROM trajectory")).scalars().all()
-        artefacts = connection.execute(text("SELECT id, quarantined_at IS NOT NULL FROM artefact")).all()
-    named = {str(name): False for name in trajectories} | {str(row[0]): bool(row[1]) for row in artefacts}
-    return dict(sorted(named.items()))
+        rows = [row for query in NAMED_FILES for row in connection.execute(text(query))]
+    return dict(sorted((str(name), bool(gone)) for name, gone in rows))
 
 
 def check_empty(url: str) -> None:

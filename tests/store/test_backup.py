@@ -13,7 +13,7 @@ from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.backup import BackupError, backup, restore
 from backend.store.database import Database, StorageError
 from backend.store.erasure import erase_participant
-from backend.store.models import Response, Setting, TrajectoryRow
+from backend.store.models import Response, Setting, StrokeRow, TaskFile, TrajectoryRow
 from backend.store.snapshots import load_snapshot, take_snapshot
 from tests import postgres
 from tests.store.small_study import SmallStudy
@@ -44,6 +44,24 @@ def test_a_backup_taken_while_somebody_writes_comes_back_to_the_same_answers(stu
         assert len(load_snapshot(s, files, snapshot).answers) == 4
         for trajectory_id in s.scalars(select(TrajectoryRow.id)):
             load_trajectory(files, trajectory_id)
+
+
+def test_paths_that_participants_drew_and_tasks_of_sweeps_come_back_too(study: SmallStudy, tmp_path: Path):
+    """Their files are named by rows of their own, which are no trajectories and no artefacts."""
+    _, session = study.participant("P1")
+    drawn, task = study.files.put(b"as it was drawn"), study.files.put(b"what a worker computed")
+    with study.database.transaction() as s:
+        about = {"environment": "study_room", "pair": 0, "view": "top_down", "pointer": "mouse", "drawn": {}}
+        s.add(
+            StrokeRow(
+                session_id=session, step_key="d", attempt=1, state="kept", request_id="r", demonstration=drawn, **about
+            )
+        )
+        s.add(TaskFile(key="a task", sha256=task))
+    backup(study.database, study.files, tmp_path / "a.tar")
+    restore(tmp_path / "a.tar", tmp_path / "new")
+    files = ArtefactStore((tmp_path / "new" / "artefacts").as_uri())
+    assert (files.get(drawn), files.get(task)) == (b"as it was drawn", b"what a worker computed")
 
 
 def test_a_damaged_or_foreign_file_is_refused_and_nothing_is_put_in_place(study: SmallStudy, tmp_path: Path):
