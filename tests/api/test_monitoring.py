@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from datetime import timedelta
 
@@ -11,6 +12,7 @@ from fastapi.testclient import TestClient
 from prometheus_client.parser import text_string_to_metric_families
 from sqlalchemy.exc import OperationalError
 
+from backend.api.core import health
 from backend.jobs import heartbeat
 from backend.store.models import Job, utc_now
 from backend.store.outbox import enqueue_job
@@ -88,6 +90,27 @@ def test_health_names_everything_that_is_wrong_for_programs_and_for_people(clien
     page = client.get("/health", headers={"Accept": "text/html"}).text
     assert "The artefact store does not answer" in page
     assert "No worker works" in page
+
+
+def test_a_store_that_hangs_is_named_and_holds_no_balancer(client, services, monkeypatch):
+    asked, going_on = [], threading.Event()
+
+    def hangs(sha):
+        asked.append(sha)
+        going_on.wait(30)
+        return False
+
+    monkeypatch.setattr(health, "WAITS_FOR_STORE_S", 0.01)
+    monkeypatch.setattr(services.files, "url", "s3://bucket/artefacts")
+    monkeypatch.setattr(services.files, "exists", hangs)
+    for _ in range(3):
+        found = client.get("/health")
+        assert (found.status_code, found.json()["problems"]) == (200, ["store_away"])
+    assert len(asked) == 1  # whoever asks next waits for no thread of its own
+    going_on.set()
+    monkeypatch.setattr(health, "WAITS_FOR_STORE_S", 5.0)
+    client.get("/health")  # the look that was under way has come back
+    assert client.get("/health").json()["problems"] == []
 
 
 def test_a_job_that_nobody_takes_is_named_where_no_worker_ever_was(client, services):

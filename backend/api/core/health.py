@@ -5,10 +5,14 @@ Reads as little as may be: it has to answer when the database, the disk or the a
 
 from __future__ import annotations
 
+import math
+import threading
+import time
 from datetime import timedelta
 from pathlib import Path
 from typing import Literal
 from urllib.parse import unquote, urlsplit
+from weakref import WeakKeyDictionary
 
 import structlog
 from sqlalchemy import func, select
@@ -19,11 +23,14 @@ from backend.api.core.contract import Reply
 from backend.api.core.dependencies import Services
 from backend.api.core.disk import room_left
 from backend.jobs.heartbeat import SILENT_S, silent_s
+from backend.store.artefacts import ArtefactStore
 from backend.store.database import StorageError
 from backend.store.models import Job, utc_now
 
 Problem = Literal["database_away", "disk_full", "disk_low", "store_away", "no_worker"]
 WAITS_TOO_LONG = timedelta(minutes=2)  # ours: a job that is queued so long while none runs has no worker
+LOOKS_EVERY_S = 10.0  # ours: at a store that is no folder of this machine
+WAITS_FOR_STORE_S = 1.0  # ours: balancers give up after a few seconds
 NOWHERE = "0" * 64  # a content address that nothing has
 CODES: dict[str, int] = {"disk_full": 507, "no_database": 503}
 log = structlog.get_logger("desirepath.web")
@@ -73,13 +80,41 @@ def _nobody_works(s: DatabaseSession) -> bool:
 
 
 def _store_answers(services: Services) -> bool:
-    """Whether the artefact store can be asked."""
+    """Whether the artefact store can be asked. One elsewhere is asked now and then, beside: a balancer that waits for
+    the answer must not take a server for dead because a store is slow."""
     parts = urlsplit(services.files.url)
-    try:
-        if parts.scheme in ("", "file"):
-            return Path(unquote(parts.path)).is_dir() or Path(unquote(parts.path)).parent.is_dir()
-        services.files.exists(NOWHERE)
-    except Exception as problem:  # whatever a store's library raises
-        log.error("the artefact store does not answer", problem=f"{type(problem).__name__}: {problem}"[:300])
-        return False
-    return True
+    if parts.scheme in ("", "file"):
+        return Path(unquote(parts.path)).is_dir() or Path(unquote(parts.path)).parent.is_dir()
+    return _LOOKS.setdefault(services.files, _Look()).answers(services.files)
+
+
+class _Look:
+    """What a store elsewhere said last; never more than one asks it."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._looking: threading.Thread | None = None
+        self._said, self._since = True, -math.inf
+
+    def answers(self, files: ArtefactStore) -> bool:
+        with self._lock:
+            if self._looking is None and time.monotonic() - self._since > LOOKS_EVERY_S:
+                self._looking = threading.Thread(target=self._look, args=(files,), daemon=True)
+                self._looking.start()
+            looking = self._looking
+        if looking is not None:
+            looking.join(WAITS_FOR_STORE_S)
+        return self._said and (looking is None or not looking.is_alive())
+
+    def _look(self, files: ArtefactStore) -> None:
+        try:
+            files.exists(NOWHERE)
+            said = True
+        except Exception as problem:  # whatever a store's library raises
+            log.error("the artefact store does not answer", problem=f"{type(problem).__name__}: {problem}"[:300])
+            said = False
+        with self._lock:
+            self._said, self._since, self._looking = said, time.monotonic(), None
+
+
+_LOOKS: WeakKeyDictionary[ArtefactStore, _Look] = WeakKeyDictionary()
