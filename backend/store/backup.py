@@ -21,6 +21,7 @@ from typing import Any
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError
+from backend.store.demonstration_snapshots import programmed_files
 from backend.store.models import utc_now
 from backend.store.postgres_dump import NAMED_FILES, BackupError, bring_back, check_empty, dump
 
@@ -57,6 +58,8 @@ def backup(db: Database, files: ArtefactStore, out: Path) -> dict[str, Any]:
             else:
                 form, copy = POSTGRES_FORMAT, Path(folder) / POSTGRES_MEMBER
                 named = dump(db, copy)
+            with db.session() as s:
+                named = dict.fromkeys(sorted(programmed_files(s, files)), False) | named
             names = [name for name in named if files.exists(name)]
             missing = [name for name, quarantined in named.items() if name not in names and not quarantined]
             sums = {copy.name: hashlib.sha256(copy.read_bytes()).hexdigest()}

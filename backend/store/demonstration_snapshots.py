@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from backend.store.artefacts import ArtefactStore, save_artefact
+from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact
 from backend.store.models import Artefact, Participant, Response, StrokeRow
 from backend.store.models import Session as SessionRow
 from backend.store.snapshots import WHOSE_WORDS
@@ -147,3 +148,16 @@ def read_demonstrations(content: bytes) -> tuple[str, Sequence[KeptDemonstration
         return data["setup"], [KeptDemonstration(**one) for one in data["demonstrations"]]
     except (ValueError, KeyError, TypeError) as problem:
         raise StrokeError(f"no snapshot of demonstrations: {problem}") from None
+
+
+def programmed_files(s: Session, files: ArtefactStore) -> set[str]:
+    """Files that snapshots of programmed demonstrators alone name: no row of a person's path does."""
+    named: set[str] = set()
+    for snapshot in s.scalars(
+        select(Artefact.id).where(Artefact.kind == "demonstrations", Artefact.quarantined_at.is_(None))
+    ):
+        with suppress(ArtefactError):  # that file is gone, so nothing needs the others
+            data = json.loads(files.get(snapshot))
+            if data.get("study") is None:
+                named |= {one["demonstration"] for one in data.get("demonstrations", [])}
+    return named

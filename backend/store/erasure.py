@@ -23,6 +23,7 @@ from sqlalchemy.orm import Session
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import COMPACT_PENDING, Database
 from backend.store.dataset.stroke_rows import trajectories_of
+from backend.store.demonstration_snapshots import programmed_files
 from backend.store.events import log_event
 from backend.store.models import (
     Artefact,
@@ -298,6 +299,7 @@ def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
     known |= {sha for sha in s.scalars(select(StrokeRow.demonstration)) if sha} | set(
         s.scalars(select(TaskFile.sha256))
     )
+    known |= programmed_files(s, files)
     now = time.time()
     orphans = [name for name in files.names() if name not in known and files.age_s(name, now) > ORPHAN_AGE_S]
     for name in orphans:

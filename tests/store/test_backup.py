@@ -12,8 +12,10 @@ from sqlalchemy import select
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.backup import BackupError, backup, restore
 from backend.store.database import Database, StorageError
+from backend.store.demonstration_snapshots import read_demonstrations
 from backend.store.erasure import erase_participant
 from backend.store.models import Response, Setting, StrokeRow, TaskFile, TrajectoryRow
+from backend.store.simulated_demonstrations import take_simulated_demonstrations
 from backend.store.snapshots import load_snapshot, take_snapshot
 from tests import postgres
 from tests.store.small_study import SmallStudy
@@ -58,9 +60,14 @@ def test_paths_that_participants_drew_and_tasks_of_sweeps_come_back_too(study: S
             )
         )
         s.add(TaskFile(key="a task", sha256=task))
+        made = take_simulated_demonstrations(
+            s, study.files, style="field_of_view", environment="room", per_pair=1, seed=0
+        )
     backup(study.database, study.files, tmp_path / "a.tar")
     restore(tmp_path / "a.tar", tmp_path / "new")
     files = ArtefactStore((tmp_path / "new" / "artefacts").as_uri())
+    for one in read_demonstrations(files.get(made.id))[1]:
+        assert files.exists(one.demonstration)
     assert (files.get(drawn), files.get(task)) == (b"as it was drawn", b"what a worker computed")
 
 

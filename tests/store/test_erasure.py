@@ -10,9 +10,10 @@ import pytest
 from sqlalchemy import func, select
 
 from backend.learning.queries.queries import Query, QuerySet
-from backend.store.artefacts import ArtefactError, load_artefact, save_trajectory
+from backend.store.artefacts import ArtefactError, ArtefactStore, load_artefact, save_trajectory
 from backend.store.database import COMPACT_PENDING, Database
 from backend.store.dataset.writing import export_study
+from backend.store.demonstration_snapshots import read_demonstrations
 from backend.store.erasure import ErasureError, erase_participant
 from backend.store.events import log_event
 from backend.store.models import (
@@ -30,6 +31,7 @@ from backend.store.models import (
 )
 from backend.store.outbox import enqueue_job
 from backend.store.query_sets import queries_of, save_query_set
+from backend.store.simulated_demonstrations import take_simulated_demonstrations
 from backend.store.snapshots import load_snapshot, take_snapshot
 from tests.store.small_study import SmallStudy, trajectory
 
@@ -213,14 +215,23 @@ def test_a_vacuum_that_was_cut_short_is_done_at_the_next_start(
     assert files_with(tmp_path, CANARY) == []
 
 
+def programmed(s, files: ArtefactStore) -> str:
+    """The file of the one demonstration in a snapshot of a programmed demonstrator's."""
+    snapshot = take_simulated_demonstrations(s, files, style="field_of_view", environment="room", per_pair=1, seed=0)
+    return read_demonstrations(files.get(snapshot.id))[1][0].demonstration
+
+
 def test_files_that_a_crash_left_without_a_row_go_once_they_are_old(study: SmallStudy, tmp_path: Path):
     person, _ = study.participant("P1")
     old, fresh = study.files.put(b"left behind"), study.files.put(b"being saved right now")
-    path = tmp_path / "artefacts" / old[:2] / old
-    os.utime(path, (time.time() - 7200, time.time() - 7200))
+    with study.database.transaction() as s:
+        needed = programmed(s, study.files)
+    for name in (old, needed):
+        os.utime(tmp_path / "artefacts" / name[:2] / name, (time.time() - 7200, time.time() - 7200))
     assert erase_participant(study.database, study.files, person, by="tester")["counts"]["orphans"] == 1
     assert not study.files.exists(old)
     assert study.files.exists(fresh)
+    assert study.files.exists(needed)  # a snapshot of a programmed demonstrator names it, no row does
 
 
 def test_an_export_after_the_erasure_counts_it_and_no_more(study: SmallStudy, tmp_path: Path):
