@@ -169,7 +169,19 @@ def test_an_invitation_opens_once_with_its_role_which_is_never_owner(provider, b
         {"signs_with": openid_provider.another_key()},
         {"signs_with": openid_provider.shared_key(), "algorithm": "HS256"},
     ],
-    ids=str,
+    ids=[
+        "another nonce",
+        "no nonce",
+        "for another client",
+        "for two clients, used by the other",
+        "of another issuer",
+        "ended an hour ago",
+        "without an end",
+        "of nobody",
+        "of an empty name",
+        "signed with another key",
+        "signed with the shared secret",
+    ],
 )
 def test_an_id_token_that_is_not_right_in_everything_opens_nothing(provider, browser, lab_services, bad):
     lab_services.settings.openid_admits = "uni.example"
