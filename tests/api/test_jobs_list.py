@@ -7,6 +7,8 @@ import re
 from sqlalchemy import select
 
 from backend.store.models import Job, JobMetric, Session, utc_now
+from backend.store.outbox import enqueue_job
+from tests.api.lab_services import csrf
 
 
 def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_services, walked):
@@ -42,3 +44,15 @@ def test_curves_of_jobs_from_before_an_update_bear_todays_names(lab, lab_service
         id_ = job.id
     page = lab.get(f"/lab/jobs/{id_}").text
     assert "Weighted objectives: gain over the instant policy" in page
+
+
+def test_tasks_of_sweeps_are_shown_and_cancelled_but_nobody_starts_one_by_hand(lab, lab_services):
+    asked = {"chapter": "benchmark", "key": "a" * 64, "function": "busy", "params": {"seconds": 1.0}, "needs": []}
+    with lab_services.database.transaction() as s:
+        job = enqueue_job(s, "task", asked, created_by="command line").id
+    for address in ("/lab/jobs", "/lab/jobs?kind=task", f"/lab/jobs/{job}"):
+        assert lab.get(address).status_code == 200, address
+    assert lab.get("/lab/jobs/new/task").status_code == 404
+    form = {"csrf": csrf(lab), "chapter": "benchmark", "key": "a", "function": "busy", "params": "{}"}
+    assert lab.post("/lab/jobs/new/task", data=form).status_code == 404
+    assert lab.post(f"/lab/jobs/{job}/cancel", data={"csrf": csrf(lab)}).status_code == 303
