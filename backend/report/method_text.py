@@ -21,7 +21,9 @@ def methods_section(found: Findings) -> Section:
     alpha = found.plan.alpha
     sentences = [
         f"Each way of telling ({', '.join(map(named, ways.methods))}) resulted in a robot of each person's own, and "
-        f"the robots were compared in pairs, blind, in the same new scenes: {ways.comparisons} comparisons. All robots "
+        f"the robots were compared in pairs, blind, in the same new scenes: {ways.comparisons} comparisons. Of several "
+        "scenes drawn for a person those were shown in which most of the robots arrive and can be told apart, so they "
+        "differ more there than in scenes as they come. All robots "
         "are one policy conditioned on different weights, so they differ in what each way of telling taught and in "
         "nothing else. Whose robot wins says how well a way served; which one people would rather use is a ranking.",
         *(test.sentence(alpha) for test in ways.tests if test is ways.test or test.significant(alpha)),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from itertools import combinations
+from types import SimpleNamespace
 
 import pytest
 
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.method_findings import methods_of
+from backend.report.method_text import methods_section
 from backend.report.study_data import MethodChoice, Taught
 
 METHODS = ("choices", "drawing", "sliders", "words")
@@ -62,3 +64,10 @@ def test_one_person_is_described_and_not_tested():
 
 def test_other_studies_have_no_such_part():
     assert methods_of([], [], AnalysisPlan()) is None
+
+
+def test_the_report_says_that_scenes_were_chosen_in_which_the_robots_differ():
+    ways = methods_of(*cohort(2, lambda k, pair: pair[0]), AnalysisPlan())
+    said = methods_section(SimpleNamespace(ways=ways, plan=AnalysisPlan())).sentences[0]
+    assert "24 comparisons" in said
+    assert "differ more there than in scenes as they come" in said
