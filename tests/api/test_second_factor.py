@@ -12,6 +12,7 @@ from datetime import timedelta
 import pyotp
 import pytest
 from fastapi.testclient import TestClient
+from limits import parse
 from sqlalchemy import select, update
 
 from backend.api.application import create_application
@@ -20,6 +21,7 @@ from backend.api.core.auth import change_password
 from backend.api.core.second_factor import STEP_S, matching_step
 from backend.api.core.sign_ins import COOKIE
 from backend.api.core.throttle import limiter_for
+from backend.api.lab import account_pages
 from backend.store.models import Audit, RecoveryCode, SecondFactor, SignInUnderWay, utc_now
 from tests.api.lab_services import PASSWORD, csrf, sign_in
 
@@ -196,6 +198,15 @@ def test_it_is_removed_and_codes_are_renewed_only_with_a_code(factor, lab, lab_s
         "recovery_codes_renewed",
         "second_factor_removed",
     ]
+
+
+def test_a_signed_in_browser_cannot_guess_for_days(factor, lab, lab_services, monkeypatch):
+    monkeypatch.setattr(account_pages, "PROOFS", parse("1000 per 1 minute"))
+    monkeypatch.setattr(account_pages, "PROOFS_A_DAY", parse("3 per 1 day"))
+    token = csrf(lab)
+    guessed = [lab.post(f"{HERE}/remove", data={"csrf": token, "code": "000000"}).status_code for _ in range(3)]
+    assert guessed == [422, 422, 422]
+    assert lab.post(f"{HERE}/remove", data={"csrf": token, "code": code_of(factor[0])}).status_code == 429
 
 
 @pytest.mark.parametrize(

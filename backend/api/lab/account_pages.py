@@ -30,6 +30,7 @@ from backend.store.database import Database
 from backend.store.models import Identity, User
 
 PROOFS = parse("10 per 5 minutes")  # ours: passwords and codes that a signed-in browser types in here
+PROOFS_A_DAY = parse("60 per 1 day")  # ours; without it a stolen sign-in guesses a code of the app in some hundred days
 router = APIRouter(tags=["accounts"])
 
 
@@ -91,7 +92,7 @@ def begin_second_factor(
     request: Request, database: Db, user: CheckedCsrf, password: Annotated[str, Form()] = ""
 ) -> Response:
     """Make a secret for the app. Needs the password where there is one: a browser left open is not enough."""
-    if not _counted(request, user):
+    if not counted(request, user):
         return _second_factor_page(request, database, user, status=429, problem="too_many")
     if user.password_hash and not verified(user.password_hash, password):
         return _second_factor_page(request, database, user, status=422, problem="password")
@@ -107,7 +108,7 @@ def confirm_second_factor(
     request: Request, database: Db, user: CheckedCsrf, code: Annotated[str, Form()] = ""
 ) -> Response:
     """With the app's first code it counts; other browsers are signed out, recovery codes are shown once."""
-    if not _counted(request, user):
+    if not counted(request, user):
         return _second_factor_page(request, database, user, status=429, problem="too_many")
     with database.transaction() as s:
         codes = second_factor.confirm(s, user.id, code)
@@ -123,7 +124,7 @@ def renew_recovery_codes(
     request: Request, database: Db, user: CheckedCsrf, code: Annotated[str, Form()] = ""
 ) -> Response:
     """New recovery codes for a code; the ones before stop."""
-    if not _counted(request, user):
+    if not counted(request, user):
         return _second_factor_page(request, database, user, status=429, problem="too_many")
     with database.transaction() as s:
         codes = second_factor.new_recovery_codes(s, user.id) if second_factor.passed(s, user.id, code) else None
@@ -137,7 +138,7 @@ def remove_second_factor(
     request: Request, database: Db, user: CheckedCsrf, code: Annotated[str, Form()] = ""
 ) -> Response:
     """Sign in without one from now on; needs a code of it, or a recovery code."""
-    if not _counted(request, user):
+    if not counted(request, user):
         return _second_factor_page(request, database, user, status=429, problem="too_many")
     with database.transaction() as s:
         passed = second_factor.passed(s, user.id, code)
@@ -148,8 +149,10 @@ def remove_second_factor(
     return RedirectResponse("/lab/account?done=second_factor_removed", status_code=303)
 
 
-def _counted(request: Request, user: User) -> bool:
-    return count(request, PROOFS, f"proof user:{user.id}")
+def counted(request: Request, user: User) -> bool:
+    """Count a password or code that is typed in here; False where it is one too many."""
+    whose = f"proof user:{user.id}"
+    return count(request, PROOFS, whose) and count(request, PROOFS_A_DAY, whose)
 
 
 def _account_page(request: Request, database: Database, user: User, *, status: int = 200) -> Response:
