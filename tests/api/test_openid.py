@@ -290,6 +290,22 @@ def test_the_only_way_in_is_not_removed_and_goes_with_the_account(provider, brow
         assert s.scalars(select(Identity)).all() == []
 
 
+def test_an_owner_closes_a_colleagues_way_in_from_elsewhere(provider, browser, lab, lab_services):
+    lab_services.settings.openid_admits = "uni.example"
+    come(browser, provider)
+    page = lab.get("/lab/settings").text
+    assert "Remove sign-in as ada@uni.example" in page
+    closing = re.search(r"/lab/settings/accounts/ada/identities/[0-9a-f]+/remove", page).group()
+    another = closing.replace("/ada/", "/experimenter/")
+    assert lab.post(another, data={"csrf": csrf(lab)}).status_code == 422  # one's own, where the password is asked for
+    assert browser.post(closing, data={"csrf": csrf(browser, "/lab/account")}).status_code == 403  # not an owner
+    assert lab.post(closing, data={"csrf": csrf(lab)}).status_code == 303
+    assert browser.get("/lab/account").status_code == 303  # signed out
+    lab_services.settings.openid_admits = ""
+    assert come(new_browser(lab_services), provider).status_code == 403
+    assert lab.post(closing, data={"csrf": csrf(lab)}).status_code == 404
+
+
 def test_the_second_factor_is_asked_for_after_this_sign_in_too(provider, browser, lab_services):
     lab_services.settings.openid_admits = "uni.example"
     come(browser, provider)

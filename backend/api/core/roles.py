@@ -130,6 +130,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/settings/accounts/{name}/second-factor/remove": Rule(Right.MANAGE, "second_factor_removed"),
     "/lab/settings/invitations": Rule(Right.MANAGE, "invited"),
     "/lab/settings/invitations/{invitation_id}/withdraw": Rule(Right.MANAGE, "invitation_withdrawn"),
+    "/lab/settings/accounts/{name}/identities/{identity_id}/remove": Rule(Right.MANAGE, "identity_removed"),
     "/lab/settings/accounts/{name}/remove": Rule(Right.MANAGE, "account_removed"),
     "/lab/snapshots": Rule(Right.ANALYSE, "snapshot_taken"),
     "/lab/reward-files": Rule(Right.ANALYSE, "reward_taken_in"),

@@ -160,6 +160,22 @@ def remove_account_factor(name: str, database: Db, user: CheckedCsrf) -> Respons
     return RedirectResponse("/lab/settings?done=second_factor_removed#accounts", status_code=303)
 
 
+@router.post("/lab/settings/accounts/{name}/identities/{identity_id}/remove")
+def remove_account_identity(name: str, identity_id: str, database: Db, user: CheckedCsrf) -> Response:
+    """A colleague comes in by that sign-in elsewhere no more, and is signed out everywhere. It may be their only way
+    in: a new password is another."""
+    if name == user.name:
+        raise LabRefusal(422, "own_account")
+    with database.transaction() as s:
+        account = _account(s, name)
+        found = s.get(Identity, identity_id)
+        if found is None or found.user_id != account.id:
+            raise LabRefusal(404, "no_identity")
+        s.delete(found)
+        end_all(s, account.id)
+    return RedirectResponse("/lab/settings?done=colleague_identity_removed#accounts", status_code=303)
+
+
 @router.post("/lab/settings/accounts/{name}/remove")
 def remove_account(name: str, database: Db, user: CheckedCsrf) -> Response:
     """Remove a colleague's account. Their name stays in the log, and where they excluded or erased somebody."""
@@ -210,6 +226,9 @@ def settings_page(request: Request, database: Db, *, status: int = 200, **contex
         stored = {key: (row.value if (row := s.get(Setting, key)) else {}) for key in ("public_url", "contact")}
         accounts = list(s.scalars(select(User).order_by(User.name)))
         with_factor = set(s.scalars(select(SecondFactor.user_id).where(SecondFactor.confirmed_at.is_not(None))))
+        identities: dict[str, list[Identity]] = {}
+        for identity in s.scalars(select(Identity).order_by(Identity.linked_at)):
+            identities.setdefault(identity.user_id, []).append(identity)
         invitations = list(s.scalars(select(Invitation).order_by(Invitation.email)))
         given = select(StudyRole, Study.name).join(Study, Study.id == StudyRole.study_id).order_by(Study.name)
         in_studies: dict[str, dict[tuple[str, str], list[str]]] = {}
@@ -233,6 +252,7 @@ def settings_page(request: Request, database: Db, *, status: int = 200, **contex
         roles=list(ROLES),
         in_studies=in_studies,
         with_factor=with_factor,
+        identities=identities,
         invitations=invitations,
         invited_roles=INVITED_ROLES,
         **(shown | context),
