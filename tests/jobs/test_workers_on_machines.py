@@ -21,7 +21,7 @@ from backend.jobs.process import FINAL_STATES, Outcome
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.models import Artefact, Job, JobAttempt, WorkerProcess, utc_now
+from backend.store.models import Artefact, Job, JobAttempt, TaskFile, WorkerProcess, utc_now
 from backend.store.outbox import enqueue_job
 from tests import postgres
 
@@ -148,9 +148,14 @@ def test_a_sweep_is_spread_over_machines_and_goes_on_where_it_was(postgres_serve
             assert len(s.query(Job).all()) == 5
         assert Work(tmp_path / "second").load(whole.key).meta["sum"] == 6
         assert sweep("second", [whole]) == 0
+        with database.session() as s:
+            ArtefactStore(artefacts).delete(s.get_one(TaskFile, parts[0].key).sha256)
+        assert sweep("third", parts[:2]) == 2  # what is gone is computed again
+        with database.session() as s:
+            assert len(s.query(Job).all()) == 6
         broken = Task("waiting", {"number": 0, "seconds": "long"})
         with pytest.raises(SweepError, match="could not convert string to float: 'long'"):
-            sweep("third", [broken])
+            sweep("fourth", [broken])
         database.close()
 
 

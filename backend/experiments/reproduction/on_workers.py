@@ -75,6 +75,7 @@ class Queue:
     def __init__(self, chapter: str, database: Database, files: ArtefactStore, *, created_by: str) -> None:
         self._chapter, self._database, self._files, self._by = chapter, database, files, created_by
         self._mine: set[str] = set()
+        self._there: set[str] = set()  # files that were seen in the store
 
     def finish(self, tasks: Sequence[Task], work: Work, *, on_task: OnTask, workers: int = 1) -> int:
         """Have everything computed that is not in `work` yet and bring it there; returns how much that was.
@@ -97,9 +98,12 @@ class Queue:
         return todo
 
     def _finished(self, keys: list[str]) -> dict[str, str]:
+        """The files of tasks that are computed, by key. One whose file is gone is computed again."""
         with self._database.session() as s:
             rows = s.execute(select(TaskFile.key, TaskFile.sha256).where(TaskFile.key.in_(keys)))
-            return {row.key: row.sha256 for row in rows}
+            written = {row.key: row.sha256 for row in rows}
+        self._there |= {sha for sha in written.values() if sha not in self._there and self._files.exists(sha)}
+        return {key: sha for key, sha in written.items() if sha in self._there}
 
     def _hand_out(self, missing: dict[str, Task], work: Work) -> None:
         """Queue every task that can begin and is not queued; the longest first."""
@@ -114,7 +118,7 @@ class Queue:
             jobs = s.scalars(select(Job).where(Job.kind == TASK, Job.params["key"].as_string().in_(list(missing))))
             newest = {str(job.params["key"]): job for job in sorted(jobs, key=lambda job: job.created_at)}
             # Asked after the jobs: one that ended in between has left its file.
-            done = set(s.scalars(select(TaskFile.key).where(TaskFile.key.in_(list(missing)))))
+            done = self._finished(list(missing))
             for task in sorted(ready, key=lambda task: -task.seconds):
                 if task.key in done:
                     continue
