@@ -46,6 +46,9 @@ from backend.simulation.setups import ADAPTABLE
 
 Floats = NDArray[np.float32]
 PERSON_INPUTS = (2, 3)
+ATTEMPTS = 4
+STANDS_STILL_AFTER = 2_000  # updates; a training that goes anywhere has 98 % success by then
+STANDS_STILL = 0.1  # less success than this over the key preferences is standing still
 MEASURE_OF = ("frechet_m", "human_m", "time_s")  # of each objective, in the order of NAMES
 
 
@@ -109,18 +112,24 @@ class AdaptableTraining:
     """The training loop as an object: one `vector_step` steps every environment once and updates some times."""
 
     def __init__(
-        self, config: AdaptableConfig, demonstration: DemonstrationReward, clone: ActFunction | None = None
+        self,
+        config: AdaptableConfig,
+        demonstration: DemonstrationReward,
+        clone: ActFunction | None = None,
+        *,
+        attempt: int = 0,
     ) -> None:
+        """attempt: other initial networks and another exploration for each; scenes stay the seed's."""
         use_one_thread()
         self.config, self.demonstration, self.setup = config, demonstration, ADAPTABLE
         angle_weight = 0.0 if config.alone else config.angle_weight
         td3 = VectorTd3Config(config.gamma, config.learning_rate, config.tau, angle_weight=angle_weight)
         size, split = self.setup.observation_size, self.setup.polar_size
-        self.agent = VectorTd3Agent(size, split, config.heads, td3, seed=config.seed)
+        self.agent = VectorTd3Agent(size, split, config.heads, td3, seed=config.seed + 1_000 * attempt)
         self.shape = NetworkShape(split + SIZE, self.setup.surroundings_size, 0, config.heads)
         self.buffer = VectorReplayBuffer(config.buffer_size, size)
         self.transitions = 0
-        self._random = np.random.default_rng([config.seed, 55])
+        self._random = np.random.default_rng([config.seed, 55, attempt] if attempt else [config.seed, 55])
         self._average = self.agent.actor.flat.clone()
         self._engine = FastEngine(self.setup, config.n_envs, seed=config.seed, progress_weight=PROGRESS_PER_M)
         self._parts = np.arange(config.n_envs) % SIZE
@@ -234,9 +243,36 @@ def train_adaptable(
 ) -> AdaptableResult:
     """Train one adaptable policy. demonstration: R_hat; clone: acts as the demonstration does, to begin with.
 
-    Of the last quarter's checkpoints the one with most success over the key preferences is kept, the latest of equals.
+    An actor whose outputs saturate before the critics know anything stands for ever: a training whose robots arrive
+    nowhere after 2,000 updates is begun again with other initial networks, at most three times; the history keeps its
+    points. Of the last quarter's checkpoints the one with most success over the key preferences is kept, the latest of
+    equals.
     """
-    training = AdaptableTraining(config, demonstration, clone)
+    ended: list[dict[str, float]] = []
+    for attempt in range(ATTEMPTS):
+        training = AdaptableTraining(config, demonstration, clone, attempt=attempt)
+        found = _trained(training, on_progress, gives_up=attempt + 1 < ATTEMPTS)
+        if found.policy is not None:
+            break
+        ended.extend(found.history)
+    assert found.policy is not None  # noqa: S101 - the last attempt does not give up
+    return AdaptableResult(
+        found.policy, found.success, training.transitions, [*ended, *found.history], training.solutions
+    )
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What one attempt came to. policy: None where it was given up."""
+
+    policy: AdaptablePolicy | None
+    success: float
+    history: list[dict[str, float]]
+
+
+def _trained(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bool) -> _Attempt:
+    """Train to the end and keep the best of the last quarter, or give up where it stands still."""
+    config = training.config
     quarter = config.updates // 4
     marks = [config.updates - quarter + quarter * (k + 1) // config.checkpoints for k in range(config.checkpoints)]
     early = [config.updates * k // 12 for k in range(2, 9, 2)]
@@ -256,10 +292,14 @@ def train_adaptable(
         point = {"updates": float(updates), "success": float(found.success.mean()), "utility": utility}
         history.append(point | training.agent.losses | _alone(found, ways))
         on_progress(updates / config.updates, history[-1])
+        if gives_up and STANDS_STILL_AFTER <= updates < marks[0]:
+            if point["success"] < STANDS_STILL:
+                return _Attempt(None, 0.0, history)
+            gives_up = False
         if updates >= marks[0] and (best is None or point["success"] >= best[0]["success"]):
             best = point, policy
     assert best is not None  # noqa: S101 - there is at least one mark
-    return AdaptableResult(best[1], best[0]["success"], training.transitions, history, training.solutions)
+    return _Attempt(best[1], best[0]["success"], history)
 
 
 def _alone(found: PreferenceRollouts, ways: list[NDArray[np.float64]]) -> dict[str, float]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import backend.gymnasium_envs
+from backend.learning.adaptable import training
 from backend.learning.adaptable.objectives import NAMES, check_preference, objective_rewards, thesis_vectors
 from backend.learning.adaptable.policy import AdaptablePolicy, parsed_preference
 from backend.learning.adaptable.rollouts import roll_out_preferences
@@ -47,6 +48,19 @@ def test_the_same_seed_trains_the_same_policy(
     assert again.policy.to_bytes() == trained.policy.to_bytes()
     assert (trained.solutions <= 0).all()
     assert trained.transitions == pytest.approx(240 + 120 + 48 // 8 * 12, abs=12)
+
+
+def test_a_training_whose_robots_stand_still_begins_again_with_other_networks(
+    trained: AdaptableResult, reward: RankedRewardModel, clone: Policy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training, "STANDS_STILL_AFTER", 8)  # this tiny one has two dozen updates until its first look
+    monkeypatch.setattr(training, "STANDS_STILL", 2.0)
+    monkeypatch.setattr(training, "ATTEMPTS", 2)
+    second = train_adaptable(TINY, reward.rewards, clone.act)
+    assert len(second.history) == len(trained.history) + 1  # the first attempt's one point stays to be seen
+    assert second.history[0] == trained.history[0]
+    assert second.policy.to_bytes() != trained.policy.to_bytes()
+    assert train_adaptable(TINY, reward.rewards, clone.act).policy.to_bytes() == second.policy.to_bytes()
 
 
 def test_a_preference_folds_into_an_ordinary_policy(trained: AdaptableResult) -> None:
