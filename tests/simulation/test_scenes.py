@@ -169,7 +169,7 @@ def test_a_room_of_chapter_8_has_five_kinds_of_things_one_of_them_near_the_way_a
         ({"goal": Pose(-2.1, 0.1)}, "goal"),
         ({"person": Person(Pose(0.0, -1.0))}, "person.pose"),
         ({"person": Person(Pose(3.9, 0.0))}, "person.pose"),
-        ({"obstacles": (Obstacle("sofa", Pose(0.0, -1.5), 1.0, 1.0, 1.0),)}, "obstacles[0].kind"),
+        ({"obstacles": (Obstacle("piano", Pose(0.0, -1.5), 1.0, 1.0, 1.0),)}, "obstacles[0].kind"),
         ({"obstacles": (Obstacle("box", Pose(0.0, -1.5), 0.0, 1.0, 1.0),)}, "obstacles[0].length"),
         ({"obstacles": (Obstacle("box", Pose(0.0, -1.5), 1.0, 1.0, 0.2),)}, "obstacles[0].height"),
         ({"obstacles": (Obstacle("box", Pose(3.8, -1.5), 1.0, 1.0, 1.0),)}, "obstacles[0].pose"),
