@@ -167,7 +167,7 @@ def test_codings_come_back_with_a_data_set_and_go_with_their_person(lab, lab_ser
     export_study(written.database, written.files, written.id, tmp_path / "set")
     there = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
     there.migrate()
-    files = ArtefactStore(tmp_path / "there")
+    files = ArtefactStore((tmp_path / "there").as_uri())
     import_dataset(there, files, tmp_path / "set")
     export_study(there, files, written.id, tmp_path / "again")
     for name in ("codings.csv", "codebook.csv"):
