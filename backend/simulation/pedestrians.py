@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.simulation.walks import Walk
 
@@ -43,6 +44,19 @@ class Pedestrian:
             raise PedestrianError("route has places that are not finite")
         if not 0.0 <= self.speed <= 2.0:
             raise PedestrianError(f"speed = {self.speed}: 0 to 2 m/s")
+
+    def places_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) where they are at times (n,), m: as they were if that was kept, else back and forth on their route."""
+        if self.walk is not None:
+            return self.walk.poses_at(times_s)[:, :2]
+        places = np.array(self.route)
+        lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        total = float(lengths.sum())
+        if total == 0 or self.speed == 0:
+            return np.repeat(places[:1], len(times_s), axis=0)
+        gone = self.speed * times_s % (2 * total)
+        along, begun = np.where(gone > total, 2 * total - gone, gone), np.concatenate([[0.0], np.cumsum(lengths)])
+        return np.stack([np.interp(along, begun, places[:, axis]) for axis in range(2)], axis=1)
 
 
 def where_on_route(pedestrian: Pedestrian, seconds: float) -> tuple[float, float, float]:

@@ -7,9 +7,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import torch
 
 from app.paper import crowd_tracks
-from backend.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from backend.explain.shown_explanation import ShownAttention, ShownExplanation
+from backend.learning.pedestrians.attended import as_trajectory, attended
+from backend.learning.pedestrians.crowd_evaluation import roll_out_crowd
+from backend.learning.pedestrians.crowd_networks import Actor, actor_acts
+from backend.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions, draw_crowd_scene
 from backend.simulation.pedestrians import where_on_route
 from backend.simulation.scene import Scene
 from backend.simulation.walks import Walk
@@ -53,3 +58,58 @@ def test_twenty_pedestrians_walk_in_all_three_views(visit: Visit) -> None:
         for pose, one in zip(poses, scene.crowd.pedestrians, strict=True):
             x, y, _ = where_on_route(one, 1.0)
             assert math.dist(pose[:2], (x, y)) < (1.2 if one.speed else 0.01), "they go on while the end is held"
+
+
+WEIGHTS = """([t, x, y, yaw]) => {
+  const { attention, viser } = window.desirePath;
+  attention.at(t, x, y, yaw);
+  const { position, color } = viser.meshes("/scene1/attention")[0].geometry.attributes;
+  const drawn = [];
+  for (let quad = 0; quad < position.count / 4; quad += 1) {
+    const corner = 4 * quad + 1;
+    const [px, py] = [position.array[3 * corner] - x, position.array[3 * corner + 1] - y];
+    drawn.push({ strength: color.array[4 * corner + 3], blue: color.array[4 * corner + 2] > color.array[4 * corner],
+      reach: Math.hypot(px, py), angle: Math.atan2(py, px) - yaw });
+  }
+  return drawn;
+}"""
+
+
+def test_what_a_policy_looks_at_is_drawn_over_time_sectors_in_blue_descriptor_rays_in_red(visit: Visit) -> None:
+    torch.manual_seed(3)
+    actor = Actor("ours")
+    for stream in (actor.read.spatial, actor.read.temporal):
+        stream.score[-1].weight.data *= 300  # untrained, it would look everywhere alike
+    rolled_out = roll_out_crowd(
+        actor_acts(actor), "points_and_groups", draw_crowd_scene("crowd_corridor", 7, PUBLISHED)
+    )
+    trajectory, attention = as_trajectory(rolled_out), ShownAttention(*attended(actor, rolled_out))
+    nothing = ((),) * len(trajectory.poses)
+    shown = ShownExplanation((), nothing, outlines=False, lidar=False, attention=attention)
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.show(trajectory.scene, "top_down", trajectories=[trajectory], explained=shown)
+    visitor.wait_for("ready", timeout_s=120)
+    for row in (1, len(rolled_out.actions) - 1):
+        pose = [float(value) for value in rolled_out.poses[row]]
+        drawn = visitor.frame.evaluate(WEIGHTS, [row * 0.2, *pose])
+        assert len(drawn) == 60
+        sectors, rays = drawn[:30], drawn[30:]
+        assert all(one["blue"] for one in sectors)
+        assert not any(one["blue"] for one in rays)
+        for quads, weights in ((sectors, attention.spatial[row]), (rays, attention.temporal[row])):
+            strengths = [one["strength"] for one in quads]
+            assert int(np.argmax(strengths)) == int(np.argmax(weights))
+            assert np.argmax([one["reach"] for one in quads]) == np.argmax(weights)
+    ahead = sectors[0]
+    assert math.isclose(math.cos(ahead["angle"]), 1.0, abs_tol=1e-3), "the first sector begins straight ahead"
+    stage.replay([trajectory], names=["looks"], explained=shown, view="immersive")
+    visitor.frame.wait_for_function(DRAWN, timeout=120_000)
+
+
+DRAWN = """() => {
+  const { viser } = window.desirePath;
+  const name = [2, 3].map((k) => `/scene${k}/attention`).find((one) => viser.meshes(one).length);
+  const colour = name && viser.meshes(name)[0].geometry.attributes.color.array;
+  return colour ? Array.from(colour).filter((_, k) => k % 4 === 3).some((alpha) => alpha > 200) : false;
+}"""

@@ -17,12 +17,12 @@ from backend.simulation.crowds.crowd_scenes import (
     draw_crowd_scene,
     robot_path,
 )
-from backend.simulation.crowds.crowd_setups import CROWD_CORRIDOR, TRAINED_SETUPS
+from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from backend.simulation.fast import FastEngine
 from backend.simulation.pedestrians import Crowd, PedestrianError, where_on_route
 from backend.simulation.scene import Pose, Scene, SceneError
 from backend.simulation.scenes import draw_scene
-from backend.simulation.setups import STUDY_ROOM
+from backend.simulation.setups import CROWD_CORRIDOR, STUDY_ROOM
 from backend.simulation.trajectory import Outcome
 
 EIGHT = CrowdConditions(moving=(8, 8), standing=(2, 2))

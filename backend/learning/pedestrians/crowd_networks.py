@@ -7,10 +7,13 @@ All turn states (`crowd_states.py`) into one feature vector and, for the critic 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from backend.learning.pedestrians.crowd_states import PATH_POINTS, SECTORS, SIZES, Given
@@ -182,3 +185,14 @@ def attention_weights(actor: Actor, states: Tensor) -> dict[str, Tensor]:
             "spatial" if stream is actor.read.spatial else "temporal": stream.weights(given)
             for stream, given in actor.read.streams(states)
         }
+
+
+def actor_acts(actor: Actor) -> Callable[[NDArray[np.float32]], NDArray[np.float32]]:
+    """The actor as a function of states (n, size) -> actions (n, 2)."""
+
+    def act(states: NDArray[np.float32]) -> NDArray[np.float32]:
+        with torch.no_grad():
+            found: NDArray[np.float32] = actor(torch.as_tensor(states)).numpy()
+        return found
+
+    return act

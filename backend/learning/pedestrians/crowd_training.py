@@ -20,6 +20,7 @@ from torch import Tensor
 
 from backend.learning.pedestrians.crowd_evaluation import CrowdTable, evaluate_crowds, selection_scenes
 from backend.learning.pedestrians.crowd_networks import VARIANTS, Actor, Critic
+from backend.learning.pedestrians.crowd_planners import follow
 from backend.learning.pedestrians.crowd_states import SIZES, Given, states
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
 from backend.simulation.crowds.crowd_scenes import CrowdConditions
@@ -31,7 +32,14 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class CrowdTrainingConfig:
-    """Settings of one training. Thesis: gamma, learning_rate, buffer_size, curriculum; all others ours."""
+    """Settings of one training. Thesis: gamma, learning_rate, buffer_size, curriculum; all others ours.
+
+    progress: reward per metre along the path, as in the other chapters' training (`td3/base.py`). Without, equation 4.1
+    pays a standing robot per step as much as one that moves on (its guidance point stays 0.6 m ahead), and the goal is
+    too far away for a short training to see. along_path: of the first environments, whose random actions are noise
+    around following the path: some of them arrive. exploration: std of the action noise, from the first environment to
+    the last.
+    """
 
     variant: str = "ours"
     learner: Literal["ddpg", "td3"] = "td3"
@@ -45,13 +53,15 @@ class CrowdTrainingConfig:
     n_envs: int = 32
     updates_per_step: int = 8  # of all environments: one update per four transitions
     random_transitions: int = 5_000
-    exploration: float = 0.15
+    exploration: tuple[float, float] = (0.05, 0.5)
+    along_path: float = 0.5
     target_noise: float = 0.2
     target_clip: float = 0.5
     icp: bool = True
     evaluate_every: int = 2_000
     evaluation_episodes: int = 100
     device: str = "cpu"
+    progress: float = 0.0
 
     @property
     def transitions(self) -> int:
@@ -180,16 +190,19 @@ def train_crowd(
     began = time.perf_counter() - kept["seconds"]
     engine = _engine(config, kept["level"], learner.updates)
     seen = states(engine, given)
+    noise = np.geomspace(*config.exploration, config.n_envs)[:, None]
     while learner.updates < last:
         filling = memory.count < config.random_transitions
         if filling and learner.updates == 0:
-            action = rng.uniform(-1, 1, (config.n_envs, 2)).astype(np.float32)
+            action = _first_actions(config, engine, rng)
         else:
-            noisy = learner.act(seen) + rng.normal(0, config.exploration, (config.n_envs, 2))
+            noisy = learner.act(seen) + noise * rng.normal(0, 1, (config.n_envs, 2))
             action = np.clip(noisy, -1, 1).astype(np.float32)
+        left = engine.path_left_m()
         engine.step(action)
-        after = states(engine, given)
-        memory.add(seen, action, engine.rewards.astype(np.float32), after, ended_for_good(engine.outcomes))
+        after, ended = states(engine, given), ended_for_good(engine.outcomes)
+        shaped = config.progress * (left - engine.path_left_m())
+        memory.add(seen, action, (engine.rewards + shaped).astype(np.float32), after, ended)
         kept["transitions"] += config.n_envs
         seen = after
         if engine.dones.any():
@@ -207,10 +220,18 @@ def train_crowd(
             if kept["level"] > level:
                 engine = _engine(config, kept["level"], learner.updates)
                 seen = states(engine, given)
-    ended = _state(learner, kept)
+    stopped = _state(learner, kept)
     if kept["best"] is not None:
         learner.actor.load_state_dict(kept["best"])
-    return CrowdTrained(learner.actor.cpu(), kept["history"], kept["level"], kept["transitions"], ended)
+    return CrowdTrained(learner.actor.cpu(), kept["history"], kept["level"], kept["transitions"], stopped)
+
+
+def _first_actions(config: CrowdTrainingConfig, engine: CrowdEngine, rng: np.random.Generator) -> Floats:
+    """(n, 2) before anything is learned: uniform, or noise around the path's direction."""
+    action = rng.uniform(-1, 1, (config.n_envs, 2))
+    along = round(config.along_path * config.n_envs)
+    action[:along] = follow(engine)[:along] + rng.normal(0, 0.4, (along, 2))
+    return np.clip(action, -1, 1).astype(np.float32)
 
 
 def _engine(config: CrowdTrainingConfig, level: int, updates: int) -> CrowdEngine:

@@ -17,11 +17,12 @@ from backend.simulation.acting import ActionError
 from backend.simulation.crowds import avoidance_kernels as avoid
 from backend.simulation.crowds import crowd_kernels as k
 from backend.simulation.crowds import crowd_setups as settings
-from backend.simulation.crowds.crowd_scenes import CrowdConditions, boxes_of, draw_crowd_scene, robot_path
+from backend.simulation.crowds.crowd_maps import boxes_of, robot_path
+from backend.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
 from backend.simulation.crowds.descriptor_kernels import describe_all
 from backend.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Pedestrian
 from backend.simulation.scene import Scene, SceneError
-from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup
+from backend.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR, ROBOT_RADIUS_M, Setup
 from backend.simulation.trajectory import Outcome
 from backend.simulation.walks import Walk
 
@@ -94,8 +95,9 @@ class CrowdEngine:
 
     After `step(actions)`, for every environment (updated in place; copy what must last): rewards (n,), dones (n,),
     outcomes (n,) `Outcome`, steps (n,), poses (n, 3) of the robots, people_xy (n, P, 2), nearest_person_m (n,) between
-    surfaces. What it senses: `ranges`, `points`, `path_points`, `descriptors()`. With `pool`, who has ended begins
-    anew at `restart`, not within `step`: what a step ended with can be read first.
+    surfaces; reactive (n,): whose pedestrians avoid others. What it senses: `ranges`, `points`, `path_points`,
+    `descriptors()`. With `pool`, who has ended begins anew at `restart`, not within `step`: what a step ended with can
+    be read first.
 
     icp: whether descriptors are aligned; outline: whether their centroids are of outlines (ours) or points;
     walls: whether walls and obstacles are there at all (the open-space check).
@@ -104,7 +106,7 @@ class CrowdEngine:
 
     def __init__(
         self,
-        setup: Setup = settings.CROWD_CORRIDOR,
+        setup: Setup = CROWD_CORRIDOR,
         *,
         n_envs: int,
         pool: ScenesInTurn | None = None,
@@ -151,7 +153,7 @@ class CrowdEngine:
             lidar_min=np.zeros(n),
         )
         self.scenes: list[Scene | None] = [None] * n
-        self._reactive, self._forces = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        self.reactive, self._forces = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         self.robot_v = np.zeros((n, 2))
         self.older_points, self.older_ranges = np.zeros((n, sectors, 2)), np.zeros((n, sectors))
         self.oldest_ranges = np.zeros((n, sectors))
@@ -168,14 +170,19 @@ class CrowdEngine:
     points = property(lambda self: self.seen.points)
     path_points = property(lambda self: self.seen.path_points)
     nearest_person_m = property(lambda self: self.seen.nearest)
+    longest_step_m = property(lambda self: self._rules.v_max * self._rules.dt)
 
     def reset(self, scenes: Sequence[Scene]) -> None:
         """Start all environments in these scenes. Raises SceneError for one without a crowd, or too large."""
         if len(scenes) != self.n_envs:
             raise ValueError(f"scenes: {len(scenes)} given for {self.n_envs} environments")
-        for i, scene in enumerate(scenes):
-            self._place(i, scene)
-        self._begin(np.arange(self.n_envs))
+        self.place(np.arange(self.n_envs), scenes)
+
+    def place(self, which: NDArray[np.int64], scenes: Sequence[Scene]) -> None:
+        """Start these environments in these scenes. Raises SceneError as `reset` does."""
+        for i, scene in zip(which, scenes, strict=True):
+            self._place(int(i), scene)
+        self._begin(which)
 
     def restart(self) -> NDArray[np.int64]:
         """Whoever has ended starts in the pool's next scenes; returns who did."""
@@ -210,7 +217,7 @@ class CrowdEngine:
             w.heading_for[i, p], w.turn[i, p] = min(1, count - 1), 1
         w.robots[i] = scene.start.x, scene.start.y, scene.start.yaw
         w.seeds[i] = scene.seed
-        self._reactive[i] = scene.crowd.behaviour != "path"
+        self.reactive[i] = scene.crowd.behaviour != "path"
         self._forces[i] = scene.crowd.behaviour == "social_force"
         self.scenes[i] = scene
 
@@ -233,8 +240,8 @@ class CrowdEngine:
         self.oldest_ranges[running] = self.older_ranges[running]
         self.older_points[running], self.older_ranges[running] = self.points[running], self.ranges[running]
         before = self.world.robots[:, :2].copy()
-        self._choose_velocities(np.flatnonzero(running & self._reactive))
-        k.step_crowds(self.world, self.seen, actions, self._reactive, self._rules, self._directions)
+        self._choose_velocities(np.flatnonzero(running & self.reactive))
+        k.step_crowds(self.world, self.seen, actions, self.reactive, self._rules, self._directions)
         self.robot_v[:] = (self.world.robots[:, :2] - before) / CONTROL_DT_S
         self.dones[:] = self.world.finished
 
@@ -273,6 +280,12 @@ class CrowdEngine:
         """(n, 5, 2) m: baseline B2's path points, 1 m apart, in the robots' frames."""
         found = np.zeros((self.n_envs, self._rules.points, 2))
         k.path_points(self.world, COARSE_SPACING_M, found)
+        return found
+
+    def path_left_m(self) -> Doubles:
+        """(n,) m: how far it still is along the paths."""
+        found = np.zeros(self.n_envs)
+        k.path_left(self.world, found)
         return found
 
     def goals(self) -> Doubles:

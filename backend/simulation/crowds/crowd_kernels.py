@@ -401,6 +401,19 @@ def scan_ranges(world: World, rules: CrowdRules, directions: Doubles, sectors: i
 
 
 @compiled
+def path_left(world: World, out: Doubles) -> None:
+    """How long the paths still are from where the robots are on them: out (n,) m."""
+    for i in range(world.robots.shape[0]):
+        piece, into = progress_on(world, i)
+        left = -into
+        for k in range(piece, world.path_knots[i] - 1):
+            ax, ay = world.paths[i, k, 0], world.paths[i, k, 1]
+            ux, uy = world.paths[i, k + 1, 0] - ax, world.paths[i, k + 1, 1] - ay
+            left += math.sqrt(ux * ux + uy * uy)
+        out[i] = left
+
+
+@compiled
 def path_points(world: World, spacing: float, out: Doubles) -> None:
     """The next places on the paths of all robots at another spacing: out (n, points, 2) m, in the robots' frames."""
     for i in range(world.robots.shape[0]):

@@ -1,20 +1,20 @@
-"""Drawing scenes with crowds from a seed: corridor, intersection, office, home; who walks where in them.
+"""Drawing scenes with crowds from a seed: who walks and who stands where in a building.
 
-Ways come from A* on the empty map. What a scene is stands in `scene.py`, its pedestrians in `pedestrians.py`.
+Buildings live in `crowd_buildings.py`, ways in them in `crowd_maps.py`. What a scene is stands in `scene.py`, its
+pedestrians in `pedestrians.py`.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.simulation.crowds import planning_kernels as plan
+from backend.simulation.crowds.crowd_buildings import BUILDINGS, TRIES
+from backend.simulation.crowds.crowd_maps import FreePlaces, boxes_of, map_of, robot_path, tidy
 from backend.simulation.crowds.crowd_setups import (
     CURRICULUM,
     PED_DEPTH_M,
@@ -22,21 +22,15 @@ from backend.simulation.crowds.crowd_setups import (
     PED_WIDTH_M,
     get_crowd_setup,
 )
-from backend.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Behaviour, Crowd, Pedestrian
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
-from backend.simulation.scenes import draw_scene
+from backend.simulation.pedestrians import MOST_PEDESTRIANS, Behaviour, Crowd, Pedestrian
+from backend.simulation.scene import Person, Pose, Room, Scene, SceneError
+from backend.simulation.scenes import PEOPLED_NUMBERS
 from backend.simulation.setups import ROBOT_RADIUS_M
 
 Doubles = NDArray[np.float64]
-CELL_M = 0.1
-CLEARANCE_M = 0.32  # of routes from walls: half a pedestrian's diagonal
 FROM_START_M = 1.2  # ours: nobody begins nearer to the robot
 NEAR_PATH_M = 0.5  # ours: "around the robot path"
 SHORTEST_ROUTE_M = 3.0  # ours
-OUTER_M = 8.0  # ours: side of intersection and office
-DOOR_M, WALL_M = 1.0, 0.15  # ours
-TRIES = 60
-TAGS = {"crowd_corridor": 41, "crowd_intersection": 42, "crowd_office": 43, "crowd_home": 44}
 
 
 @dataclass(frozen=True)
@@ -57,150 +51,9 @@ class CrowdConditions:
 UNSEEN_HOMES = CrowdConditions(  # section 4.5.6, after the iGibson challenge; at most, as it has maximum speeds only
     standing=(1, 1), speeds=(0.5, 0.5), behaviour="orca", area_m2=8.0
 )
+USUAL = {"crowd_hall": CrowdConditions(moving=(2, 2), standing=(1, 1), speeds=(0.3, 0.7))}
+"""By setup, who is drawn where nothing else is asked for; elsewhere as in training. Ours."""
 PUBLISHED = CrowdConditions(moving=(2, 2), standing=(1, 1), speeds=(0.6, 0.6))  # table 4.1
-
-
-@dataclass(frozen=True)
-class _Map:
-    """Free places of an empty building, on a grid. xs, ys: coordinates (m) of columns and lines."""
-
-    free: NDArray[np.bool_]
-    xs: Doubles
-    ys: Doubles
-
-    def cell(self, x: float, y: float) -> tuple[int, int]:
-        return round((x - self.xs[0]) / CELL_M), round((y - self.ys[0]) / CELL_M)
-
-    def places(self) -> Doubles:
-        """(n, 2) all free places, m."""
-        i, j = np.nonzero(self.free)
-        return np.stack([self.xs[i], self.ys[j]], axis=1)
-
-    def way(self, begin: Sequence[float] | Doubles, end: Sequence[float] | Doubles) -> tuple[tuple[float, float], ...]:
-        """The way between two places as a polyline; empty where there is none, or none with few enough corners."""
-        cells = plan.a_star(self.free, self.cell(begin[0], begin[1]), self.cell(end[0], end[1]))
-        if len(cells) < 2:
-            return ()
-        corners = plan.pulled_straight(self.free, cells)
-        if len(corners) > MOST_KNOTS:
-            return ()
-        return tuple((_tidy(self.xs[i]), _tidy(self.ys[j])) for i, j in corners)
-
-
-def _tidy(value: float) -> float:
-    return round(float(value), 6)
-
-
-def boxes_of(scene: Scene) -> Doubles:
-    """Walls and obstacles of a scene: (n, 6) x, y, half length, half width (m), cosine and sine of the yaw."""
-    return np.array(
-        [
-            (o.pose.x, o.pose.y, o.length / 2, o.width / 2, math.cos(o.pose.yaw), math.sin(o.pose.yaw))
-            for o in scene.solids()
-        ],
-        dtype=np.float64,
-    ).reshape(-1, 6)
-
-
-def _line(side_m: float) -> Doubles:
-    half = math.floor(side_m / 2 / CELL_M)
-    return np.arange(-half, half + 1, dtype=np.float64) * CELL_M
-
-
-def map_of(room: Room, boxes: Doubles, clearance_m: float = CLEARANCE_M) -> _Map:
-    """The grid of places in a room that keep clear of all boxes (n, 6)."""
-    xs, ys = (_line(side) for side in (room.length, room.width))
-    return _Map(plan.mark_free_cells(boxes, xs, ys, clearance_m), xs, ys)
-
-
-@lru_cache(maxsize=4_096)
-def robot_path(scene: Scene) -> tuple[tuple[float, float], ...]:
-    """A* on the empty map from the robot's start to its goal, which is its last place. Raises SceneError for none."""
-    if scene.room is None:
-        raise SceneError("room", None, "a robot's path needs a room with walls")
-    inside = map_of(scene.room, boxes_of(scene))
-    way = inside.way((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y))
-    if not way:
-        raise SceneError("goal", scene.goal, "has no way from the start on the empty map")
-    return ((scene.start.x, scene.start.y), *way[1:-1], (scene.goal.x, scene.goal.y))
-
-
-def _corridor(random: np.random.Generator) -> tuple[Room, tuple[Obstacle, ...], Doubles]:
-    room = Room(_tidy(random.uniform(6.0, 8.0)), _tidy(random.uniform(2.0, 2.5)))
-    x, y = room.length / 2 - 0.6, room.width / 2 - 0.5
-    return room, (), np.array([(sx * x, y * random.uniform(-1, 1)) for sx in (-1, 1)])
-
-
-def _intersection(random: np.random.Generator) -> tuple[Room, tuple[Obstacle, ...], Doubles]:
-    half = OUTER_M / 2
-    wide_x, wide_y = random.uniform(2.0, 2.5, 2)  # of the arms along x and along y
-    length, width = half - wide_y / 2, half - wide_x / 2
-    blocks = tuple(
-        Obstacle("wall", Pose(_tidy(sx * (half - length / 2)), _tidy(sy * (half - width / 2))), length, width, 2.0)
-        for sx in (1, -1)
-        for sy in (1, -1)
-    )
-    end = half - 0.6
-    ends = np.array([(end, 0.0), (-end, 0.0), (0.0, end), (0.0, -end)])
-    return Room(OUTER_M, OUTER_M), blocks, ends[random.permutation(4)]
-
-
-def _office(random: np.random.Generator) -> tuple[Room, tuple[Obstacle, ...], Doubles]:
-    """Walls across, each with a door; then in every strip between them a wall or none, with a door."""
-    half = OUTER_M / 2
-    turned = bool(random.integers(2))
-    cuts = (
-        [random.uniform(-1.2, 1.2)]
-        if random.integers(2)
-        else sorted((random.uniform(-1.8, -1.2), random.uniform(1.2, 1.8)))
-    )
-    walls: list[tuple[float, float, float, float]] = []  # x, y, length, width in the unturned office
-    edges = [-half, *cuts, half]
-    for cut in cuts:
-        walls += _with_door(random, cut, -half, half, along_x=False)
-    for low, high in itertools.pairwise(edges):
-        if random.random() < 0.75:
-            walls += _with_door(random, random.uniform(-1.5, 1.5), low + WALL_M / 2, high - WALL_M / 2, along_x=True)
-    obstacles = tuple(
-        Obstacle("wall", Pose(_tidy(y), _tidy(x)), width, length, 2.0)
-        if turned
-        else Obstacle("wall", Pose(_tidy(x), _tidy(y)), length, width, 2.0)
-        for x, y, length, width in walls
-    )
-    corner = half - 0.6
-    corners = np.array([(sx * corner, sy * corner) for sx in (1, -1) for sy in (1, -1)])
-    return Room(OUTER_M, OUTER_M), obstacles, corners[random.permutation(4)]
-
-
-def _with_door(
-    random: np.random.Generator, at: float, low: float, high: float, *, along_x: bool
-) -> list[tuple[float, float, float, float]]:
-    door = random.uniform(low + 0.3, high - 0.3 - DOOR_M)
-    found = []
-    for begin, end in ((low, door), (door + DOOR_M, high)):
-        middle, length = (begin + end) / 2, end - begin
-        found.append((middle, at, length, WALL_M) if along_x else (at, middle, WALL_M, length))
-    return found
-
-
-def _home(random: np.random.Generator) -> tuple[Room, tuple[Obstacle, ...], Doubles]:
-    """A furnished home of `home_interiors.py`; start and goal 1 to 10 m apart anywhere in it, as in section 4.5.6."""
-    scene = draw_scene("home", int(random.integers(2**31, 2**32)))
-    room = scene.room or Room(OUTER_M, OUTER_M)
-    free = map_of(room, boxes_of(scene)).places()
-    for _ in range(TRIES):
-        ends: Doubles = free[random.integers(len(free), size=2)]
-        if 1.0 <= math.dist(ends[0], ends[1]) <= 10.0:
-            break
-    return room, scene.obstacles, ends
-
-
-_BUILDINGS = {
-    "crowd_home": _home,
-    "crowd_corridor": _corridor,
-    "crowd_intersection": _intersection,
-    "crowd_office": _office,
-}
 
 
 def draw_crowd_scene(setup: str, seed: int, conditions: CrowdConditions | None = None) -> Scene:
@@ -209,11 +62,11 @@ def draw_crowd_scene(setup: str, seed: int, conditions: CrowdConditions | None =
     Its person is the first who stands; all others are its crowd. Raises SetupError, or SceneError for a seed that gave
     no scene.
     """
-    chosen, rules = get_crowd_setup(setup), conditions or CrowdConditions()
-    random = np.random.Generator(np.random.PCG64([seed, TAGS[setup]]))
+    chosen, rules = get_crowd_setup(setup), conditions or USUAL.get(setup, CrowdConditions())
+    random = np.random.Generator(np.random.PCG64([seed, PEOPLED_NUMBERS[setup]]))
     for _ in range(TRIES):
-        room, obstacles, ends = _BUILDINGS[setup](random)
-        start, goal = Pose(_tidy(ends[0, 0]), _tidy(ends[0, 1])), Pose(_tidy(ends[1, 0]), _tidy(ends[1, 1]))
+        room, obstacles, ends = BUILDINGS[setup](random)
+        start, goal = Pose(tidy(ends[0, 0]), tidy(ends[0, 1])), Pose(tidy(ends[1, 0]), tidy(ends[1, 1]))
         scene = Scene(setup, seed, start, goal, chosen.goal_radius_m, Person(start), obstacles, room)
         try:
             peopled = people_scene(scene, rules, random)
@@ -246,7 +99,7 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
     return Scene(
         scene.setup,
         scene.seed,
-        Pose(scene.start.x, scene.start.y, _tidy(yaw)),
+        Pose(scene.start.x, scene.start.y, tidy(yaw)),
         scene.goal,
         scene.goal_radius,
         person,
@@ -263,14 +116,14 @@ def _how_many(conditions: CrowdConditions, room: Room, random: np.random.Generat
 
 
 def _moving(
-    inside: _Map,
+    inside: FreePlaces,
     free: Doubles,
     path: Sequence[tuple[float, float]] | None,
     conditions: CrowdConditions,
     random: np.random.Generator,
 ) -> Pedestrian:
     """path: the robot's, near which the first one's route begins and ends."""
-    speed = _tidy(random.uniform(*conditions.speeds))
+    speed = tidy(random.uniform(*conditions.speeds))
     near = free if path is None else free[_away(free, path) < NEAR_PATH_M]
     for _ in range(TRIES):
         if len(near) < 2:
@@ -314,7 +167,7 @@ def _standing(
         around = map_of(room, trial, ROBOT_RADIUS_M + 0.06)
         if around.way(ends[0], ends[1]):
             boxes = trial
-            found.append(Pedestrian(((_tidy(x), _tidy(y)),), 0.0, _tidy(yaw)))
+            found.append(Pedestrian(((tidy(x), tidy(y)),), 0.0, tidy(yaw)))
     if len(found) < number:
         raise SceneError("crowd", number, "no place to stand that leaves the robot a way")
     return found

@@ -9,7 +9,7 @@ import numpy as np
 
 from backend.experiments.reproduction.tasks import Function, TaskResult
 from backend.learning.pedestrians.crowd_evaluation import CrowdTable, crowd_scene_set, evaluate_crowds
-from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from backend.learning.pedestrians.crowd_planners import PLANNERS
 from backend.learning.pedestrians.crowd_training import (
     CrowdTrainingConfig,
@@ -19,8 +19,9 @@ from backend.learning.pedestrians.crowd_training import (
 )
 from backend.learning.scene_sets import Purpose
 from backend.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions
-from backend.simulation.crowds.crowd_setups import CROWD_HOME, TRAINED_SETUPS
+from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from backend.simulation.scene import Scene
+from backend.simulation.setups import CROWD_HOME
 
 Judge = Callable[..., CrowdTable]
 
@@ -71,10 +72,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     arrays = {name[6:]: value for name, value in needs[0].arrays.items() if name.startswith("actor.")}
     actor = actor_from_arrays(params["variant"], arrays)
 
-    def act(states: Any) -> Any:
-        with torch.no_grad():
-            return actor(torch.as_tensor(states)).numpy()
-
+    act = actor_acts(actor)
     return _judged(params, lambda scenes, **more: evaluate_crowds(act, given, scenes, **more))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from backend.experiments.reproduction.tasks import Task
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
-PLANNED = ("follow", "dwa", "orca", "social_force")
+PLANNED = ("follow", "dwa", "orca", "social_force", "foresight")
 DDPG = "ours_ddpg"
 SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the attention networks' is below
 ATTENTION_SECONDS = 0.12
@@ -19,7 +19,7 @@ ATTENTION_SECONDS = 0.12
 class PedestrianBudget:
     """How much is computed. trained: variants, `ours_ddpg` is DDPG's; part: updates of one task of a training, a
     quarter of an hour or so, so that stopping loses no more; episodes: of each judged condition; speeds, numbers: of
-    the two curves."""
+    the two curves; progress: see `CrowdTrainingConfig`, without it short trainings stand still."""
 
     name: str
     seeds: tuple[int, ...]
@@ -30,13 +30,17 @@ class PedestrianBudget:
     episodes: int
     speeds: tuple[float, ...]
     numbers: tuple[int, ...]
-    random_transitions: int = 5_000
+    random_transitions: int = 20_000
+    learning_rate: float = 1e-4
+    progress: float = 2.0
 
 
 BUDGETS = {
     budget.name: budget
     for budget in (
-        PedestrianBudget("small", (0,), ("ours", DDPG, "no_temporal", "b3"), 1_600, 800, 64, 100, (1.0,), (4,), 2_000),
+        PedestrianBudget(
+            "small", (0, 1), ("ours", DDPG, "b1", "b2", "b3"), 5_000, 2_500, 64, 100, (1.0,), (4,), learning_rate=5e-4
+        ),
         PedestrianBudget(
             "full", (0, 1, 2), (*VARIANTS, DDPG), 60_000, 7_500, 128, 1_000, (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
         ),
@@ -83,6 +87,8 @@ def _trained(budget: PedestrianBudget, variant: str, seed: int, device: str) -> 
         "updates": budget.updates,
         "batch_size": budget.batch_size,
         "random_transitions": budget.random_transitions,
+        "learning_rate": budget.learning_rate,
+        "progress": budget.progress,
         "buffer_size": 400_000,  # ours: all that is seen; the published 2 million would be 4 GB of mostly nothing
         "device": device,
     }

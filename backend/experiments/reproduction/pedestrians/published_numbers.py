@@ -17,7 +17,9 @@ WITHOUT_WALLS, WITHOUT_ICP = -3.6, -4.8  # points of success
 SUCCESS_AT_LEAST, HOMES_AT_LEAST = 86.2, 79.2
 DEPARTURES = [
     "TD3 beside DDPG, many environments at once, fewer episodes than 300,000; batch size, exploration noise and the "
-    "slow copies' rate are ours.",
+    "slow copies' rate are ours, in the small budget the learning rate, too.",
+    "Progress along the path pays 2 per metre beside equation 4.1, which pays who stands as much as who moves on; half "
+    "of the first, random actions are noise around following the path.",
     "Scenes are ours where the thesis gives no numbers: the intersection's and the office's outer size, doors, "
     "sizes of the cuboids (0.4 by 0.5 m), who begins at least 1.2 m from the robot.",
     "A sector's point lies where its nearest beam hit, centroids are of outlines, and the first guess of ICP's turn "

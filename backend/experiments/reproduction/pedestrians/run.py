@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from backend.experiments.reproduction.enquery.report import kinds
+from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, save_card, seeds_words, write_report
 from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS
 from backend.experiments.reproduction.pedestrians.plan import (
     DDPG,
@@ -26,11 +26,10 @@ from backend.experiments.reproduction.pedestrians.published_numbers import (
     WITHOUT_ICP,
     WITHOUT_WALLS,
 )
-from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
-from backend.experiments.reproduction.tasks import Run, Task, TaskResult, Work
-from backend.explain.printed import Section, page
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Task, TaskResult, Work
+from backend.explain.printed import Section
 from backend.explain.printed import Table as PrintedTable
-from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
 Load = Callable[[str], TaskResult]
@@ -41,6 +40,7 @@ NAMES = {name: variant.name for name, variant in VARIANTS.items()} | {
     "dwa": "DWA on the lidar",
     "orca": "ORCA, told everybody's motion",
     "social_force": "social force, told everybody's motion",
+    "foresight": "a search, told where everybody will be",
 }
 
 
@@ -63,37 +63,28 @@ def reproduce_pedestrians(
         run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rates = table(plan, work.load)
         judged_bars = bars(rates)
-        results = out / "results.json"
-        summary = write_results(results, run, budget, bars=judged_bars, rates=rates, histories=_histories(plan, work))
-        Card(
-            kind="reproduction",
-            name=f"pedestrians/reproduce_{budget.name}",
+        histories = _histories(plan, work)
+        summary = write_results(out / RESULTS, run, budget, bars=judged_bars, rates=rates, histories=histories)
+        save_card(
+            out,
+            "pedestrians",
+            run,
+            budget,
             setup="crowd_corridor, crowd_intersection, crowd_office",
-            file=results.name,
-            sha256=file_sha256(results),
-            command=command,
-            seed=budget.seeds[0],
-            commit=run.commit,
             config={"updates": budget.updates, "batch_size": budget.batch_size},
             scenes={"judged": f"{budget.episodes} reporting scenes per condition, the same for everybody"},
-            results={"bars": judged_bars, "core_seconds": run.core_seconds},
+            found={"bars": judged_bars},
             departures=DEPARTURES,
-            notes=["Simulated throughout."],
-        ).save(card_path(results))
-        html = page(
-            TEMPLATES,
-            "pedestrians.html",
-            run={"budget": budget.name, "seeds": ", ".join(map(str, budget.seeds))},
-            sections=_sections(plan, rates, judged_bars),
-            facts=_facts(plan, run),
-            kinds=kinds(run),
+            note="Simulated throughout.",
         )
-        (out / "report.html").write_text(html, encoding="utf-8")
-    return {
-        "report": str(out / "report.html"),
-        "results": str(results),
-        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "bars")},
-    }
+        made = facts(
+            run,
+            ("Updates", f"{budget.updates:,} of {budget.batch_size} transitions per training"),
+            ("Planners", ", ".join(PLANNED)),
+        )
+        sections = _sections(plan, rates, judged_bars)
+        write_report(out, "pedestrians", run, head=seeds_words(budget), sections=sections, facts=made)
+    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"))
 
 
 def table(plan: PedestrianPlan, load: Load) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
@@ -207,18 +198,6 @@ def _number(value: float) -> str:
 
 def _yes(met: bool) -> str:
     return "yes" if met else "no"
-
-
-def _facts(plan: PedestrianPlan, run: Run) -> list[tuple[str, str]]:
-    budget = plan.budget
-    return [
-        ("Command", run.command),
-        ("Commit", run.commit),
-        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
-        ("Work", f"{len(run.made)} tasks, {time_in_words(run.core_seconds)} of one core"),
-        ("Updates", f"{budget.updates:,} of {budget.batch_size} transitions per training"),
-        ("Planners", ", ".join(PLANNED)),
-    ]
 
 
 def _name(task: Task) -> str:

@@ -1,0 +1,111 @@
+"""The ranking set among pedestrians: whom a policy with attention attends to where it halts, with its card.
+
+The weights are `learning/pedestrians/attended.py`'s; what a ranking set is, `backend.explain`'s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from backend.explain.ranking_sets import DRIVE_S, ExplainedRollout, RankingSet
+from backend.explain.shown_explanation import people_of
+from backend.learning.cards import Card, card_path, file_sha256, source_commit
+from backend.learning.errors import LearningError
+from backend.learning.pedestrians.attended import as_trajectory, given_to_people, until
+from backend.learning.pedestrians.attention_policy import AttentionPolicy
+from backend.learning.pedestrians.crowd_networks import attention_weights
+from backend.learning.scene_sets import Purpose, first_seed
+from backend.learning.shipped_files import DATASETS
+from backend.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from backend.simulation.scene import Scene
+from backend.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR
+
+SCENARIOS, PRACTICE = 24, 2  # ours: half of chapter 8's
+FIVE = CrowdConditions(moving=(3, 3), standing=(2, 2))  # ours: as many as there are objects in chapter 8
+LEAST_SEEN = 4  # ours, as in chapter 8: of the five, at the halt; who is not seen gets no attention
+POLICY, NAME = f"{CROWD_CORRIDOR.name}/attention", f"{CROWD_CORRIDOR.name}/scenarios_{SCENARIOS}"
+
+
+def explained_among_people(policy: AttentionPolicy, scene: Scene, *, practice: bool = False) -> ExplainedRollout | None:
+    """The policy in that scene until it halts, with what it attended to; None where the rollout is over before."""
+    steps = round(DRIVE_S / CONTROL_DT_S)
+    whole = policy.rolled_out(scene)
+    if len(whole.actions) <= steps:
+        return None
+    halted = until(whole, steps)
+    weights = attention_weights(policy.actor(), torch.as_tensor(halted.states))
+    spatial, temporal = (weights[stream].numpy().astype(np.float64) for stream in ("spatial", "temporal"))
+    scores = given_to_people(halted, spatial, temporal).round(4).astype(np.float32)
+    unseen = np.zeros((steps, 0), np.float32)  # chapter 4's states are large, and the set explains them already
+    running = np.zeros(steps, np.bool_)
+    trajectory = replace(
+        as_trajectory(replace(halted, states=halted.states[:steps])),
+        observations=unseen,
+        next_observations=unseen,
+        dones=running,
+    )
+    attention = (spatial.astype(np.float32), temporal.astype(np.float32))
+    return ExplainedRollout(trajectory, people_of(halted.scene), scores, practice, attention)
+
+
+def attended_set(policy: AttentionPolicy, name: str, scenarios: int, practice: int) -> tuple[RankingSet, int]:
+    """So many rollouts, the first in which four of five people get attention; and how many scenes were left out."""
+    kept: list[ExplainedRollout] = []
+    seed = first = first_seed(Purpose.QUERIES, 0)
+    while len(kept) < scenarios + practice:
+        scene = draw_crowd_scene(policy.setup, seed, FIVE)
+        seed += 1
+        one = explained_among_people(policy, scene, practice=len(kept) >= scenarios)
+        if one is not None and (one.scores[-1] > 0).sum() >= LEAST_SEEN:
+            kept.append(one)
+    return RankingSet(policy.setup, tuple(kept), name, "attention", "all"), seed - first - len(kept)
+
+
+def ship_attended(folder: Path = DATASETS, scenarios: int = SCENARIOS) -> Card:
+    """Roll the shipped policy with attention out and store whom it attends to. Raises LearningError without it."""
+    path = folder / f"{POLICY}.npz"
+    if not path.is_file():
+        made = f"python -m backend.experiments.ship attention {CROWD_CORRIDOR.name}"
+        raise LearningError(f"{path.name} of {CROWD_CORRIDOR.name} is missing: make it first with `{made}`")
+    made_of, left_out = attended_set(AttentionPolicy.load(path), POLICY, scenarios, PRACTICE)
+    out = folder / f"{NAME}.npz"
+    made_of.save(out)
+    regular = [one for one in made_of.rollouts if not one.practice]
+    card = Card(
+        kind="ranking_set",
+        name=NAME,
+        setup=CROWD_CORRIDOR.name,
+        file=out.name,
+        sha256=file_sha256(out),
+        command=f"python -m backend.experiments.ship ranking-set {CROWD_CORRIDOR.name}",
+        seed=0,
+        commit=source_commit(),
+        config={"method": "attention", "people": list(regular[0].things)},
+        scenes={
+            "regular": [one.trajectory.scene.seed for one in regular],
+            "practice": [one.trajectory.scene.seed for one in made_of.rollouts if one.practice],
+        },
+        results={
+            "scenarios": len(regular),
+            "scenes_left_out": left_out,
+            "policy": Card.load(card_path(path)).results if card_path(path).is_file() else {},
+            "with_tied_scores": sum(len(set(one.at_halt.values())) < len(one.things) for one in regular),
+            "people_without_score": sum(score == 0 for one in regular for score in one.at_halt.values()),
+            "most_attended": {
+                thing: sum(max(one.at_halt, key=lambda name: one.at_halt[name]) == thing for one in regular)
+                for thing in regular[0].things
+            },
+        },
+        notes=[
+            "A score is how strongly the stage draws what the policy attends to at somebody: the mean of the strongest "
+            "lidar sector and the strongest descriptor ray that meet them, each beside the moment's strongest.",
+            "Left out: scenes that are over within three seconds, and those where fewer than four get attention.",
+        ],
+        parents={POLICY: file_sha256(path)},
+    )
+    card.save(card_path(out))
+    return card
