@@ -2,3 +2,5 @@
 
 Networks and their training on arrays. Who records the pictures, and who acts on latents, is `backend.demonstrations`'.
 """
+
+SHIPPED_ENCODER = "home/depth_encoder"

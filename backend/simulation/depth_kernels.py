@@ -272,8 +272,8 @@ def take_pictures(
 @_compiled
 def add_noise(
     clean: Frames,
-    normals: Frames,
-    uniforms: Frames,
+    bits: NDArray[np.uint32],
+    quantiles: Frames,
     grain: float,
     dropout: float,
     edge_m: float,
@@ -284,9 +284,11 @@ def add_noise(
 ) -> None:
     """What a stereo camera makes of clean frames (n, rows, columns); 0 where it sees nothing.
 
-    normals, uniforms: of the frames' shape. The error's standard deviation is grain * depth^2 (triangulation); pixels
-    are lost at random (dropout) and, more often, left of a jump of more than edge_m, where one of the two lenses looks
-    past the nearer thing (edge_dropout); nearer than `nearest` and at the range nothing is found.
+    bits: random, of the frames' shape: the lower half of each number says whether the pixel is lost, the upper how far
+    off it is, a place in `quantiles` (65,536) of the normal distribution; drawing normal numbers would take longer than
+    the picture. The error's standard deviation is grain * depth^2 (triangulation); pixels are lost at random (dropout)
+    and, more often, left of a jump of more than edge_m, where one of the two lenses looks past the nearer thing
+    (edge_dropout); nearer than `nearest` and at the range nothing is found.
     """
     for i in range(clean.shape[0]):
         for v in range(clean.shape[1]):
@@ -294,11 +296,12 @@ def add_noise(
                 depth = clean[i, v, u]
                 ahead = clean[i, v, min(u + 2, clean.shape[2] - 1)]
                 lost = edge_dropout if depth - ahead > edge_m else dropout
-                if uniforms[i, v, u] < lost or depth < nearest:
+                chance = bits[i, v, u]
+                if (chance & np.uint32(0xFFFF)) < lost * 65536.0 or depth < nearest:
                     out[i, v, u] = 0.0
                     continue
                 if depth >= range_m:
                     out[i, v, u] = range_m
                     continue
-                seen = depth + grain * depth * depth * normals[i, v, u]
+                seen = depth + grain * depth * depth * quantiles[chance >> np.uint32(16)]
                 out[i, v, u] = min(max(math.floor(seen * 1000.0 + 0.5) / 1000.0, 0.0), range_m)

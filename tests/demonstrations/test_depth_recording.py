@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from backend.demonstrations.depth.encoding import EncoderTraining, pixel_weights, train_encoder
 from backend.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
-from backend.demonstrations.depth.recording import Recording, record, train_encoder
+from backend.demonstrations.depth.recording import Recording, record
 from backend.learning.cards import file_sha256
 from backend.learning.shipped_files import DATASETS, load_card
 from backend.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
@@ -73,8 +74,36 @@ def test_a_recording_knows_where_episodes_begin(recording: Recording):
     assert (later | ~jumped).all()  # nobody jumps within an episode
 
 
+def test_a_training_of_the_encoder_that_was_left_goes_on_as_if_it_had_not_been(recording: Recording):
+    config = VaeConfig(batches=6, batch_size=4)
+
+    def training(state: dict[str, np.ndarray] | None = None) -> EncoderTraining:
+        return EncoderTraining(recording, (DEPTH_CAMERA,), CameraNoise(), config, state)
+
+    whole, left = training(), training()
+    whole.run(6)
+    left.run(3)
+    going_on = training(left.state())
+    going_on.run(6)
+    assert going_on.curve == pytest.approx(whole.curve)
+    frames = recording.frames(DEPTH_CAMERA, np.arange(4))
+    assert np.allclose(going_on.encoder().latents(frames), whole.encoder().latents(frames), atol=1e-5)
+
+
+def test_near_things_people_and_thin_legs_count_more():
+    clean = np.full((1, 80, 128), 4.0, dtype=np.float32)
+    clean[0, :, :40], clean[0, :, 60:62], clean[0, :, 100:] = 1.0, 3.0, 3.0
+    alone = clean.copy()
+    alone[0, :, 100:] = 4.0  # the person stands before the wall
+    weights = pixel_weights(clean, alone, 6.0, VaeConfig())[0, 40]
+    assert weights[0] > weights[50]
+    assert weights[61] > 4 * weights[50]
+    assert weights[120] > 4 * weights[50]
+
+
 def test_the_encoder_learns_and_comes_back_from_its_file(recording: Recording):
-    encoder, curve = train_encoder(recording, (DEPTH_CAMERA,), CameraNoise(), VaeConfig(batches=40, batch_size=16))
+    alike = VaeConfig(batches=40, batch_size=16, near=100.0, person_weight=1.0, thin_weight=1.0)
+    encoder, curve = train_encoder(recording, (DEPTH_CAMERA,), CameraNoise(), alike)
     assert np.mean(curve[-5:]) < 0.8 * np.mean(curve[:5])
     frames = recording.frames(DEPTH_CAMERA, np.arange(6))
     latents = encoder.latents(frames)

@@ -19,6 +19,7 @@ from backend.simulation.setups import CONTROL_DT_S, HOME
 MODES = ("opposite", "random", "static", "absent", "replayed")
 """1 to 5 of section 3.4.3: on the way from the robot's goal to its start, between random places, standing, nobody,
 walking as they did while they demonstrated."""
+YAW_STD = 0.3  # ours: of where robots look at first in demonstrated scenes, around where it was demonstrated
 NOWHERE_M = 1e3  # nobody is in the way out there
 Doubles = NDArray[np.float64]
 
@@ -77,13 +78,20 @@ def home_episodes(scenes: Sequence[Scene], modes: Sequence[str], seed: int = 0) 
 
 
 class EpisodePool:
-    """A start pool (`FastEngine`'s `pool`) of episodes, drawn at random. Seeds are the episodes' numbers."""
+    """A start pool (`FastEngine`'s `pool`) of episodes, drawn at random. Seeds are the episodes' numbers.
 
-    def __init__(self, episodes: Episodes, seed: int, weights: Doubles | None = None) -> None:
+    varied (ours): the robot begins looking anywhere, in demonstrated scenes about where it was demonstrated to look;
+    where nobody walks, start and goal change places half of the time.
+    """
+
+    def __init__(self, episodes: Episodes, seed: int, weights: Doubles | None = None, *, varied: bool = False) -> None:
         self._rows, self._walks = episodes.rows(), episodes.walks()
         self._random = np.random.default_rng([seed, 0xE9])
         even = np.ones(len(episodes)) if weights is None else weights
         self._shares = even / even.sum()
+        self._varied = varied
+        self._shown = np.array([mode == "replayed" for mode in episodes.modes], dtype=bool)
+        self._turns = np.isnan(self._walks[:, 0, 0]) & ~self._shown
 
     def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
         rows, which, _ = self.take_walking(count)
@@ -92,7 +100,18 @@ class EpisodePool:
     def take_walking(self, count: int) -> tuple[k.Rows, NDArray[np.int64], Doubles]:
         """Starts that are at the middle of a walk would need its clock: everybody begins at the walk's beginning."""
         which = self._random.choice(len(self._rows), count, p=self._shares)
-        return self._rows[which], which, self._walks[which]
+        rows = self._rows[which]
+        return self._vary(rows, which) if self._varied else rows, which, self._walks[which]
+
+    def _vary(self, rows: k.Rows, which: NDArray[np.int64]) -> k.Rows:
+        there, back = slice(k.START_X, k.START_X + 2), slice(k.GOAL_X, k.GOAL_X + 2)
+        turned = self._turns[which] & (self._random.random(len(rows)) < 0.5)
+        rows[turned, there], rows[turned, back] = rows[turned, back], rows[turned, there]
+        about = rows[:, k.START_YAW] + self._random.normal(0.0, YAW_STD, len(rows))
+        anywhere = self._random.uniform(-math.pi, math.pi, len(rows))
+        yaw = np.where(self._shown[which], about, anywhere)
+        rows[:, k.START_YAW] = (yaw + math.pi) % (2 * math.pi) - math.pi
+        return rows
 
 
 class InOrder(EpisodePool):

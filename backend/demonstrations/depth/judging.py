@@ -15,9 +15,10 @@ from backend.demonstrations.depth.controller import DepthController
 from backend.demonstrations.depth.episodes import Episodes, InOrder, people_of
 from backend.demonstrations.depth.states import goals_of
 from backend.demonstrations.depth.training import MakeSenses
-from backend.simulation.fast import FastEngine
+from backend.simulation.fast import FastEngine, replay
+from backend.simulation.scene import Scene
 from backend.simulation.setups import HOME
-from backend.simulation.trajectory import Outcome
+from backend.simulation.trajectory import Outcome, Trajectory
 
 REMOVALS = ("nothing", "person", "furniture", "both")
 SPARSE = 2  # every so many poses are compared
@@ -25,10 +26,11 @@ SPARSE = 2  # every so many poses are compared
 
 @dataclass(frozen=True)
 class DepthRollouts:
-    """outcomes (n,), paths: (steps + 1, 2) metres each, in the order of the episodes."""
+    """outcomes (n,), paths: (steps + 1, 2) metres and actions (steps, 2) each, in the order of the episodes."""
 
     outcomes: NDArray[np.int8]
     paths: list[NDArray[np.float64]]
+    actions: list[NDArray[np.float32]]
     modes: tuple[str, ...]
 
     def rates(self, mode: str | None = None) -> dict[str, float | int]:
@@ -62,6 +64,7 @@ def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Epis
     senses = make(episodes.sights(), True)
     outcomes = np.full(n, int(Outcome.RUNNING), dtype=np.int8)
     paths = [[engine.poses[i, :2].copy()] for i in range(n)]
+    taken: list[list[NDArray[np.float32]]] = [[] for _ in range(n)]
     begins = np.ones(n, dtype=bool)
     for _ in range(HOME.max_steps):
         rows = engine.rows
@@ -74,11 +77,20 @@ def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Epis
         for i in np.flatnonzero(outcomes == Outcome.RUNNING):
             # An ended environment already stands at its next start.
             paths[i].append(before[i] if begins[i] else engine.poses[i, :2].copy())
+            taken[i].append(actions[i].copy())
             if begins[i]:
                 outcomes[i] = engine.outcomes[i]
         if (outcomes != Outcome.RUNNING).all():
             break
-    return DepthRollouts(outcomes, [np.array(path) for path in paths], episodes.modes)
+    return DepthRollouts(outcomes, [np.array(one) for one in paths], [np.array(one) for one in taken], episodes.modes)
+
+
+def depth_trajectories(controller: DepthController, make: MakeSenses, scenes: Sequence[Scene]) -> list[Trajectory]:
+    """Its rollouts in these homes, people standing or walking as the scenes have them; as any policy's are kept."""
+    if not scenes:
+        return []
+    episodes = Episodes(tuple(scenes), ("replayed",) * len(scenes))
+    return replay(HOME, scenes, roll_out_depth(controller, make, episodes).actions)
 
 
 def followed(rollouts: DepthRollouts, shown: Sequence[Sequence[NDArray[np.floating]]]) -> list[Deviation]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.demonstrations.depth.encoding import thin_parts
 from backend.demonstrations.depth.recording import Recording
 from backend.demonstrations.depth.states import bearings, detected
 from backend.perception.beta_vae import DepthEncoder
@@ -17,8 +18,6 @@ Floats = NDArray[np.float32]
 AT_ONCE = 64
 NEAR_M = 3.0  # a person nearer than this is what matters
 SHOWN = 6
-THIN_M = 0.3  # a jump of this many metres within THIN_PX pixels both ways is something thin
-THIN_PX = 4
 
 
 def _latents(recording: Recording, encoder: DepthEncoder, random: np.random.Generator) -> Floats:
@@ -95,22 +94,8 @@ def _place(person: Floats) -> NDArray[np.float64]:
     return np.stack([away * np.cos(bearing), away * np.sin(bearing)], axis=1)
 
 
-def thin_parts(frames: Floats) -> NDArray[np.bool_]:
-    """Pixels (n, rows, columns) of something narrower than THIN_PX with more than THIN_M behind it on both sides."""
-    left = np.roll(frames, THIN_PX, axis=2) - frames > THIN_M
-    right = np.roll(frames, -THIN_PX, axis=2) - frames > THIN_M
-    found = left & right
-    found[:, :, :THIN_PX] = found[:, :, -THIN_PX:] = False
-    return found
-
-
 def _masks(recording: Recording, which: NDArray[np.int64], clean: Floats) -> dict[str, NDArray[np.bool_]]:
-    poses = recording.poses.reshape(-1, 3)[which]
-    people = recording.people.reshape(-1, 4)[which]
-    alone = recording.sights.pictures(
-        DEPTH_CAMERA, poses, np.full_like(people, np.nan), recording.episodes.reshape(-1)[which]
-    )
-    person = clean != alone
+    person = clean != recording.frames(DEPTH_CAMERA, which, alone=True)
     return {"all": np.ones_like(person), "person": person, "thin": thin_parts(clean) & ~person}
 
 

@@ -27,6 +27,7 @@ from backend.perception.predictor import PersonPredictor
 from backend.simulation.depth_camera import CameraNoise, Sights
 from backend.simulation.fast import FastEngine
 from backend.simulation.setups import CONTROL_DT_S, HOME
+from backend.simulation.trajectory import Trajectory
 
 DEPARTURES = [
     "Many environments at once in a fast kinematic engine, far fewer updates, larger learning rate of the actor.",
@@ -43,9 +44,9 @@ class DepthTrainingConfig:
 
     seed: int = 0
     heads: tuple[int, ...] = FAST_HEADS  # ours
-    updates: int = 16_000  # ours
-    n_envs: int = 32  # ours; the thesis has one
-    updates_per_step: int = 16  # ours
+    updates: int = 12_000  # ours
+    n_envs: int = 64  # ours; the thesis has one
+    updates_per_step: int = 8  # ours
     random_transitions: int = 5_000
     buffer_size: int = 200_000
     batch_each: int = 64
@@ -56,16 +57,19 @@ class DepthTrainingConfig:
     rl_weight: float = 30 / 4
     bc_weight: float = 10 / 4
     actor_learning_rate: float = 5e-4  # ours; the thesis has 1e-4
+    final_learning_rate: float = 5e-5  # ours: linearly from half of the updates on, as chapter 2's controllers here
     critic_learning_rate: float = 8e-4
     progress_weight: float = 0.5  # per metre, ours
     steps_at_once: int = 6  # ours
     augmentation: int = 5
-    demonstrated_share: float = 0.4  # of episodes in demonstrated scenes, ours
+    demonstrated_share: float = 0.3  # of episodes in demonstrated scenes, ours
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
 
 
+MODE_SHARES = {"opposite": 0.4, "random": 0.2, "static": 0.25, "absent": 0.15}
+"""Of the explored homes' episodes, ours: most where most is to be learned. The thesis does not say."""
 MakeSenses = Callable[[Sights, bool], Senses]
 """(what stands where, whether it is judged) -> senses of one configuration."""
 
@@ -83,27 +87,35 @@ def senses_of(
 
 def demonstrated_batch(demonstrations: Sequence[Demonstration], make: MakeSenses, config: DepthTrainingConfig) -> Batch:
     """The demonstration buffer: the depth states along every augmented rollout, rewarded as above."""
+    rollouts = [rollout for d in demonstrations for rollout in augmented(d, config.augmentation)]
     parts = []
-    for trajectory in [rollout for d in demonstrations for rollout in augmented(d, config.augmentation)]:
-        scene, poses = trajectory.scene, trajectory.poses.astype(np.float64)
-        senses, n = make(Sights([scene]), False), len(poses)
-        people = np.full((n, 4), scene.person.height)
-        people[:, :3] = scene.person_poses(np.arange(n) * CONTROL_DT_S)
-        goal = np.array([[scene.goal.x, scene.goal.y]])
-        nowhere = np.zeros(1, dtype=np.int64)
-        states = []
-        for t in range(n):
-            begins = np.array([t == 0])
-            states.append(senses.states(poses[t : t + 1], goal, people[t : t + 1], nowhere, begins)[0])
-            if t < n - 1:
-                senses.acted(trajectory.actions[t : t + 1])
-        seen = np.stack(states)
+    for trajectory, seen in zip(rollouts, _states_along(rollouts, make), strict=True):
         boosted = trajectory.rewards + config.state_boost + np.where(trajectory.dones, config.goal_boost, 0.0)
         seen_rollout = replace(trajectory, observations=seen[:-1], next_observations=seen[1:])
         led_to = returns_along(seen_rollout, boosted, config.steps_at_once, HOME.gamma)
         parts.append((seen[:-1], trajectory.actions, *led_to))
     observations, actions, rewards, following, continues = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Batch(*map(torch.from_numpy, (observations, actions, rewards, following, continues)))
+
+
+def _states_along(rollouts: Sequence[Trajectory], make: MakeSenses) -> list[Floats]:
+    """Of every rollout (its poses, size): all of them side by side, step by step; who has arrived waits there."""
+    scenes = [one.scene for one in rollouts]
+    senses, n = make(Sights(scenes), False), len(rollouts)
+    lengths = np.array([len(one.poses) for one in rollouts])
+    times = np.arange(lengths.max()) * CONTROL_DT_S
+    people = np.stack([scene.person_poses(times) for scene in scenes])
+    heights = np.array([[scene.person.height] for scene in scenes])
+    goals = np.array([[scene.goal.x, scene.goal.y] for scene in scenes])
+    states: list[Floats] = []
+    for t in range(len(times)):
+        at = np.minimum(t, lengths - 1)
+        poses = np.stack([one.poses[i].astype(np.float64) for one, i in zip(rollouts, at, strict=True)])
+        there = np.concatenate([people[np.arange(n), at], heights], axis=1)
+        states.append(senses.states(poses, goals, there, np.arange(n), np.full(n, t == 0)))
+        senses.acted(np.stack([one.actions[min(i, len(one.actions) - 1)] for one, i in zip(rollouts, at, strict=True)]))
+    whole = np.stack(states, axis=1)
+    return [whole[i, :length] for i, length in enumerate(lengths)]
 
 
 def train_depth_controller(
@@ -121,14 +133,13 @@ def train_depth_controller(
     shown = Episodes(tuple(d.scene for d in demonstrations), ("replayed",) * len(demonstrations))
     episodes = Episodes(homes.scenes + shown.scenes, homes.modes + shown.modes)
     share = config.demonstrated_share if len(shown) else 0.0
-    weights = np.concatenate(
-        [np.full(len(homes), (1 - share) / len(homes)), np.full(len(shown), share / max(1, len(shown)))]
-    )
+    of_homes = np.array([MODE_SHARES[mode] / homes.modes.count(mode) for mode in homes.modes])
+    weights = np.concatenate([(1 - share) * of_homes / of_homes.sum(), np.full(len(shown), share / max(1, len(shown)))])
     engine = FastEngine(
         HOME,
         config.n_envs,
         seed=config.seed,
-        pool=EpisodePool(episodes, config.seed, weights),
+        pool=EpisodePool(episodes, config.seed, weights, varied=True),
         progress_weight=config.progress_weight,
     )
     td3 = Td3Config(
@@ -140,7 +151,6 @@ def train_depth_controller(
     )
     shape = configuration.shape(config.heads)
     agent = Td3Agent(shape, td3, seed=config.seed)
-    agent.set_learning_rate(config.actor_learning_rate, critic=config.critic_learning_rate)
     demonstrated = demonstrated_batch(demonstrations, make, config) if configuration.demonstrations else None
     buffer = ReturnsBuffer(
         config.buffer_size,
@@ -173,6 +183,9 @@ def train_depth_controller(
         following = look(engine.dones)
         buffer.add(states, actions, engine.rewards, following, engine.dones)
         states, transitions = following, transitions + config.n_envs
+        falling = max(0.0, 2 * agent.updates / config.updates - 1)
+        rate = config.actor_learning_rate + falling * (config.final_learning_rate - config.actor_learning_rate)
+        agent.set_learning_rate(rate, critic=config.critic_learning_rate)
         for _ in range(config.updates_per_step if warm else 0):
             if demonstrated is None:
                 agent.update(buffer.sample(2 * config.batch_each, sampler))

@@ -1,4 +1,4 @@
-"""The shipped encoder, predictor and VAE-HA controller of chapter 3, each with its card.
+"""The shipped encoder, predictor and controllers of chapter 3, and queries by these, each with its card.
 
 All are tasks of the reproduction (`reproduction/depth/computing.py`); a folder in which it ran gives them at once.
 """
@@ -8,6 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from backend.demonstrations.depth.controller import DepthController
+from backend.demonstrations.depth.queries import SHOWN, generate_depth_queries
 from backend.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
 from backend.experiments.reproduction.depth.computing import (
     EXPLORED_SEED,
@@ -16,33 +18,36 @@ from backend.experiments.reproduction.depth.computing import (
     RECORDED_SEED,
 )
 from backend.experiments.reproduction.depth.plan import BUDGETS, make_plan
-from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish
+from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish, in_order
+from backend.experiments.shipping.query_sets import describe_queries
 from backend.learning.cards import Card, card_path, file_sha256, source_commit
+from backend.learning.queries.queries import QueryConfig
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shipped_files import DATASETS
-from backend.perception.beta_vae import VaeConfig
+from backend.perception import SHIPPED_ENCODER
+from backend.perception.beta_vae import DepthEncoder, VaeConfig
 from backend.perception.predictor import PredictorConfig
 from backend.simulation.setups import HOME
 
-ENCODER, PREDICTOR, CONTROLLER = "home/depth_encoder", "home/depth_predictor", "home/depth"
-SHIPPED = "VAE-HA"
+ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, "home/depth_predictor", "home/queries_depth_12"
+SHIPPED = {"VAE-HA": "home/depth", "VAE-ND": "home/depth_nd"}
+"""Configuration -> name: who learned from demonstrations, and who did not."""
 PERCEPTION_DEPARTURES = [
     "Homes are drawn by rules and people are mannequins (no iGibson); a stereo camera's noise beside 5 % dropout.",
     "The thesis does not say how reconstruction and divergence are scaled: here pixels have a standard deviation of "
-    "0.05 of the range, which with beta = 3 keeps rooms and loses legs.",
-    "About 50,000 pictures seen in training: the thesis's dataset is called extensive.",
+    "0.05 of the range, and count more where something is near, on the person and on thin things.",
 ]
 
 
 def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
     """Encoder and predictor; work: the folder of finished tasks, in which what is missing is computed."""
-    task = make_plan(BUDGETS[budget]).encoder
+    task, batches = make_plan(BUDGETS[budget]).encoder, BUDGETS[budget].encoder_batches
     made, params = _made(task, work), task.params
     homes = {
         "recorded": {"first_scene_seed": RECORDED_SEED, "last_scene_seed": RECORDED_SEED + params["homes"] - 1},
         "report": describe(Purpose.REPORT, HELD_OUT_HOMES, 1),
     }
-    encoder = VaeConfig(batches=params["encoder_batches"]).as_dict()
+    encoder = VaeConfig(batches=batches).as_dict()
     predictor = PredictorConfig(batches=params["predictor_batches"]).as_dict()
     first = _store(
         "depth_encoder",
@@ -52,7 +57,8 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
         budget,
         config=encoder,
         scenes=homes,
-        results={key: made.meta[key] for key in ("reconstruction", "last_training_rms_m")},
+        results={key: made.meta[key] for key in ("reconstruction", "last_training_rms_m")}
+        | {"core_seconds": round(_core_seconds(task, work))},
         departures=PERCEPTION_DEPARTURES,
         notes=["Pictures of both cameras (87 and 120 degrees) in turn; recorded by an obstacle avoider (plain TD3)."],
     )
@@ -72,20 +78,26 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
     return [first, second]
 
 
-def ship_controller(work: Path, folder: Path = DATASETS, budget: str = "small") -> Card:
-    """The VAE-HA controller of the first seed as the reproduction judges it; after `ship_perception`."""
+def ship_controllers(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
+    """The controllers of the first seed as the reproduction judges them, and queries; after `ship_perception`."""
+    cards = [_ship_controller(name, work, folder, budget) for name in SHIPPED]
+    return [*cards, ship_queries(folder, budget)]
+
+
+def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) -> Card:
     plan = make_plan(BUDGETS[budget])
     seed = plan.budget.seeds[0]
-    trained, judged = plan.trained[SHIPPED, seed], plan.judged[SHIPPED, seed]
+    trained, judged = plan.trained[configuration, seed], plan.judged[configuration, seed]
     made, found = _made(trained, work), _made(judged, work)
     first = EXPLORED_SEED + 10_000 * seed
     return _store(
         "depth_controller",
-        CONTROLLER,
+        SHIPPED[configuration],
         made.arrays["policy"].tobytes(),
         folder,
         budget,
-        config=DepthTrainingConfig(seed=seed, updates=trained.params["updates"]).as_dict(),
+        config=DepthTrainingConfig(seed=seed, updates=trained.params["updates"]).as_dict()
+        | {"configuration": configuration},
         scenes={
             "explored": {"first_scene_seed": first, "last_scene_seed": first + trained.params["homes"] - 1},
             "report": describe(Purpose.REPORT, judged.params["unseen"], 2),
@@ -94,6 +106,35 @@ def ship_controller(work: Path, folder: Path = DATASETS, budget: str = "small") 
         parents={ENCODER: file_sha256(folder / f"{ENCODER}.npz")},
         notes=["Simulated: people and demonstrators are programmed."],
     )
+
+
+def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOWN) -> Card:
+    """Queries by the controllers in the same folder, which `budget` trained. Raises LearningError for too few."""
+    files = {configuration: folder / f"{name}.npz" for configuration, name in SHIPPED.items()}
+    controllers = [DepthController.from_bytes(file.read_bytes()) for file in files.values()]
+    encoder = DepthEncoder.from_bytes((folder / f"{ENCODER}.npz").read_bytes())
+    queries = generate_depth_queries(controllers, encoder, config=config)
+    return _store(
+        "query_set",
+        QUERIES,
+        queries.to_bytes(),
+        folder,
+        budget,
+        config=config.as_dict() | {"controllers": {one: file_sha256(file) for one, file in files.items()}},
+        scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], config.seed)},
+        results=describe_queries(queries),
+        parents={ENCODER: file_sha256(folder / f"{ENCODER}.npz")},
+        notes=[
+            "The controllers are made again by the same command; they need not lie beside.",
+            "The person stands, walks towards the robot, or walks elsewhere, scene by scene; simulated.",
+        ],
+    )
+
+
+def _core_seconds(task: Task, work: Path) -> float:
+    """Of one core: this task and all that it needs."""
+    kept = Work(work)
+    return sum(float(kept.load(one.key).meta["made"]["cpu_seconds"]) for one in in_order([task]))
 
 
 def _made(task: Task, work: Path) -> TaskResult:

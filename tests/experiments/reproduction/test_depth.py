@@ -10,7 +10,7 @@ from backend.demonstrations.depth.states import CONFIGURATIONS
 from backend.experiments.reproduction.depth.plan import DepthBudget, make_plan
 from backend.experiments.reproduction.depth.run import reproduce_depth
 
-TINY = DepthBudget("tiny", (0,), 30, 30, 8, 8, 4, 1, 1, 32, 1, 1)
+TINY = DepthBudget("tiny", (0,), 30, 4, 30, 8, 8, 4, 1, 1, 32, 1, 1)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_the_report_holds_the_tables_and_the_picture_is_drawn(made) -> None:
 def test_a_second_run_computes_nothing(made) -> None:
     out, first = made
     again = reproduce_depth(out, TINY, processes=1, command="desirepath reproduce depth")
-    assert first["computed"] == 2 + 5 + 6  # VAE-HU is VAE-HA, judged blind
+    assert first["computed"] == 3 + 5 + 6  # VAE-HU is VAE-HA, judged blind
     assert again["computed"] == 0
     assert again["bars"] == first["bars"]
 

@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.analysis.frechet import Deviation
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.depth.controller import DepthController
 from backend.demonstrations.depth.demonstrated import flat, home_demonstrations
-from backend.demonstrations.depth.episodes import MODES, Episodes, home_episodes
+from backend.demonstrations.depth.encoding import EncoderTraining
+from backend.demonstrations.depth.episodes import MODES, YAW_STD, Episodes, home_episodes
 from backend.demonstrations.depth.judging import REMOVALS, followed, roll_out_depth, without
-from backend.demonstrations.depth.recording import record, train_encoder
+from backend.demonstrations.depth.recording import Recording, record
 from backend.demonstrations.depth.recording_measures import (
     prediction_errors,
     prediction_set,
@@ -41,7 +43,6 @@ RECORDED_SEED, EXPLORED_SEED = (
     2**32 + 50_000,
 )  # homes of recordings and of exploration: each other's, too, unseen
 HELD_OUT_HOMES, HELD_OUT_STEPS, ROBOTS = 16, 60, 64
-YAW_STD = 0.3  # of rollouts in demonstrated scenes, around the demonstrated start
 
 
 def _bytes(data: bytes) -> NDArray[np.uint8]:
@@ -65,15 +66,37 @@ def avoider(params: dict[str, Any], _: Sequence[TaskResult]) -> TaskResult:
     return TaskResult({"selection_success": result.selection_success}, {"policy": _bytes(policy.to_bytes())})
 
 
-def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
-    """Encoder and predictor, and how well they do in homes that neither has seen."""
-    policy = Policy.from_bytes(needs[0].arrays["policy"].tobytes())
-    homes = draw_scenes("home", range(RECORDED_SEED, RECORDED_SEED + params["homes"]))
-    recording = record(policy, home_episodes(homes, MODES[:4]), steps=params["steps"], robots=ROBOTS)
-    encoder, curve = train_encoder(
-        recording, (DEPTH_CAMERA, WIDE_CAMERA), CameraNoise(), VaeConfig(batches=params["encoder_batches"])
+@cache
+def _recording(policy: bytes, homes: int, steps: int) -> Recording:
+    drawn = draw_scenes("home", range(RECORDED_SEED, RECORDED_SEED + homes))
+    return record(Policy.from_bytes(policy), home_episodes(drawn, MODES[:4]), steps=steps, robots=ROBOTS)
+
+
+def _recorded(params: dict[str, Any], avoided: TaskResult) -> Recording:
+    return _recording(avoided.arrays["policy"].tobytes(), params["homes"], params["steps"])
+
+
+def encoder(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """The encoder's training from the part before, if there is one, until so many batches are done."""
+    training = EncoderTraining(
+        _recorded(params, needs[0]),
+        (DEPTH_CAMERA, WIDE_CAMERA),
+        CameraNoise(),
+        VaeConfig(batches=params["batches"]),
+        needs[1].arrays if len(needs) > 1 else None,
     )
-    encoder = DepthEncoder.from_bytes(encoder.to_bytes())  # what is stored is what is used, rounding included
+    training.run(params["until"])
+    # What is stored is what is used, rounding included.
+    return TaskResult(
+        {"last_training_rms_m": float(np.mean(training.curve[-50:]))},
+        {"encoder": _bytes(training.encoder().to_bytes()), **training.state()},
+    )
+
+
+def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """The predictor, and how well encoder and predictor do in homes that neither has seen."""
+    policy, recording = Policy.from_bytes(needs[0].arrays["policy"].tobytes()), _recorded(params, needs[0])
+    encoder = DepthEncoder.from_bytes(needs[1].arrays["encoder"].tobytes())
     fitted = fit_predictor(*prediction_set(recording, encoder), PredictorConfig(batches=params["predictor_batches"]))
     predictor = PersonPredictor(fitted)
     judged_in = scene_set("home", HELD_OUT_HOMES, purpose=Purpose.REPORT, seed=1)
@@ -83,7 +106,7 @@ def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
     measured = {
         "reconstruction": reconstruction(held_out, encoder),
         "prediction": prediction_errors(held_out, encoder, predictor),
-        "last_training_rms_m": float(np.mean(curve[-50:])),
+        "last_training_rms_m": needs[1].meta["last_training_rms_m"],
     }
     arrays = {"encoder": _bytes(encoder.to_bytes()), "predictor": _bytes(predictor.to_bytes())}
     return TaskResult(measured, arrays | shown_frames(held_out, encoder))
@@ -100,15 +123,19 @@ def _senses(name: str, found: TaskResult, seed: int) -> Any:
     return senses_of(CONFIGURATIONS[name], encoder, predictor, seed)
 
 
+@cache
+def _explored(homes: int, seed: int) -> Episodes:
+    first = EXPLORED_SEED + 10_000 * seed
+    return home_episodes(draw_scenes("home", range(first, first + homes)), MODES[:4], seed)
+
+
 def controller(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One configuration, trained."""
     name, seed = params["configuration"], params["seed"]
-    first = EXPLORED_SEED + 10_000 * seed
-    homes = home_episodes(draw_scenes("home", range(first, first + params["homes"])), MODES[:4], seed)
     policy = train_depth_controller(
         CONFIGURATIONS[name],
         _senses(name, needs[0], seed),
-        homes,
+        _explored(params["homes"], seed),
         flat(_demonstrated(params["scenes"], params["per_scene"])),
         DepthTrainingConfig(seed=seed, updates=params["updates"]),
     )
@@ -134,17 +161,22 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
         rollouts = roll_out_depth(policy, make, without(replayed, removed))
         found = followed(rollouts, paths)
         measured["demonstrated"][removed] = rollouts.rates() | {
-            "t_star": float(np.median([one.t_star for one in found])),
-            "f_m": float(np.median([one.distance_m for one in found])),
-            "per_scene": [
-                [
-                    float(np.median([getattr(one, part) for one in found[i :: len(shown)]]))
-                    for part in ("t_star", "distance_m")
-                ]
-                for i in range(len(shown))
-            ],
+            **_followed(found),
+            "per_scene": [list(_followed(found[i :: len(shown)]).values()) for i in range(len(shown))],
+            "styles": {
+                style: _followed([one for n, one in enumerate(found) if shown[n % len(shown)][0].style == style])
+                for style in sorted({one[0].style for one in shown})
+            },
         }
     return TaskResult(measured, {})
+
+
+def _followed(found: Sequence[Deviation]) -> dict[str, float]:
+    """Medians of t* and of f there."""
+    return {
+        "t_star": float(np.median([one.t_star for one in found])),
+        "f_m": float(np.median([one.distance_m for one in found])),
+    }
 
 
 def _around(
@@ -164,6 +196,7 @@ def _around(
 
 FUNCTIONS: dict[str, Function] = {
     "avoider": avoider,
+    "encoder": encoder,
     "perception": perception,
     "controller": controller,
     "judged": judged,

@@ -7,16 +7,20 @@ from dataclasses import dataclass
 from backend.demonstrations.depth.states import CONFIGURATIONS
 from backend.experiments.reproduction.tasks import Task
 
-SECONDS_PER_BATCH, SECONDS_PER_UPDATE, SECONDS_PER_AVOIDER_UPDATE = 0.1, 0.003, 0.002
+SECONDS_PER_BATCH, SECONDS_PER_UPDATE, SECONDS_PER_AVOIDER_UPDATE = 0.05, 0.003, 0.002
+SECONDS_PER_PREDICTOR_BATCH = 0.02
+ENCODER_PART = 2_000  # batches that are trained before they are stored
 
 
 @dataclass(frozen=True)
 class DepthBudget:
-    """How much is computed. homes: explored; unseen: homes judged in, per person mode; per_scene: demonstrations."""
+    """How much is computed. recorded_homes: of the encoder's pictures; homes: explored; unseen: homes judged in, per
+    person mode; per_scene: demonstrations."""
 
     name: str
     seeds: tuple[int, ...]
     avoider_updates: int
+    recorded_homes: int
     recorded_steps: int
     encoder_batches: int
     predictor_batches: int
@@ -31,9 +35,11 @@ class DepthBudget:
 BUDGETS = {
     budget.name: budget
     for budget in (
-        DepthBudget("small", (0,), 9_000, 220, 1_100, 1_500, 100, 9, 3, 8_000, 16, 3),
+        # Half of the small one's updates, and nothing else less: both share encoder and predictor.
+        DepthBudget("quick", (0, 1, 2), 9_000, 400, 400, 10_000, 3_000, 400, 9, 3, 6_000, 25, 3),
+        DepthBudget("small", (0, 1, 2), 9_000, 400, 400, 10_000, 3_000, 400, 9, 3, 12_000, 25, 3),
         # The thesis: 50 rollouts per scene, mode and preference.
-        DepthBudget("full", (0, 1, 2), 30_000, 600, 6_000, 6_000, 400, 9, 3, 60_000, 50, 50),
+        DepthBudget("full", (0, 1, 2, 3, 4), 30_000, 1_000, 800, 24_000, 10_000, 4_000, 9, 3, 60_000, 50, 50),
     )
 }
 
@@ -59,16 +65,16 @@ def make_plan(budget: DepthBudget) -> DepthPlan:
         {"updates": budget.avoider_updates},
         seconds=budget.avoider_updates * SECONDS_PER_AVOIDER_UPDATE,
     )
+    recorded = {"homes": budget.recorded_homes, "steps": budget.recorded_steps}
+    part: tuple[Task, ...] = ()
+    for until in range(ENCODER_PART, budget.encoder_batches + ENCODER_PART, ENCODER_PART):
+        batches = {"batches": budget.encoder_batches, "until": min(until, budget.encoder_batches)}
+        part = (Task("encoder", recorded | batches, (avoider, *part), seconds=ENCODER_PART * SECONDS_PER_BATCH),)
     encoder = Task(
         "perception",
-        {
-            "homes": budget.homes,
-            "steps": budget.recorded_steps,
-            "encoder_batches": budget.encoder_batches,
-            "predictor_batches": budget.predictor_batches,
-        },
-        (avoider,),
-        seconds=budget.encoder_batches * SECONDS_PER_BATCH,
+        recorded | {"predictor_batches": budget.predictor_batches},
+        (avoider, *part),
+        seconds=budget.predictor_batches * SECONDS_PER_PREDICTOR_BATCH,
     )
     shown = {"scenes": budget.scenes, "per_scene": budget.per_scene}
     trained: dict[tuple[str, int], Task] = {}

@@ -10,13 +10,12 @@ import numpy as np
 
 from backend.demonstrations.depth.states import CONFIGURATIONS
 from backend.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
+from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, save_card, seeds_words, write_report
 from backend.experiments.reproduction.depth.computing import FUNCTIONS
 from backend.experiments.reproduction.depth.plan import DepthBudget, DepthPlan, make_plan
-from backend.experiments.reproduction.enquery.report import kinds
-from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
-from backend.experiments.reproduction.tasks import Run, Task, TaskResult, Work
-from backend.explain.printed import Section, Table, page
-from backend.learning.cards import Card, card_path, file_sha256
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Task, TaskResult, Work
+from backend.explain.printed import Section, Table
 from backend.simulation.depth_camera import DEPTH_CAMERA
 
 SUCCESS_BAR = 0.9  # of VAE-HA over the modes, in unseen homes
@@ -37,38 +36,22 @@ def reproduce_depth(
         found = findings(plan, work.load)
         picture = out / "figures" / "reconstruction.png"
         draw_reconstruction(work.load(plan.encoder.key), picture)
-        results = out / "results.json"
-        summary = write_results(results, run, budget, **found)
-        Card(
-            kind="reproduction",
-            name=f"depth/reproduce_{budget.name}",
+        summary = write_results(out / RESULTS, run, budget, **found)
+        save_card(
+            out,
+            "depth",
+            run,
+            budget,
             setup="home",
-            file=results.name,
-            sha256=file_sha256(results),
-            command=command,
-            seed=budget.seeds[0],
-            commit=run.commit,
             config=DepthTrainingConfig(updates=budget.updates).as_dict(),
             scenes={"unseen": f"{budget.unseen} reporting homes, each with four modes of the person"},
-            results={"bars": found["bars"], "core_seconds": run.core_seconds},
+            found={"bars": found["bars"]},
             departures=DEPARTURES,
-            notes=["Simulated throughout: people and demonstrators are programmed."],
-        ).save(card_path(results))
-        html = page(
-            TEMPLATES,
-            "depth.html",
-            run={"budget": budget.name, "seeds": ", ".join(map(str, budget.seeds))},
-            sections=_sections(found),
-            facts=_facts(budget, run),
-            kinds=kinds(run),
+            note="Simulated throughout: people and demonstrators are programmed.",
         )
-        (out / "report.html").write_text(html, encoding="utf-8")
-    return {
-        "report": str(out / "report.html"),
-        "results": str(results),
-        "figures": [str(picture)],
-        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "bars")},
-    }
+        made = facts(run, ("Updates", f"{budget.updates:,} per controller"))
+        write_report(out, "depth", run, head=seeds_words(budget), sections=_sections(found), facts=made)
+    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"), [picture])
 
 
 def findings(plan: DepthPlan, load: Callable[[str], TaskResult]) -> dict[str, Any]:
@@ -87,6 +70,20 @@ def findings(plan: DepthPlan, load: Callable[[str], TaskResult]) -> dict[str, An
                     for part in (*RATES, "t_star", "f_m")
                 }
                 for removed in of_seeds[0]["demonstrated"]
+            },
+            "styles": {
+                style: {
+                    part: float(np.mean([one["demonstrated"]["nothing"]["styles"][style][part] for one in of_seeds]))
+                    for part in ("t_star", "f_m")
+                }
+                for style in of_seeds[0]["demonstrated"]["nothing"]["styles"]
+            },
+            "spread": {
+                "success_rate": _spread([one["unseen"]["all"]["success_rate"] for one in of_seeds]),
+                **{
+                    part: _spread([one["demonstrated"]["nothing"][part] for one in of_seeds])
+                    for part in ("t_star", "f_m")
+                },
             },
             "seeds": [{"unseen": one["unseen"]["all"], "demonstrated": one["demonstrated"]} for one in of_seeds],
         }
@@ -107,6 +104,11 @@ def findings(plan: DepthPlan, load: Callable[[str], TaskResult]) -> dict[str, An
             {"name": "smallest f at t*", "bound": "VAE-HA", "value": closest, "met": closest == "VAE-HA"},
         ],
     }
+
+
+def _spread(values: list[float]) -> list[float]:
+    """The smallest and the largest over seeds."""
+    return [min(values), max(values)]
 
 
 def draw_reconstruction(perceived: TaskResult, path: Path) -> None:
@@ -148,12 +150,19 @@ def _sections(found: dict[str, Any]) -> list[Section]:
         ),
         Section(
             "In homes that nothing was trained in",
-            ["Success / collisions / timeouts, %, by what the person does; means over seeds."],
+            ["Success / collisions / timeouts, %, by what the person does; means over seeds. Success: of each seed."],
             [
                 Table(
                     "Unseen homes",
-                    ["configuration", *modes],
-                    [[name, *(_rates(of["unseen"][mode]) for mode in modes)] for name, of in configurations.items()],
+                    ["configuration", *modes, "success by seed"],
+                    [
+                        [
+                            name,
+                            *(_rates(of["unseen"][mode]) for mode in modes),
+                            ", ".join(f"{100 * one['unseen']['success_rate']:.0f}" for one in of["seeds"]),
+                        ]
+                        for name, of in configurations.items()
+                    ],
                 )
             ],
         ),
@@ -172,7 +181,27 @@ def _sections(found: dict[str, Any]) -> list[Section]:
                         ]
                         for name, of in configurations.items()
                     ],
-                )
+                ),
+                Table(
+                    "By preference, nothing taken away; and from the least to the largest over seeds",
+                    [
+                        "configuration",
+                        *(f"{style}: t*, f" for style in _styles(configurations)),
+                        "t* by seed",
+                        "f by seed",
+                    ],
+                    [
+                        [
+                            name,
+                            *(f"{one['t_star']:.2f}, {one['f_m']:.2f}" for one in of["styles"].values()),
+                            *(
+                                " to ".join(f"{value:.2f}" for value in of["spread"][part])
+                                for part in ("t_star", "f_m")
+                            ),
+                        ]
+                        for name, of in configurations.items()
+                    ],
+                ),
             ],
         ),
         Section(
@@ -205,22 +234,16 @@ def _removed(configurations: dict[str, Any]) -> list[str]:
     return list(next(iter(configurations.values()))["demonstrated"])
 
 
+def _styles(configurations: dict[str, Any]) -> list[str]:
+    return list(next(iter(configurations.values()))["styles"])
+
+
 def _rates(of: dict[str, float]) -> str:
     return " / ".join(f"{100 * of[rate]:.0f}" for rate in RATES)
 
 
 def _cell(value: float | str | None) -> str:
     return "-" if value is None else value if isinstance(value, str) else f"{value:.3g}"
-
-
-def _facts(budget: DepthBudget, run: Run) -> list[tuple[str, str]]:
-    return [
-        ("Command", run.command),
-        ("Commit", run.commit),
-        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
-        ("Work", f"{len(run.made)} tasks, {time_in_words(run.core_seconds)} of one core"),
-        ("Updates", f"{budget.updates:,} per controller"),
-    ]
 
 
 def _name(task: Task) -> str:
