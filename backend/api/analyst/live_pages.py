@@ -33,7 +33,7 @@ from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.shipped_policies import shipped_as
 from backend.study.grammar.words import View
-from backend.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, in_triangle, three_corners
+from backend.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, SETUPS, in_triangle, three_corners
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -73,7 +73,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
         asked = _asked(request, database)
         if asked is not None:
             side = asked.sides[0]
-            order = objectives_of(side.artefact.kind)
+            order = objectives_of(side.artefact.kind, side.artefact.setup)
             if side.artefact.kind == ADAPTABLE:  # its weights sum to 1: a triangle and nothing else
                 corners = list(order)
             start = in_triangle(side.weights, corners, order) if corners else dict(side.weights)
@@ -84,7 +84,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
         problem = problem_of(t, wrong)
     seed = asked.scene_seed if asked is not None else None
     form = form_of(request, database)
-    form["choices"] = [one for one in form["choices"] if one.kind in WEIGHED]
+    form["choices"] = [one for one in form["choices"] if _by_hand(one)]
     return lab_page(
         request,
         "analyst/live.html",
@@ -142,7 +142,14 @@ def _asked(request: Request, database: Db) -> Asked | None:
         asked = asked_of(request, s)
     if asked is not None and asked.sides[0].artefact.kind not in WEIGHED:
         raise Undrawable("no_weights", name=asked.sides[0].name)
+    if asked is not None and not _by_hand(asked.sides[0].artefact):
+        raise Undrawable("no_sliders", name=asked.sides[0].name)
     return asked
+
+
+def _by_hand(artefact: Artefact) -> bool:
+    """Whether it has weights that there are sliders for: the nine of a person who stands, or chapter 5's three."""
+    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in SETUPS)
 
 
 def _corners(request: Request, t: Catalogue) -> list[str] | None:

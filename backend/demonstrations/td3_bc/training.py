@@ -32,10 +32,13 @@ UPDATES_BETWEEN = 100  # checkpoints; closer ones are hardly different policies
 class DemonstrationTraining:
     """The training loop as an object, so that a curve can be drawn of it at any update.
 
+    walking: whether who walked while something was demonstrated walks on in exploration; False only to compare.
     Raises ValueError for no demonstrations, SetupError for those of two environments.
     """
 
-    def __init__(self, demonstrations: Sequence[Demonstration], config: DemonstrationConfig) -> None:
+    def __init__(
+        self, demonstrations: Sequence[Demonstration], config: DemonstrationConfig, *, walking: bool = True
+    ) -> None:
         if not demonstrations:
             raise ValueError("demonstrations: none given; one is needed at least")
         use_one_thread()
@@ -54,7 +57,11 @@ class DemonstrationTraining:
         self.agent = Td3Agent(shape, td3, seed=config.seed)
         self.demonstrated = demonstration_batch(demonstrations, config)
         pool = Placements(
-            [d.trajectory for d in demonstrations], near=config.near, mixed=config.mixed, seed=config.seed
+            [d.trajectory for d in demonstrations],
+            near=config.near,
+            mixed=config.mixed,
+            seed=config.seed,
+            walking=walking,
         )
         engine = FastEngine(
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight

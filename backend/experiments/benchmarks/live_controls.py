@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,23 +54,35 @@ CLOCK = """() => {
     const number = clock.asked.push(now()) - 1;
     const answer = await send(...given);
     clock.answered[number] = now();
+    const read = answer.json.bind(answer);
+    answer.json = async () => {
+      const said = await read();
+      for (const path of said.paths ?? []) path.asked = number;
+      return said;
+    };
     return answer;
   };
 }"""
-"""In the page: when the hand moved a control, when a way was asked for and when it came, ms since 1970."""
+"""In the page: when the hand moved a control, when a way was asked for and when it came, ms since 1970. A way goes
+down to the stage with its request's number, as two may be under way at once."""
 PICTURES = """() => {
   const { bridge } = window.desirePath;
   const post = bridge.post;
   window.livePictures = [];
+  let number = -1;
+  addEventListener("message", ({ data }) => {
+    if (data?.type === "steer" && data.do === "paths") number = data.paths[0].asked ?? -1;
+  });
   bridge.post = (type, ...rest) => {
     if (type === "drawn") {
-      const painted = performance.timeOrigin + performance.now();
-      requestAnimationFrame(() => window.livePictures.push([painted, performance.timeOrigin + performance.now()]));
+      const [painted, of] = [performance.timeOrigin + performance.now(), number];
+      requestAnimationFrame(() => window.livePictures.push([painted, performance.timeOrigin + performance.now(), of]));
     }
     return post(type, ...rest);
   };
 }"""
-"""In the stage: when a new way was painted, and when the frame after it began, so that it had been shown."""
+"""In the stage: when a new way was painted, and when the frame after it began, so that it had been shown, with the
+number of the request that it shows."""
 
 
 def benchmark_live(*, inputs: int = 120, tell: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
@@ -158,7 +170,7 @@ def _measured(
             _forget(page, stage)
             _hand(page, control, hand, inputs)
             page.wait_for_timeout(1_500)
-            found[hand] = _timed(page, stage)
+            found[hand] = timed(page.evaluate("window.liveClock"), stage.evaluate("window.livePictures"))
             tell(f"{control}, {hand}: {found[hand]}")
     context.close()
     return found
@@ -201,18 +213,19 @@ def _forget(page: Page, stage: Frame) -> None:
     stage.evaluate("() => { window.livePictures.length = 0; }")
 
 
-def _timed(page: Page, stage: Frame) -> dict[str, Any]:
-    """Every input against the first picture that was asked for after it."""
-    clock = page.evaluate("window.liveClock")
-    pictures: list[Sequence[float]] = stage.evaluate("window.livePictures")
+def timed(clock: Mapping[str, Sequence[float]], pictures: Sequence[tuple[float, float, int]]) -> dict[str, Any]:
+    """Every input against the first picture that shows what was asked for after it, or something newer.
+
+    clock: as `CLOCK` keeps it; pictures: when painted, when shown, of which request, in their order.
+    """
     asked, answered = clock["asked"], clock["answered"]
     taken, parts = [], []
-    drawn = _drawn_for(answered, pictures)
     for moved in clock["inputs"]:
-        number = next((k for k, at in enumerate(asked) if at >= moved and drawn[k] is not None), None)
-        if number is None:
+        first = next((k for k, at in enumerate(asked) if at >= moved), len(asked))
+        found = next((one for one in pictures if one[2] >= first), None)
+        if found is None:
             continue  # a step that changed nothing, at the end of a slider
-        painted, shown = drawn[number]  # type: ignore[misc]  # not None, above
+        painted, shown, number = found
         taken.append(shown - moved)
         parts.append(
             (asked[number] - moved, answered[number] - asked[number], painted - answered[number], shown - painted)
@@ -230,8 +243,3 @@ def _timed(page: Page, stage: Frame) -> dict[str, Any]:
         "max_ms": round(max(taken), 1),
         **{name: round(float(value), 1) for name, value in zip(names, middle, strict=True)},
     }
-
-
-def _drawn_for(answered: Sequence[float], pictures: Sequence[Sequence[float]]) -> list[Sequence[float] | None]:
-    """The first picture after each answer; it shows that answer's way or a newer one's."""
-    return [next((one for one in pictures if at is not None and one[0] >= at), None) for at in answered]

@@ -63,8 +63,13 @@ KEY_PREFERENCES = np.array(
 
 
 def sampled(n: int, random: np.random.Generator) -> Floats:
-    """(n, 3) preferences, uniform over the triangle."""
-    return random.dirichlet(np.ones(SIZE), n).astype(np.float32)
+    """(n, 3) preferences that are trained under: half uniform over the triangle, a third on its edges, a sixth at its
+    corners. A uniform draw hardly ever comes near the edges, which is where people push a slider to."""
+    found = random.dirichlet(np.ones(SIZE), n).astype(np.float32)
+    left = random.choice(SIZE, n, p=(1 / 6, 1 / 3, 1 / 2)) + 1  # of each, how many weights stay
+    found[np.argsort(np.argsort(-found, axis=1), axis=1) >= left[:, None]] = 0
+    found /= found.sum(axis=1, keepdims=True)
+    return found
 
 
 def part_of(preferences: Floats) -> NDArray[np.int64]:

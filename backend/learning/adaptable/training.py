@@ -30,7 +30,7 @@ from backend.learning.adaptable.objectives import (
 from backend.learning.adaptable.policy import AdaptablePolicy
 from backend.learning.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
 from backend.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
-from backend.learning.adaptable.vector_td3 import VectorTd3Agent, VectorTd3Config
+from backend.learning.adaptable.vector_td3 import Imitated, VectorBatch, VectorTd3Agent, VectorTd3Config
 from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.cloning import DEMONSTRATED_HEADS
@@ -58,13 +58,14 @@ class AdaptableConfig:
 
     seed: int = 0
     heads: tuple[int, ...] = DEMONSTRATED_HEADS
-    updates: int = 16_000  # ours: success at every preference stands after 3,000
+    updates: int = 20_000  # ours: success at every preference stands after 3,000
     batch_size: int = 128
-    gamma: float = 1.0  # section 5.4.1
+    gamma: float = 0.995  # 1 in section 5.4.1; ours: with 1, who only keeps away may stand for ever
     learning_rate: float = 5e-4
     final_learning_rate: float = 5e-5  # reached linearly over the second half
     tau: float = 0.01  # with 0.05 and a fifth of the angle, half of the robots that only keep away never arrived
     angle_weight: float = 0.1
+    clone_weight: float = 0.5  # beta: the demonstration's clone draws the actor, by its weight squared; ours
     n_envs: int = 96  # a third of them in each part of the triangle; the thesis has one in each
     updates_per_step: int = 8  # 600,000 steps (section 5.4.1) would be 50,000 updates
     buffer_size: int = 700_000
@@ -138,6 +139,7 @@ class AdaptableTraining:
         self._preferences = self._drawn(self._parts)
         self._best = np.full(SIZE, -np.inf, dtype=np.float32)
         self.solutions = np.zeros((SIZE, SIZE), dtype=np.float32)
+        self._clone = clone
         self._begin_with(clone)
 
     def _drawn(self, parts: NDArray[np.int64]) -> Floats:
@@ -195,11 +197,17 @@ class AdaptableTraining:
             batch = self.buffer.sample(config.batch_size, self._random)
             if not config.alone:
                 batch = relabelled(batch, config.relabelled_share, self._random)
-            agent.update(batch, self.setup.distance_scale_m)
+            agent.update(batch, self.setup.distance_scale_m, self._imitated)
             self._average.lerp_(agent.actor.flat, 1 - config.average_decay)
             if agent.updates % config.solutions_every == 0:
                 self.look_at_solutions()
         return agent.updates
+
+    def _imitated(self, batch: VectorBatch) -> Imitated | None:
+        if self._clone is None or not self.config.clone_weight:
+            return None
+        weights = np.float32(self.config.clone_weight) * batch.preferences[:, 0] ** 2
+        return Imitated(self._clone(batch.observations), weights)
 
     def averaged(self) -> AdaptablePolicy:
         """The running average of the actor. Where the person is hidden, the weights that would read them are 0."""

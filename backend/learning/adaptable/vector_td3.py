@@ -1,15 +1,19 @@
 """MO-TD3 (PD-MORL, Basaklar et al. 2023; section 5.3.2): TD3 whose critic estimates every objective's return.
 
 critic:  sum_k mean |Q_k(s, a, w) - y|^2,  y = r + gamma Q'_j(s', a', w),  j = the twin with the least (1, w) . Q'
-actor:   -mean (1, w) . Q_1(s, pi(s, w), w) + alpha mean angle(I(w), q(Q_1))
+actor:   -mean (1, w) . Q_1(s, pi(s, w), w) + alpha mean angle(I(w), q(Q_1)) + beta mean w_d^2 |pi(s, w) - clone(s)|^2
 
 r is the vector (core, demonstration, distance, efficiency), w the preference of the latter three, I the interpolator,
-q the objectives' values normalised as its nodes are. The chain rule is written out as in `td3/backprop.py`; where
-transitions come from, and relabelling, live in `training.py`. Core counts once, whatever the preference.
+q the objectives' values normalised as its nodes are, w_d the weight of the demonstration and clone(s) what its clone
+would do. That last term is ours: TD3+BC (Fujimoto and Gu 2021) as far as the demonstration counts, left out where the
+critic sees the clone lose much of the core reward (Nair et al.'s Q-filter, 2018). The chain rule is written out as in
+`td3/backprop.py`; where transitions come from, and relabelling, live in `training.py`. Core counts once, whatever the
+preference.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -25,6 +29,7 @@ from backend.learning.td3.backprop import Adam, Weights, head, head_backward, in
 
 Floats = NDArray[np.float32]
 CLIP_COSINE = 0.999
+CORE_LOST = 0.15  # of the scaled core return (an eighth of a metre of progress): who would lose more is not imitated
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,14 @@ class VectorTd3Config:
     angle_weight: float = 0.1  # alpha, per radian, where rewards are scaled by `reward_scale` of the training
 
 
+class Imitated(NamedTuple):
+    """Actions (n, 2) that the actor is drawn to, and how strongly: weights (n,) of the squared difference. Where the
+    critic expects an action to lose more than CORE_LOST of the core reward, it does not draw."""
+
+    actions: Floats
+    weights: Floats
+
+
 class VectorBatch(NamedTuple):
     """n transitions. observations, following (n, 34); actions (n, 2); rewards (n, 4); preferences (n, 3);
     continues (n,): 0 where the episode ended."""
@@ -50,6 +63,9 @@ class VectorBatch(NamedTuple):
     following: Floats
     continues: Floats
     preferences: Floats
+
+
+Imitating = Callable[[VectorBatch], Imitated | None]
 
 
 def inputs_of(observations: Floats, preferences: Floats, split: int) -> Floats:
@@ -130,6 +146,7 @@ def vector_actor_gradients(
     interpolator: Interpolator,
     *,
     angle_weight: float,
+    imitated: Imitated | None = None,
 ) -> tuple[float, float]:
     """Write the gradients of the actor's loss; returns mean (1, w) . Q_1 and the mean angle."""
     n = len(inputs)
@@ -142,6 +159,10 @@ def vector_actor_gradients(
     angle, pull = angles(judged.output[:, 1:], preferences, goal_m, interpolator)
     at_values[:, 1:] += np.float32(angle_weight / n) * pull
     at_actions = input_gradient(at_values, judged, judge, slice(width, None))
+    if imitated is not None:
+        core = head(np.concatenate([inputs, imitated.actions], axis=1), judge).output[:, 0]
+        draws = imitated.weights * (core > judged.output[:, 0] - np.float32(CORE_LOST))
+        at_actions += draws[:, None] * (actions - imitated.actions) * np.float32(2 / n)
     head_backward(at_actions * (1 - actions * actions), inputs, through, actor, gradients)
     return float((judged.output * weights).sum(axis=1).mean()), float(angle.mean())
 
@@ -179,10 +200,11 @@ class VectorTd3Agent:
         """observations (n, obs), preferences (n, 3) -> actions (n, 2) in [-1, 1], without exploration."""
         return act(inputs_of(observations, preferences, self.split), self.actor.weights)
 
-    def update(self, batch: VectorBatch, scale_m: float) -> None:
+    def update(self, batch: VectorBatch, scale_m: float, imitating: Imitating | None = None) -> None:
         """One critic step; every `policy_delay`-th time one actor step and one of the targets.
 
-        scale_m: metres that the goal distance is observed in.
+        scale_m: metres that the goal distance is observed in. imitating: what the actor is drawn to, asked only when
+        it steps.
         """
         inputs, following = (
             inputs_of(seen, batch.preferences, self.split) for seen in (batch.observations, batch.following)
@@ -207,6 +229,7 @@ class VectorTd3Agent:
             self.actor.gradients,
             self.interpolator,
             angle_weight=self.config.angle_weight,
+            imitated=None if imitating is None else imitating(batch),
         )
         _step(self.actor_optimiser, self.actor)
         tau = np.float32(self.config.tau)

@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 from backend.learning.errors import LearningError, OppositeWeights
 from backend.learning.preferences import bounds, step_terms
 from backend.learning.preferences.bounds import SceneBounds
-from backend.learning.preferences.measures import MEASURES
+from backend.learning.preferences.measures import CROWD_TABLE, TABLE
 from backend.learning.preferences.step_terms import Steps
 from backend.simulation.scene import Scene
-from backend.simulation.setups import Setup
+from backend.simulation.setups import Setup, get_setup
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
+
+
+_PLACES = {measure.name: k for table in (TABLE, CROWD_TABLE) for k, measure in enumerate(table)}
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,8 @@ class Objective:
 
     @property
     def measure(self) -> int:
-        """Index into MEASURES."""
-        return MEASURES.index(self.measured_by)
+        """Its place among the measures of its setups."""
+        return _PLACES[self.measured_by]
 
 
 def _scale(open_field: float, study_room: float) -> dict[str, float]:
@@ -96,7 +99,36 @@ OBJECTIVES = (
     ),
     Objective("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, _scale(0.8, 5.0)),
 )
+
+
+def _among_people(
+    name: str, measured_by: str, sign: int, term: Callable[[Steps], Floats], bound: Callable[[SceneBounds], float],
+    scale: float, opposite: str = "",
+) -> Objective:  # fmt: skip
+    return Objective(name, measured_by, sign, term, bound, {"crowd_hall": scale}, opposite)
+
+
+CROWD_OBJECTIVES = (
+    _among_people("farther", "min_human_distance_m", +1, step_terms.too_near, bounds.nearest_ceiling_m, 12.0, "closer"),
+    _among_people("closer", "min_human_distance_m", -1, step_terms.too_far, bounds.touching_m, 4.0, "farther"),
+    _among_people(
+        "cuts_in_front", "ahead_of_people", +1, step_terms.behind_people, bounds.always, 20.0, "passes_behind"
+    ),
+    _among_people(
+        "passes_behind", "ahead_of_people", -1, step_terms.ahead_of_people, bounds.always_behind, 20.0, "cuts_in_front"
+    ),
+    _among_people("follows", "following", +1, step_terms.after_nobody, bounds.always, 5.0),
+    _among_people("waits", "moving_beside_people", -1, step_terms.moving_beside_people, bounds.never, 5.0),
+    _among_people("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, 5.0),
+    _among_people(
+        "slower_near_person", "speed_near_person_m_s", -1, step_terms.fast_near_person, bounds.standing_m_s, 4.5
+    ),
+    _among_people("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, 5.0),
+)
+"""Among pedestrians. Each stands in the place of one of OBJECTIVES with the same sign and place of its measure, so that
+posterior, rewards and policies treat them alike; `objectives_of` says which a setup has."""
 NAMES = tuple(objective.name for objective in OBJECTIVES)
+CROWD_NAMES = tuple(objective.name for objective in CROWD_OBJECTIVES)
 SIZE = len(OBJECTIVES)
 OPPOSITES = tuple((k, NAMES.index(one.opposite)) for k, one in enumerate(OBJECTIVES) if one.opposite in NAMES[k + 1 :])
 """Pairs of objectives that nobody prefers at once, as indices."""
@@ -104,20 +136,43 @@ MIRRORED = np.array([NAMES.index(one.mirrored or one.name) for one in OBJECTIVES
 """weights[MIRRORED]: the same preference in a world with left and right exchanged."""
 
 
+def objectives_of(setup: str) -> tuple[Objective, ...]:
+    """The nine that people may prefer in that setup, in the order of everything that is ordered by them."""
+    return CROWD_OBJECTIVES if get_setup(setup).pedestrians else OBJECTIVES
+
+
+def names_of(setup: str) -> tuple[str, ...]:
+    """(9,) names of `objectives_of`."""
+    return CROWD_NAMES if get_setup(setup).pedestrians else NAMES
+
+
+def mirrored_of(setup: str) -> NDArray[np.int64]:
+    """weights[this]: the same preference with left and right exchanged; among pedestrians no side is preferred."""
+    return np.arange(SIZE) if get_setup(setup).pedestrians else MIRRORED
+
+
+def sides_of(setup: str) -> tuple[int, ...]:
+    """Places of the objectives that prefer a side."""
+    return tuple(k for k, one in enumerate(objectives_of(setup)) if one.measured_by == "passing_side")
+
+
 def scales(setup: str) -> tuple[float, ...]:
     """(9,) reward per step of each objective's step term at full weight, in the order of OBJECTIVES."""
-    return tuple(objective.scale[setup] for objective in OBJECTIVES)
+    return tuple(objective.scale[setup] for objective in objectives_of(setup))
 
 
 def preference_weights(weights: Mapping[str, float]) -> Floats:
-    """(9,) float32 preference weights from objectives by name; what is not named weighs nothing.
+    """(9,) float32 preference weights from objectives by name, of one person or among pedestrians; what is not named
+    weighs nothing.
 
     Raises LearningError for an unknown name, a weight outside [0, 1] or two opposites.
     """
-    unknown = [name for name in weights if name not in NAMES]
+    names = CROWD_NAMES if any(name not in NAMES and name in CROWD_NAMES for name in weights) else NAMES
+    unknown = [name for name in weights if name not in names]
     if unknown:
-        raise LearningError(f"objective {unknown[0]!r} is unknown; known are {', '.join(NAMES)}")
-    return check_weights(np.array([weights.get(name, 0.0) for name in NAMES], dtype=np.float32))
+        among = f"; among pedestrians {', '.join(CROWD_NAMES)}" if names is NAMES else ""
+        raise LearningError(f"objective {unknown[0]!r} is unknown; known are {', '.join(names)}{among}")
+    return check_weights(np.array([weights.get(name, 0.0) for name in names], dtype=np.float32), names)
 
 
 def parsed_weights(text: str) -> Floats:
@@ -134,17 +189,18 @@ def parsed_weights(text: str) -> Floats:
     return preference_weights(named)
 
 
-def check_weights(weights: Floats) -> Floats:
-    """The weights (9,) as float32. Raises LearningError unless each is in [0, 1] and no two are opposites."""
+def check_weights(weights: Floats, names: Sequence[str] = NAMES) -> Floats:
+    """The weights (9,) of the objectives of those names as float32. Raises LearningError unless each is in [0, 1] and
+    no two are opposites."""
     weights = np.asarray(weights, dtype=np.float32)
     if weights.shape != (SIZE,):
         raise LearningError(f"preference weights have shape {weights.shape}; needed is ({SIZE},)")
-    for name, weight in zip(NAMES, weights, strict=True):
+    for name, weight in zip(names, weights, strict=True):
         if not 0.0 <= weight <= 1.0:
             raise LearningError(f"preference weight {name} = {weight:g}: must be between 0 and 1")
     for a, b in OPPOSITES:
         if weights[a] > 0 and weights[b] > 0:
-            message = f"preference weights {NAMES[a]} and {NAMES[b]} are opposites: only one may be above 0"
+            message = f"preference weights {names[a]} and {names[b]} are opposites: only one may be above 0"
             raise OppositeWeights(message)
     return weights
 
@@ -170,9 +226,11 @@ def gains(differences: Doubles) -> Doubles:
 def step_terms_of(actions: Floats, next_observations: Floats, setup: Setup) -> Floats:
     """(n, 9) float32 in the order of OBJECTIVES, each in [-1, 0], of the states that the steps led to."""
     steps = Steps(actions, next_observations, setup)
-    return np.stack([objective.step_term(steps) for objective in OBJECTIVES], axis=1).astype(np.float32)
+    return np.stack([objective.step_term(steps) for objective in objectives_of(setup.name)], axis=1).astype(np.float32)
 
 
 def best_possible(scenes: Sequence[Scene]) -> Doubles:
     """(n, 9) the measure of each objective that no policy can better in that scene, whatever it gives up for it."""
-    return np.array([[objective.bound(SceneBounds(scene)) for objective in OBJECTIVES] for scene in scenes])
+    return np.array(
+        [[objective.bound(SceneBounds(scene)) for objective in objectives_of(scene.setup)] for scene in scenes]
+    )

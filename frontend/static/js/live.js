@@ -1,7 +1,7 @@
 // @ts-check
 /**
- * The panel beside a stage on which the robot's way is redrawn while weights are changed: one request under way at a
- * time, always for the newest weights; a robot that drives goes on along its new way. The sliders are controls.js's.
+ * The panel beside a stage on which the robot's way is redrawn while weights are changed: two requests under way at
+ * most, always for the newest weights, an older answer never over a newer one; a robot that drives goes on along its new way. The sliders are controls.js's.
  */
 
 import { Controls } from "./controls.js";
@@ -26,6 +26,9 @@ import { StageBar } from "./stage-bar.js";
 const ALONE = [[47, 106, 61]];
 const BOTH = [[52, 110, 180], [196, 110, 30]];
 
+/** Requests under way: a hand that is dragged waits half as long as with one, and a server is not flooded. */
+const AT_ONCE = 2;
+
 /** @extends {StageBar<LiveState>} */
 export class LivePanel extends StageBar {
   /**
@@ -49,7 +52,10 @@ export class LivePanel extends StageBar {
     this.poses = null;
     this.driving = false;
     this.wanted = false;
-    this.requesting = false;
+    this.underWay = 0;
+    /** How many ways were asked for, and which of them was drawn last. */
+    this.requests = 0;
+    this.newest = 0;
     this.orders = 0;
     this.controls = new Controls(root, JSON.parse(root.dataset.start ?? "{}"), {
       place: () => this.place,
@@ -85,33 +91,35 @@ export class LivePanel extends StageBar {
 
   // ---- the way -----------------------------------------------------------------------------------------------------
 
-  /** The newest way is wanted; requests follow one another. */
+  /** The newest way is wanted. */
   want() {
     this.wanted = true;
-    if (!this.requesting) void this.askOn();
+    if (this.underWay < AT_ONCE) void this.askOn();
   }
 
   async askOn() {
-    this.requesting = true;
+    this.underWay += 1;
     try {
       while (this.wanted && !this.over) {
         this.wanted = false;
         await this.askOnce();
       }
     } finally {
-      this.requesting = false;
+      this.underWay -= 1;
     }
   }
 
   async askOnce() {
     const { place, driving } = this;
     const poses = driving ? this.poses : null;
+    const request = (this.requests += 1);
     /** @type {import("./contract.js").LiveAsked} */
     const body = { weights: this.asked, place, poses };
     try {
       /** @type {LivePaths} */
       const found = await this.needs.post("paths", body);
-      if (this.over || place !== this.place || driving !== this.driving) return;
+      if (this.over || place !== this.place || driving !== this.driving || request < this.newest) return;
+      this.newest = request;
       this.draw(found, Boolean(poses));
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
@@ -187,6 +195,12 @@ export class LivePanel extends StageBar {
     for (const [button, now] of Object.entries(may)) this.root.querySelector(button)?.setAttribute("aria-disabled", String(!now));
     this.root.querySelector("[data-drive]")?.toggleAttribute("data-driving", this.driving);
     this.text("[data-drive]", this.own(this.driving ? "stop" : "drive"));
+    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!this.mayDecide));
+  }
+
+  /** Whether the step may be ended now: no robot is wanted of which no way was seen. @returns {boolean} */
+  get mayDecide() {
+    return Boolean(this.found);
   }
 
   /** All robots have arrived, or can go no further. */

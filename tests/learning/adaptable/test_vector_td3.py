@@ -7,6 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from backend.learning.adaptable import vector_td3
 from backend.learning.adaptable.interpolator import Interpolator, unit, without_solutions
 from backend.learning.adaptable.objectives import (
     KEY_PREFERENCES,
@@ -19,6 +20,7 @@ from backend.learning.adaptable.objectives import (
 )
 from backend.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
 from backend.learning.adaptable.vector_td3 import (
+    Imitated,
     VectorBatch,
     VectorTd3Agent,
     VectorTd3Config,
@@ -103,6 +105,29 @@ def test_the_actor_climbs_the_weighed_values_and_turns_towards_the_interpolated_
     assert value == pytest.approx(weighed.item(), abs=1e-5)
     assert angle == pytest.approx(turned.item(), abs=1e-4)
     assert_equal_gradients(agent.actor.gradients, layers)
+
+
+def test_the_actor_is_drawn_to_what_is_imitated_unless_that_would_lose_much(
+    agent: VectorTd3Agent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(vector_td3, "CORE_LOST", 0.0)  # so that an untrained critic tells the actions apart
+    batch = random_batch()
+    inputs, goal_m = inputs_of(batch.observations, batch.preferences, SPLIT), batch.observations[:, 0] * 10
+    given = (inputs, batch.preferences, goal_m, agent.actor.weights, agent.critic.weights)
+    without, drawn = ([tuple(np.zeros_like(part) for part in layer) for layer in agent.actor.weights] for _ in range(2))
+    vector_actor_gradients(*given, without, INTERPOLATOR, angle_weight=0.1)
+    imitated = Imitated(batch.actions, 0.5 * batch.preferences[:, 0])
+    vector_actor_gradients(*given, drawn, INTERPOLATOR, angle_weight=0.1, imitated=imitated)
+
+    layers = torch_layers(agent.actor.weights)
+    judge = [tuple(torch.tensor(p) for p in layer) for layer in twins(agent.critic.weights)[0]]
+    actions, wished = torch.tanh(torch_head(torch.tensor(inputs), layers)), torch.tensor(batch.actions)
+    own, of_wished = (torch_head(torch.cat([torch.tensor(inputs), a], 1), judge)[:, 0] for a in (actions, wished))
+    gains = (of_wished > own).float()
+    assert 0 < gains.sum() < N
+    (gains * torch.tensor(imitated.weights) * ((actions - wished) ** 2).sum(1)).mean().backward()
+    between = [tuple(a - b for a, b in zip(*both, strict=True)) for both in zip(drawn, without, strict=True)]
+    assert_equal_gradients(between, layers)
 
 
 def test_targets_take_the_twin_that_is_worth_less_under_the_preference(agent: VectorTd3Agent) -> None:

@@ -118,7 +118,8 @@ def adaptable(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult
 
 
 def sac(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
-    """Stable-Baselines3's SAC on the parameterised scalar reward, with as many transitions and updates."""
+    """Stable-Baselines3's SAC on the parameterised scalar reward, with as many updates; without the clone's
+    transitions."""
     from stable_baselines3 import SAC
 
     from backend.learning.adaptable.scalar_env import ScalarVecEnv

@@ -11,7 +11,7 @@ from backend.learning.adaptable.objectives import NAMES
 
 OURS, NO_PERSON, SAC, SAC_DISCOUNTED = "ours", "no_person", "sac", "sac_0.98"
 PROGRAMMED, DRAWN = "programmed", "drawn"
-SECONDS_PER_UPDATE = 0.008
+SECONDS_PER_UPDATE = 0.009
 SECONDS_PER_SAC_UPDATE = 0.03
 
 
@@ -39,8 +39,8 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         AdaptableBudget("small", (0,), 300, 2_000, 600, 6_000, 25, 25, ()),
-        AdaptableBudget("medium", (0,), 1_000, 6_000, 2_500, 16_000, 100, 100, ()),
-        AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 16_000, 100, 100, alone=True),
+        AdaptableBudget("medium", (0,), 1_000, 6_000, 2_500, 20_000, 100, 100, ()),
+        AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 20_000, 100, 100, alone=True),
     )
 }
 

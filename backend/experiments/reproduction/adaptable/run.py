@@ -11,12 +11,11 @@ from backend.experiments.reproduction.adaptable.departures import DEPARTURES
 from backend.experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
 from backend.experiments.reproduction.adaptable.published_numbers import NAMES, TABLE
 from backend.experiments.reproduction.adaptable.results import KINDS, bars, rewards, single_objectives, table
-from backend.experiments.reproduction.enquery.report import kinds
-from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
-from backend.experiments.reproduction.tasks import Run, Task, Work
-from backend.explain.printed import Section, Table, page, shown_picture
+from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, save_card, seeds_words, write_report
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Task, Work
+from backend.explain.printed import Section, Table, shown_picture
 from backend.learning.adaptable.training import AdaptableConfig
-from backend.learning.cards import Card, card_path, file_sha256
 
 if TYPE_CHECKING:
     from backend.explain.pictures import Picture
@@ -49,38 +48,23 @@ def reproduce_adaptable(
         tell("drawing")
         drawn = pictures(plan, work.load)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
-        results = out / "results.json"
-        summary = write_results(results, run, budget, bars=judged_bars, **found)
-        Card(
-            kind="reproduction",
-            name=f"adaptable/reproduce_{budget.name}",
+        summary = write_results(out / RESULTS, run, budget, bars=judged_bars, **found)
+        save_card(
+            out,
+            "adaptable",
+            run,
+            budget,
             setup="adaptable",
-            file=results.name,
-            sha256=file_sha256(results),
-            command=command,
-            seed=budget.seeds[0],
-            commit=run.commit,
             config=AdaptableConfig(updates=budget.updates).as_dict(),
             scenes={"judged": f"{budget.rollouts} reporting scenes per vector, of each seed's own set"},
-            results={"bars": judged_bars, "core_seconds": run.core_seconds},
+            found={"bars": judged_bars},
             departures=DEPARTURES,
-            notes=["Simulated throughout: the demonstration is programmed."],
-        ).save(card_path(results))
-        html = page(
-            TEMPLATES,
-            "adaptable.html",
-            run={"budget": budget.name, "seeds": ", ".join(map(str, budget.seeds))},
-            sections=_sections(plan, found, judged_bars, drawn, out / "figures"),
-            facts=_facts(plan, run),
-            kinds=kinds(run),
+            note="Simulated throughout: the demonstration is programmed.",
         )
-        (out / "report.html").write_text(html, encoding="utf-8")
-    return {
-        "report": str(out / "report.html"),
-        "results": str(results),
-        "figures": [str(path) for path in files],
-        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "bars")},
-    }
+        sections = _sections(plan, found, judged_bars, drawn, out / "figures")
+        made = facts(run, ("Updates", f"{budget.updates:,} per training"))
+        write_report(out, "adaptable", run, head=seeds_words(budget), sections=sections, facts=made)
+    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"), files)
 
 
 def _sections(
@@ -192,16 +176,6 @@ def _reward_tables(found: dict[str, Any]) -> list[Table]:
         ]
         tables.append(Table(caption, heads, rows))
     return tables
-
-
-def _facts(plan: AdaptablePlan, run: Run) -> list[tuple[str, str]]:
-    return [
-        ("Command", run.command),
-        ("Commit", run.commit),
-        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
-        ("Work", f"{len(run.made)} tasks, {time_in_words(run.core_seconds)} of one core"),
-        ("Updates", f"{plan.budget.updates:,} per training"),
-    ]
 
 
 def _number(value: float | None) -> str:

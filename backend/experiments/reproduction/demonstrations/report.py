@@ -10,6 +10,7 @@ import numpy as np
 from backend.demonstrations.controllers import BASELINES
 from backend.demonstrations.judging import KINDS
 from backend.demonstrations.td3_bc.configuration import DEPARTURES
+from backend.experiments.reproduction.chapter_report import seeds_words, write_report
 from backend.experiments.reproduction.demonstrations.plan import (
     CONTROLLERS,
     OURS,
@@ -26,11 +27,10 @@ from backend.experiments.reproduction.demonstrations.results import (
     Load,
     measured,
 )
-from backend.experiments.reproduction.enquery.report import kinds
-from backend.experiments.reproduction.running import TEMPLATES, time_in_words
+from backend.experiments.reproduction.running import time_in_words
 from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
-from backend.explain.printed import Section, Shown, Table, page, shown_picture
+from backend.explain.printed import Section, Shown, Table, shown_picture
 
 PREFERRED_M = "1.1 ± 0.2 m"  # section 2.6.3
 _ABLATED = (
@@ -44,20 +44,19 @@ _CONTROL = (
 _UNCONTROLLED = "Only the whole training was run; the budget `full` also leaves out its parts."
 
 
-def write_report(
-    path: Path, plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load, drawn: Sequence[Picture], run: Run
+def print_report(
+    out: Path, plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load, drawn: Sequence[Picture], run: Run
 ) -> None:
     """One HTML file with everything in it; figures are SVG."""
-    html = page(
-        TEMPLATES,
-        "demonstrations.html",
-        run={"budget": plan.budget.name, "seeds": ", ".join(map(str, plan.budget.seeds))},
+    write_report(
+        out,
+        "demonstrations",
+        run,
+        head=seeds_words(plan.budget),
         brief=brief(plan, rows, load),
-        sections=sections(plan, rows, load, drawn, path.parent / "figures"),
+        sections=sections(plan, rows, load, drawn, out / "figures"),
         facts=facts(plan, run),
-        kinds=kinds(run),
     )
-    path.write_text(html, encoding="utf-8")
 
 
 def brief(plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load) -> list[str]:

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
+from backend.experiments.reproduction.chapter_report import RESULTS, said, save_card
 from backend.experiments.reproduction.demonstrations.computing import FUNCTIONS
 from backend.experiments.reproduction.demonstrations.plan import DemonstrationsBudget, make_plan
 from backend.experiments.reproduction.demonstrations.results import BARS, rows_of
 from backend.experiments.reproduction.running import Tell, compute, write_results
 from backend.experiments.reproduction.tasks import Task, Work
-from backend.learning.cards import Card, card_path, file_sha256
 
 
 def reproduce_demonstrations(
@@ -24,7 +24,7 @@ def reproduce_demonstrations(
     another run works in the same folder.
     """
     from backend.experiments.reproduction.demonstrations.figures import pictures  # matplotlib is slow to load
-    from backend.experiments.reproduction.demonstrations.report import brief, write_report
+    from backend.experiments.reproduction.demonstrations.report import brief, print_report
 
     plan = make_plan(budget)
     work = Work(out / "work")
@@ -35,38 +35,28 @@ def reproduce_demonstrations(
         tell("drawing")
         drawn = pictures(plan, work.load)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
-        write_report(out / "report.html", plan, rows, work.load, drawn, run)
-        results = out / "results.json"
+        print_report(out, plan, rows, work.load, drawn, run)
         summary = write_results(
-            results,
+            out / RESULTS,
             run,
             budget,
             bars={name: asdict(bar) for name, bar in BARS.items()},
             rows=[asdict(row) for row in rows],
             brief=brief_text,
         )
-        card = Card(
-            kind="reproduction",
-            name=f"demonstrations/reproduce_{budget.name}",
+        save_card(
+            out,
+            "demonstrations",
+            run,
+            budget,
             setup=", ".join(budget.environments),
-            file=results.name,
-            sha256=file_sha256(results),
-            command=command,
-            seed=budget.seeds[0],
-            commit=run.commit,
             config={**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
             scenes={"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
-            results={"brief": brief_text, "core_seconds": run.core_seconds},
+            found={"brief": brief_text},
             departures=DEPARTURES,
-            notes=["Simulated throughout: those who demonstrate are programmed demonstrators."],
+            note="Simulated throughout: those who demonstrate are programmed demonstrators.",
         )
-        card.save(card_path(results))
-    return {
-        "report": str(out / "report.html"),
-        "results": str(results),
-        "figures": [str(path) for path in files],
-        **{key: summary[key] for key in ("budget", "seconds", "computed", "core_seconds", "commit", "brief")},
-    }
+    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "brief"), files)
 
 
 def _name(task: Task) -> str:
