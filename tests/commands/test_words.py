@@ -12,8 +12,10 @@ from typer.testing import CliRunner
 
 from backend.cli import app
 from backend.commands.jobs import JOB_KINDS
+from backend.commands.study import open_store
 from backend.jobs.kinds import ALIGNMENTS, KINDS
 from backend.settings import get_settings
+from backend.store.models import Participant
 from backend.study.protocol.freezing import PROTOCOLS
 
 RUN = CliRunner()
@@ -70,6 +72,19 @@ def test_an_export_is_told_in_a_few_lines(tmp_path: Path):
     assert len(told.stdout.splitlines()) < 40
 
 
+def test_whom_a_pilot_leaves_out_is_said_where_numbers_are_told(tmp_path: Path):
+    protocol = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
+    study = json.loads(RUN.invoke(app, ["study", "create", str(protocol), "--json"]).stdout)["study"]
+    database, _ = open_store()
+    with database.transaction() as s:
+        s.add(Participant(study_id=study, code="P1", pilot=True))
+    exported = RUN.invoke(app, ["export", study, "--out", str(tmp_path / "out")])
+    assert "1 of the pilot left out" in exported.stderr
+    assert "--pilots" in exported.stderr
+    assert "left out" not in RUN.invoke(app, ["export", study, "--pilots", "--out", str(tmp_path / "all")]).stderr
+    assert "1 of the pilot left out" in RUN.invoke(app, ["report", study, "--out", str(tmp_path / "report")]).stderr
+
+
 @pytest.mark.parametrize(
     ("command", "said"),
     [
@@ -107,3 +122,12 @@ def test_every_recipe_is_named_and_no_help_sends_to_a_specification():
     for group in ([], ["train"], ["jobs"], ["study"], ["queries"], ["benchmark"], ["reproduce"], ["train", "align"]):
         told = RUN.invoke(app, [*group, "--help"], env={"COLUMNS": "200"}).stdout
         assert not re.search(r"\bspec(ification)?\b|spec[_ /]?0\d", told), group
+
+
+@pytest.mark.parametrize("chapter", ["enquery", "demonstrations", "depth", "adaptable", "interface", "pedestrians"])
+def test_the_help_of_a_chapter_names_every_budget_that_it_has(chapter: str, tmp_path: Path):
+    refused = RUN.invoke(app, ["reproduce", chapter, "--out", str(tmp_path), "--budget", "none"]).stderr
+    budgets = re.findall(r"\w+", refused.partition("known are")[2])
+    told = RUN.invoke(app, ["reproduce", chapter, "--help"], env={"COLUMNS": "200"}).stdout
+    assert {"small", "full"} <= set(budgets)
+    assert all(re.search(rf"\b{budget}\b", told) for budget in budgets), (budgets, told)

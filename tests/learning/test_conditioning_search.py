@@ -101,7 +101,10 @@ def test_a_search_says_whether_it_takes_over(conditioned: ConditionedPolicy) -> 
 
 
 def test_who_wants_short_ways_has_no_other_weight_of_length() -> None:
-    weighed = [length_weight_of(preference_weights({"farther": 1.0, "shorter": share})) for share in (0.0, 0.25, 1.0)]
+    weighed = [
+        length_weight_of(preference_weights({"farther": 1.0, "shorter": share}), "study_room")
+        for share in (0.0, 0.25, 1.0)
+    ]
     assert weighed == pytest.approx([LENGTH_WEIGHT, LENGTH_WEIGHT - 0.25, 0.0])
 
 

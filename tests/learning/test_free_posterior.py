@@ -74,6 +74,10 @@ def test_what_was_preferred_is_most_probably_better(study_queries: QuerySet, dif
     assert posterior.probability_better(differences[rest[chosen[60:]]]) > 0.9
     assert posterior.probability_better(differences[rest[~chosen[60:]]]) < 0.1
     assert posterior.probability_better(differences[[]]) == 0.5
+    liked = differences[rest[chosen[60:]]]
+    by_much = [posterior.probability_better(liked, by) for by in (0.0, 0.2, 1.0, 5.0)]
+    assert by_much == sorted(by_much, reverse=True), "better by much is less probable than better at all"
+    assert by_much[-1] < 0.1 < 0.9 < by_much[0], "on average nothing is better by five typical differences"
 
 
 def test_who_prefers_no_side_would_answer_the_mirrored_pair_alike(study_queries: QuerySet) -> None:

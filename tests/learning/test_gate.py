@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from backend.learning.alignment.gate import GateRule, at_gate, verdict
+from backend.learning.cards import SOCIAL
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.shipped import load_policy
 
@@ -23,6 +24,15 @@ def test_the_gate_stops_a_policy_that_does_not_arrive(base: Policy) -> None:
     shaken = Policy(base.setup, base.shape, (*base.actor[:-1], base.actor[-1] + np.array([-9, 9], dtype=np.float32)))
     assert not at_gate(shaken, base, RULE, seed=0).passed
     assert at_gate(base, base, RULE, seed=0).passed
+
+
+def test_the_gate_says_the_fields_social_metrics_of_its_scenes_and_one_of_before_them_none(base: Policy) -> None:
+    gate = at_gate(base, base, RULE, seed=0)
+    assert gate.social is not None
+    assert tuple(gate.social) == SOCIAL
+    assert gate.social["spl"] == pytest.approx(gate.success_rate, abs=0.2)
+    assert gate.as_dict()["social"] == gate.social
+    assert "social" not in verdict(RULE, 0.95, scenes=70).as_dict()
 
 
 def test_the_gate_drives_a_policy_with_its_recovery(base: Policy) -> None:

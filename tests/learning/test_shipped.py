@@ -31,6 +31,7 @@ EXPECTED = {
     *(f"{setup}/ensemble/{k}" for setup in ("open_field", "study_room") for k in range(4)),
     *(f"{setup}/conditioned" for setup in ("open_field", "study_room")),
     "explained_room/base",
+    *(f"crowd_hall/{name}" for name in ("base", "conditioned", "queries_varied_60")),
     "adaptable/policy",
     "study_room/queries_200",
     "study_room/queries_500",
@@ -203,6 +204,17 @@ def test_a_policy_compared_with_itself_gains_nothing() -> None:
     assert distance["difference"] == {"value": 0.0, "low": 0.0, "high": 0.0}
     assert distance["ratio"]["value"] == pytest.approx(1.0)
     assert compared["success_difference"]["value"] == 0.0
+
+
+def test_what_almost_never_happens_is_compared_by_its_difference_and_has_no_ratio() -> None:
+    base = load_policy("open_field/base")
+    with np.errstate(all="raise"):  # 0 / 0 and infinite ends used to come from here
+        few = compare_policies(base, base, n=8, seed=3)["paired"]
+    missing = [name for name, of in few.items() if "ratio" not in of]
+    assert "stalled_time_s" in missing
+    assert "time_s" not in missing
+    for of in few.values():
+        assert all(np.isfinite(value) for estimate in of.values() for value in estimate.values())
 
 
 def test_wilson_interval_is_the_textbooks() -> None:

@@ -17,7 +17,8 @@ from backend.learning.policies.steerability import (
     measured_rollouts,
     steerability_of,
 )
-from backend.learning.preferences.objectives import MEASURES, NAMES, OBJECTIVES, best_possible
+from backend.learning.preferences.measures import MEASURES
+from backend.learning.preferences.objectives import NAMES, OBJECTIVES, best_possible
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Person, Pose, Scene

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from backend.jobs.free_form import SOMETHING_ELSE
-from backend.learning.alignment.never_worse import JUDGING_SEED, SCENES, SURE
+from backend.learning.alignment.never_worse import JUDGING_SEED, SCENES
 from backend.learning.alignment.policy_library import PolicyLibrary, best_of
 from backend.learning.errors import LearningError
 from backend.learning.measures.pairs import PairDifferences
@@ -33,6 +33,7 @@ from backend.learning.preferences.free_posterior import FreeConfig, FreePosterio
 from backend.learning.preferences.oracles import ResponseModel
 from backend.learning.preferences.posterior import PosteriorConfig
 from backend.learning.preferences.step_posterior import StepPosterior
+from backend.learning.preferences.sureness import Sureness
 from backend.learning.rewards.step_weights import step_differences
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
@@ -165,11 +166,12 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
         "claimed": float(np.maximum(probable, 1 - probable).mean()),
         "something_else": believed.something_else(),
     }
-    ways = [("nine", room.compared(room.conditioned.at(believed.objectives.mean_weights())))]
-    if not _surely_better(believed, ways[0][1][0]) and found["something_else"] >= SOMETHING_ELSE:
+    way, (differences, own) = "nine", room.compared(room.conditioned.at(believed.objectives.mean_weights()))
+    sure = Sureness.of(believed, differences)
+    if not sure.enough() and found["something_else"] >= SOMETHING_ELSE:
         place = best_of(room.library, believed, StepPosterior.from_answers(room.seen[asked], believed.chosen))
-        ways.append(("library", room.of_place(place)))
-    way, (differences, own) = ways[-1]
+        way, (differences, own) = "library", room.of_place(place)
+        sure = Sureness.of(believed, differences)
     unit = now.unit(room.setup)
     both = np.array(
         [one.outcome == other.outcome == Outcome.SUCCESS for one, other in zip(own, room.usual[1], strict=True)]
@@ -177,16 +179,13 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     gained = (now.scores(own) - now.scores(room.usual[1]))[both] / unit
     return found | {
         "way": way,
-        "probability_better": 0.5 if differences is None else believed.probability_better(differences),
-        "shown": _surely_better(believed, differences),
+        "probability_better": sure.better,
+        "probability_clearly_better": sure.clearly,
+        "shown": sure.enough(),
         "gain": float(gained.mean()),
         "gain_error": float(gained.std() / np.sqrt(len(gained))),
         "success": float(np.mean([one.outcome == Outcome.SUCCESS for one in own])),
     }
-
-
-def _surely_better(believed: FreePosterior, differences: PairDifferences | None) -> bool:
-    return differences is not None and believed.probability_better(differences) >= SURE
 
 
 def _rolled_out(policy: Policy, scenes: list[Scene]) -> list[Trajectory]:

@@ -24,11 +24,11 @@ from backend.learning.alignment.policy_library import PolicyLibrary, best_of
 from backend.learning.errors import LearningError
 from backend.learning.measures.step_basis import StepBasis, seen_steps
 from backend.learning.people.asked_pairs import FIRST_SEED, AskedPairs, asked_pairs
-from backend.learning.people.asked_people import BINS
 from backend.learning.people.card import member, people_card
 from backend.learning.people.families.base import FamilyMember, StepFamilyMember
 from backend.learning.people.families.changing import ChangingMember
 from backend.learning.people.families.thresholds import ThresholdsMember
+from backend.learning.people.rows import bins_of, calibration_error
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.evaluate import wilson
 from backend.learning.policies.policy import Policy
@@ -202,29 +202,15 @@ def summary_of(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
             f"longer_s_{BESIDE}": float(np.mean([one[f"longer_s_{BESIDE}"] for one in persons])),
         }
     trained = [one["gain_trained"] for one in persons if one["gain_trained"] is not None]
+    bins = [one["bins"] for one in persons if "bins" in one]  # files of before have none
     return found | {
         "gain_best": float(np.median([one["gain_best"] for one in persons])),
         "gain_trained": float(np.median(trained)) if trained else None,
         "success_base": _mean_of(persons, "success_base"),
         "accuracy": float(np.mean([one["accuracy"] for one in persons])),
         "claimed": float(np.mean([one["claimed"] for one in persons])),
-        "calibration_error": _calibration_error([one["bins"] for one in persons if "bins" in one]),
+        "calibration_error": calibration_error(bins) if bins else None,
     }
-
-
-def _bins(sure: Doubles, right: NDArray[np.bool_]) -> list[list[float]]:
-    """By tenth of what was claimed (0.5 to 1): how many answers, the sum of the claims, how many came true."""
-    places = np.minimum(((sure - 0.5) * 2 * BINS).astype(int), BINS - 1)
-    sums = [np.bincount(places, of, BINS) for of in (np.ones(len(sure)), sure, right.astype(np.float64))]
-    return [[round(float(one), 3) for one in row] for row in np.stack(sums, axis=1)]
-
-
-def _calibration_error(bins: Sequence[list[list[float]]]) -> float | None:
-    """Expected calibration error, as `asked_people.calibration_error`; None of files of before."""
-    if not bins:
-        return None
-    count, claimed, right = np.sum(np.array(bins), axis=0).T
-    return float(np.abs(claimed - right).sum() / count.sum())
 
 
 def _mean_of(persons: Sequence[dict[str, Any]], key: str) -> float | None:
@@ -309,7 +295,7 @@ def _measured(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -
         "accuracy": float(((claimed > 0.5) == better[test]).mean()),
         "claimed": float(np.maximum(claimed, 1 - claimed).mean()),
         "something_else": believed.something_else(),
-        "bins": _bins(np.maximum(claimed, 1 - claimed), (claimed > 0.5) == better[test]),
+        "bins": bins_of(np.maximum(claimed, 1 - claimed), (claimed > 0.5) == better[test]),
     }
     began = time.process_time()
     place = best_of(room.library, believed, posterior)

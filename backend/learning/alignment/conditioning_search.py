@@ -23,7 +23,7 @@ from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.steerability import Course, MeasuredRollouts
 from backend.learning.preferences.measures import typical_differences
-from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, gains
+from backend.learning.preferences.objectives import SIZE, check_weights, gains, names_of
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.setups import get_setup, require_same
@@ -38,7 +38,7 @@ AIM = -0.025  # typical differences: the search keeps what is preferred about th
 TOLERANCE = 0.075  # typical differences: what is preferred may not be less by more; 4 cm of distance (field), 3 (room)
 OBSERVED = (0, 2)  # where the observation says how far the goal and the person are
 PLACES = ("anywhere", "goal_far", "person_far")
-MIDDLE_M = {"open_field": (3.0, 2.0), "study_room": (2.0, 1.5)}
+MIDDLE_M = {"open_field": (3.0, 2.0), "study_room": (2.0, 1.5), "crowd_hall": (2.5, 2.0)}
 """By setup, of goal and person alike: the distance at which the offset along with it is 0, and 1 so much farther."""
 
 
@@ -122,7 +122,7 @@ def compared(own: MeasuredRollouts, other: MeasuredRollouts, weights: Floats, se
     crossed = (own.self_intersections > 0).astype(np.float64) - (other.self_intersections > 0)
     return Compared(
         better @ weights.astype(np.float64),
-        better[:, NAMES.index("shorter")],
+        better[:, _costs(setup)],
         both,
         FAILURE_COST * succeeded - CROSSING_COST * np.where(both, crossed, 0.0),
     )
@@ -158,7 +158,7 @@ def search_conditioning(
     use_one_thread()
     config = config or ConditioningSearchConfig()
     setup = require_same(conditioned=conditioned.setup, base=base.setup)
-    weights = check_weights(weights)
+    weights = check_weights(weights, names_of(setup))
     guesses, history = _search(conditioned, weights, config, on_progress)
     # Not worse in what is preferred, as far as the selection scenes tell; the first is the instant policy itself.
     chosen = max(range(len(history)), key=lambda k: (history[k]["preferred"] >= AIM, history[k]["score"]))
@@ -168,7 +168,7 @@ def search_conditioning(
     own = course.rollout(policy)
     better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
     gate = verdict(config.gate, float(own.success.mean()), success_in(base, scenes), scenes=config.gate.scenes)
-    preferred, score = mean_estimate(better.preferred), mean_estimate(better.scores(length_weight_of(weights)))
+    preferred, score = mean_estimate(better.preferred), mean_estimate(better.scores(length_weight_of(weights, setup)))
     takes_over = gate.passed and preferred.low > -TOLERANCE and score.low > 0
     return ConditioningSearchResult(policy, guesses[chosen], takes_over, preferred, score, gate, chosen, history)
 
@@ -180,7 +180,7 @@ def _search(
     setup = conditioned.setup
     course = Course(scene_set(setup, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed))
     instant = course.rollout(conditioned.at(weights))
-    usual = length_weight_of(weights)
+    usual = length_weight_of(weights, setup)
     length_weight = usual * FIRST_SHARE
 
     def tried_out(offsets: Doubles) -> Compared:
@@ -217,6 +217,12 @@ def _search(
     return guesses, history
 
 
-def length_weight_of(weights: Floats) -> float:
+def length_weight_of(weights: Floats, setup: str) -> float:
     """What a shorter way counts beside the preference: LENGTH_WEIGHT, less what is preferred of it anyway."""
-    return max(0.0, LENGTH_WEIGHT - float(weights[NAMES.index("shorter")]))
+    return max(0.0, LENGTH_WEIGHT - float(weights[_costs(setup)]))
+
+
+def _costs(setup: str) -> int:
+    """Place of the objective that every trajectory costs something of: the way's length, among pedestrians its time."""
+    names = names_of(setup)
+    return names.index("shorter" if "shorter" in names else "faster")

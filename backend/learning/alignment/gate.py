@@ -6,10 +6,11 @@ What is compared, and on which scenes, is the algorithm's; here are the rule, th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
 from backend.analysis.metrics import success_rate
+from backend.learning.policies.evaluate import social_means
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import evaluate
@@ -43,7 +44,8 @@ class GateRule:
 @dataclass(frozen=True)
 class Gate:
     """The verdict. success_rate: the policy's, in `scenes` scenes; base_success_rate: the base policy's in the same
-    ones, None where it was compared with nothing; min_success, max_loss: what was asked (`GateRule`)."""
+    ones, None where it was compared with nothing; min_success, max_loss: what was asked (`GateRule`). social: means of
+    the social metrics over these scenes, None of gates from before them."""
 
     passed: bool
     success_rate: float
@@ -51,9 +53,10 @@ class Gate:
     scenes: int
     min_success: float
     max_loss: float | None
+    social: Mapping[str, float] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return {name: value for name, value in asdict(self).items() if name != "social" or value is not None}
 
 
 def verdict(rule: GateRule, own_success: float, base_success: float | None = None, *, scenes: int) -> Gate:
@@ -77,4 +80,6 @@ def success_in(policy: Policy, scenes: list[Scene]) -> float:
 def at_gate(policy: Policy, base: Policy, rule: GateRule, *, seed: int) -> Gate:
     """Both policies roll out in the gate's scenes. Raises SetupError where they are of two setups."""
     scenes = gate_scenes(require_same(policy=policy.setup, base=base.setup), rule, seed)
-    return verdict(rule, success_in(policy, scenes), success_in(base, scenes), scenes=rule.scenes)
+    own = evaluate(policy.rollout_policy, get_setup(policy.setup), scenes)
+    found = verdict(rule, success_rate(own.outcome), success_in(base, scenes), scenes=rule.scenes)
+    return replace(found, social=social_means(own))

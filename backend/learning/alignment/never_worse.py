@@ -13,13 +13,12 @@ import numpy as np
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.policies.policy import Policy
 from backend.learning.preferences.free_posterior import FreePosterior
+from backend.learning.preferences.sureness import CLEARLY, LEAST_GAIN, SURE, Sureness
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Outcome
 
-SURE = 0.9
-"""Issue 15: shown as personal only where it is better for this person with at least this probability."""
 SCENES = 200  # ours; half a second of a core
 JUDGING_SEED = 10_000  # of the gate's scenes, beyond those that any gate has
 
@@ -27,14 +26,18 @@ JUDGING_SEED = 10_000  # of the gate's scenes, beyond those that any gate has
 @dataclass(frozen=True)
 class PersonalVerdict:
     """probability_better: that this person prefers its rollouts to the base policy's, on average over the scenes in
-    which both arrive. scenes: how many these were; needed: what was asked; something_else: probability that what the
-    answers are about is not among the nine objectives."""
+    which both arrive; probability_clearly_better: by `least_gain` typical differences. needed, clearly_needed: what was
+    asked of these. scenes: how many these were; something_else: probability that what the answers are about is not
+    among the nine objectives."""
 
     passed: bool
     probability_better: float
     needed: float
     scenes: int
     something_else: float
+    probability_clearly_better: float
+    clearly_needed: float = CLEARLY
+    least_gain: float = LEAST_GAIN
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -49,8 +52,8 @@ def better_for_person(
     rolled_out = [rollout(setup, policy.rollout_policy, drawn) for policy in (own, base)]
     both = [pair for pair in zip(*rolled_out, strict=True) if all(one.outcome == Outcome.SUCCESS for one in pair)]
     moved = [pair for pair in both if not np.array_equal(pair[0].poses, pair[1].poses)]
-    if not moved:  # the same policy is not better
-        return PersonalVerdict(needed <= 0.5, 0.5, needed, len(both), posterior.something_else())
     symmetry = posterior.config.posterior.left_right_symmetry
-    probable = posterior.probability_better(PairDifferences.of(setup.name, both, left_right_symmetry=symmetry))
-    return PersonalVerdict(probable >= needed, probable, needed, len(both), posterior.something_else())
+    differences = PairDifferences.of(setup.name, both, left_right_symmetry=symmetry) if moved else None
+    sure = Sureness.of(posterior, differences)
+    something_else = posterior.something_else()
+    return PersonalVerdict(sure.enough(needed), sure.better, needed, len(both), something_else, sure.clearly)

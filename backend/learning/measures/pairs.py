@@ -114,3 +114,11 @@ def _units(setup: str) -> tuple[_Unit, _Unit]:
         lengths = np.square(_Unit(typical, 1.0).scaled(values)).sum(1)
         units.append(_Unit(typical, float(np.sqrt(lengths.mean()))))
     return units[0], units[1]
+
+
+@lru_cache(maxsize=4)
+def reference_differences(setup: str, left_right_symmetry: bool = False) -> PairDifferences:
+    """The setup's reference pairs: what is typical is typical of these."""
+    in_turn = reference(setup).trajectories
+    pairs = list(zip(in_turn[0::2], in_turn[1::2], strict=True))
+    return PairDifferences.of(setup, pairs, left_right_symmetry=left_right_symmetry)

@@ -18,11 +18,17 @@ from backend.learning.measures.remembered import remembered
 from backend.learning.preferences.features import obstacle_clearance_m
 from backend.learning.queries.queries import QuerySet
 from backend.learning.shipped_files import resolve
-from backend.simulation.setups import PREFERENCE_SETUPS, Setup, get_setup, require_same
+from backend.simulation.setups import Setup, get_setup, require_same
 from backend.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
 REFERENCE_PAIRS = 60
+SHOWN_PAIRS = {
+    "open_field": "queries_varied_200",
+    "study_room": "queries_varied_200",
+    "crowd_hall": "queries_varied_60",
+}
+"""By setup in which people are asked for preferences, its shipped varied queries."""
 AHEAD_RAD = math.pi / 6
 STANDING = 0.1  # of full speed
 WORDS = (
@@ -123,8 +129,10 @@ class SeenSteps:
             return np.stack([seen[:, first], np.sin(angle), np.cos(angle)], axis=1)
 
         groups = {"goal": polar_of(0), "person": polar_of(2)}
+        if self.setup.pedestrians:
+            groups["person_moves"] = seen[:, 4:6]
         if self.setup.with_velocity:
-            groups["velocity"] = seen[:, 4:6]
+            groups["velocity"] = seen[:, polar - 2 : polar]
         return {**groups, "lidar": seen[:, polar:], "action": self.actions}
 
     @cached_property
@@ -158,9 +166,9 @@ class Reference:
 def reference(setup: str) -> Reference:
     """Of a setup's shipped varied queries. Raises LearningError for a setup in which nobody is asked for
     preferences."""
-    if setup not in PREFERENCE_SETUPS:
-        raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(PREFERENCE_SETUPS)}")
-    queries = QuerySet.load(resolve(f"{setup}/queries_varied_200")).queries[:REFERENCE_PAIRS]
+    if setup not in SHOWN_PAIRS:
+        raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(SHOWN_PAIRS)}")
+    queries = QuerySet.load(resolve(f"{setup}/{SHOWN_PAIRS[setup]}")).queries[:REFERENCE_PAIRS]
     trajectories = tuple(one for query in queries for one in (query.trajectory_a, query.trajectory_b))
     steps = SeenSteps.of_trajectories(trajectories)
     return Reference(

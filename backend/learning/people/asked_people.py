@@ -7,10 +7,12 @@ this person would give, lapses included. What is asked and shown is `asked_pairs
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,23 +23,21 @@ from backend.learning.people.asked_pairs import AskedPairs, Candidates, asked_pa
 from backend.learning.people.card import members, people_card, response_models
 from backend.learning.people.families.base import FamilyMember
 from backend.learning.people.families.mixture import ObjectiveMember, mixed
-from backend.learning.policies.evaluate import wilson
+from backend.learning.people.rows import bins_of, row_of
 from backend.learning.policies.shipped import load_conditioned
 from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from backend.learning.preferences.objectives import NAMES, OPPOSITES
 from backend.learning.preferences.oracles import ResponseModel, judged
 from backend.learning.preferences.posterior import PosteriorConfig
+from backend.learning.preferences.sureness import Sureness
 from backend.learning.scene_sets import Purpose
 from backend.simulation.fast import rollout
 from backend.simulation.setups import get_setup
 from backend.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
-SURE = 0.9
-BINS = 10
 CHOSEN = 50  # answers; after these questions are drawn
 NINE = "nine"
-RESAMPLES = 2_000
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,11 @@ def benchmark_people(
     config: PeopleConfig,
     more: Mapping[str, FamilyMember] | None = None,
     on_progress: Callable[[float], None] | None = None,
+    known: Sequence[dict[str, Any]] = (),
+    on_person: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
-    """more: further people by name, such as a reward file's.
+    """more: further people by name, such as a reward file's. known: persons of a run of the same settings that was
+    stopped (`known_people`); families take turns, so that what there is then is of all of them.
 
     Result: {"simulated": True, "setup", "family", "people", "answers", "accuracy" (after the last of `answers` ...),
     "rows": one per family, "persons": one per person}. A row has, by number of answers, `accuracy`, `claimed`,
@@ -111,37 +114,66 @@ def benchmark_people(
     if max(config.answers) > config.pool:
         raise LearningError(f"answers = {max(config.answers)}: at most the pool of {config.pool} pairs")
     answering = ResponseModel(**response_models([config.response_model])[config.response_model])
-    card, found = people_card(), []
+    found: list[dict[str, Any]] = []
+    done = {(one["seed"], one["person"]): one for one in known}
     total = len(config.seeds) * (len(config.families) * config.people + len(more or {}))
     for seed in config.seeds:
-        room = _Room.of(setup, seed, config)
+        room: _Room | None = None
         first = config.first + seed * config.people
-        everybody = {
-            name: (family, one)
+        by_family = [
+            [(family, *one) for one in people_of(family, config.people, setup, first).items()]
             for family in config.families
-            for name, one in people_of(family, config.people, setup, first).items()
-        } | {name: ("file", one) for name, one in (more or {}).items()}
-        for name, (family, one) in everybody.items():
-            found.append({"family": family, "person": name, "seed": seed} | _measured(one, room, answering, config))
+        ]
+        everybody = [one for turn in zip(*by_family, strict=True) for one in turn]
+        for family, name, person in [*everybody, *(("file", *one) for one in (more or {}).items())]:
+            if (seed, name) not in done:
+                room = room or _Room.of(setup, seed, config)
+                measured = _measured(person, room, answering, config)
+                done[seed, name] = {"family": family, "person": name, "seed": seed} | measured
+                if on_person:
+                    on_person(done[seed, name])
+            found.append(done[seed, name])
             if on_progress:
                 on_progress(len(found) / total)
-    names = list(dict.fromkeys(str(one["family"]) for one in found))
+    return result_of(setup, config, found)
+
+
+def result_of(setup: str, config: PeopleConfig, persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """As `benchmark_people`, of so many persons; of a run that is not through, too."""
+    card = people_card()
+    names = list(dict.fromkeys(str(one["family"]) for one in persons))
     rows = [
-        {"family": name, "held_out": name in card.held_out} | _row([p for p in found if p["family"] == name], config)
+        {"family": name, "held_out": name in card.held_out}
+        | row_of([one for one in persons if one["family"] == name], config.answers, config.shown_after)
         for name in names
     ]
-    overall = _row(found, config)
-    persons = [{key: value for key, value in one.items() if not key.startswith("_")} for one in found]
     return {
         "simulated": True,
         "setup": setup,
         "family": ",".join(names),
         "config": asdict(config),
         "card_version": card.version,
-        **overall,
+        **row_of(persons, config.answers, config.shown_after),
         "rows": rows,
-        "persons": persons,
+        "persons": list(persons),
     }
+
+
+def known_people(path: Path, setup: str, config: PeopleConfig) -> list[dict[str, Any]]:
+    """Persons of a file that a run of the same settings left; none where there is no such file, and of files of before,
+    which do not say how sure each answer was."""
+    if not path.is_file():
+        return []
+    found = json.loads(path.read_text())
+    same = found.get("setup") == setup and found.get("config") == json.loads(json.dumps(asdict(config)))
+    persons = [one for one in found["persons"] if "bins" in one] if same else []
+    return [
+        {
+            key: {int(n): of for n, of in value.items()} if isinstance(value, dict) else value
+            for key, value in one.items()
+        }
+        for one in persons
+    ]
 
 
 def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, FamilyMember]:
@@ -160,7 +192,7 @@ def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, F
 
 
 def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
-    """One person: asked, foretold, shown. Keys with an underscore are for pooling only."""
+    """One person: asked, foretold, shown."""
     random = np.random.default_rng([room.seed, 61])
     pairs = room.pairs
     now = person.after(max(config.answers))  # who it is when all is answered
@@ -172,12 +204,13 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     posterior = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
     left = list(random.permutation(pairs.asked))
     result: dict[str, Any] = {"accuracy": {}, "claimed": {}, "nine_accuracy": {}, "nine_claimed": {}}
-    result |= {"_pairs": {}, "_nine_pairs": {}, "_seconds": []}
+    result |= {"bins": {}, "nine_bins": {}}
+    choosing: list[float] = []
     for n in range(1, max(config.answers) + 1):
         if config.choose == "information" and n <= CHOSEN:
             began = time.process_time()
             k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.foretold).argmax()))
-            result["_seconds"].append(time.process_time() - began)
+            choosing.append(round(1000 * (time.process_time() - began), 1))
         else:
             k = left.pop()
         changed = person.after(n - 1) is now
@@ -192,10 +225,10 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
                 right = (probable > 0.5) == (answers[True][pairs.test] > 0)
                 result[f"{prefix}accuracy"][n] = float(((probable > 0.5) == (truth[pairs.test] > 0)).mean())
                 result[f"{prefix}claimed"][n] = float(sure.mean())
-                result[f"_{prefix}pairs"][n] = (sure, right)
+                result[f"{prefix}bins"][n] = bins_of(sure, right)
         if n == config.shown_after:
             result |= _shown(posterior, person.after(n), room)
-    return result
+    return result | ({"choosing_ms": choosing} if choosing else {})
 
 
 def answers_of(person: FamilyMember, pairs: AskedPairs, answering: ResponseModel, setup: str, seed: int) -> Doubles:
@@ -213,7 +246,7 @@ def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[
     """The candidate that is most probably better, chosen, judged and measured in three sets of scenes; and today's."""
     probable = [posterior.probability_better(_both(room.select, k)) for k in range(len(room.select.rolled_out))]
     best = int(np.argmax(probable))
-    sure = posterior.probability_better(_both(room.judge, best))
+    sure = Sureness.of(posterior, _both(room.judge, best))
     unit = person.unit(room.setup)
     base = person.scores(room.report.base) / unit
     weights = posterior.objectives.mean_weights()
@@ -224,8 +257,9 @@ def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[
     )
     return {
         "setting": best,
-        "probability_better": sure,
-        "shown": sure >= SURE,
+        "probability_better": sure.better,
+        "probability_clearly_better": sure.clearly,
+        "shown": sure.enough(),
         **_gained(person, room.report.rolled_out[best], room, base, unit, ""),
         **_gained(person, today, room, base, unit, "today_"),
         "something_else": posterior.something_else(),
@@ -247,65 +281,3 @@ def _gained(
         f"{prefix}preferred_rate": float(((gained > 0) + 0.5 * (gained == 0)).mean()),
         f"{prefix}success_rate": float(arrived.mean()),
     }
-
-
-def _row(found: list[dict[str, Any]], config: PeopleConfig) -> dict[str, Any]:
-    """Means over people, with the least and the worst; rates of harm with their intervals."""
-    row: dict[str, Any] = {"people": len(found), "answers": list(config.answers)}
-    for prefix in ("", "nine_"):
-        each = {n: [one[f"{prefix}accuracy"][n] for one in found] for n in config.answers}
-        row[f"{prefix}accuracy"] = {n: round(float(np.mean(of)), 4) for n, of in each.items()}
-        row[f"{prefix}accuracy_low"] = {n: round(_interval(of)[0], 4) for n, of in each.items()}
-        row[f"{prefix}accuracy_high"] = {n: round(_interval(of)[1], 4) for n, of in each.items()}
-        row[f"{prefix}accuracy_worst"] = {n: round(min(of), 4) for n, of in each.items()}
-        row[f"{prefix}claimed"] = {
-            n: round(float(np.mean([one[f"{prefix}claimed"][n] for one in found])), 4) for n in config.answers
-        }
-        row[f"{prefix}calibration_error"] = {
-            n: round(calibration_error([one[f"_{prefix}pairs"][n] for one in found]), 4) for n in config.answers
-        }
-    seconds = [second for one in found for second in one["_seconds"]]
-    if seconds:
-        row["choosing_p95_ms"] = round(1000 * float(np.quantile(seconds, 0.95)), 1)
-    if config.shown_after > max(config.answers):
-        return row
-    shown = [one for one in found if one["shown"]]
-    harmed, today = sum(one["gain"] < 0 for one in shown), sum(one["today_gain"] < 0 for one in found)
-    rate, rate_today = wilson(harmed, len(found)), wilson(today, len(found))
-    return row | {
-        "shown_rate": len(shown) / len(found),
-        "gain": _mean([one["gain"] for one in shown]),
-        "gain_worst": min((one["gain"] for one in shown), default=None),
-        "preferred_rate": _mean([one["preferred_rate"] for one in shown]),
-        "success_rate": _mean([one["success_rate"] for one in shown]),
-        "harmed": harmed,
-        "harmed_rate": rate.value,
-        "harmed_rate_low": rate.low,
-        "harmed_rate_high": rate.high,
-        "today_gain": _mean([one["today_gain"] for one in found]),
-        "today_gain_worst": min(one["today_gain"] for one in found),
-        "today_success_rate": _mean([one["today_success_rate"] for one in found]),
-        "today_harmed_rate": rate_today.value,
-        "today_harmed_rate_low": rate_today.low,
-        "today_harmed_rate_high": rate_today.high,
-    }
-
-
-def calibration_error(pairs: Sequence[tuple[Doubles, NDArray[np.bool_]]]) -> float:
-    """Expected calibration error: over ten bins of what was claimed (0.5 to 1), how far claimed and right are apart."""
-    sure, right = (np.concatenate(of) for of in zip(*pairs, strict=True))
-    places = np.minimum(((sure - 0.5) * 2 * BINS).astype(int), BINS - 1)
-    return float(
-        sum(abs(sure[places == k].mean() - right[places == k].mean()) * (places == k).mean() for k in np.unique(places))
-    )
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if len(values) else None
-
-
-def _interval(values: Sequence[float]) -> tuple[float, float]:
-    """95 % of the mean over people, by resampling them."""
-    random = np.random.default_rng(95)
-    means = random.choice(np.asarray(values), (RESAMPLES, len(values))).mean(1)
-    return float(np.quantile(means, 0.025)), float(np.quantile(means, 0.975))

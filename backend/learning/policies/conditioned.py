@@ -24,7 +24,7 @@ from backend.learning.policies.policy import (
     stored_slowing,
 )
 from backend.learning.policies.shape import NetworkShape
-from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, preference_weights
+from backend.learning.preferences.objectives import NAMES, SIZE, check_weights, names_of, preference_weights
 from backend.simulation.setups import SetupError, get_setup
 from backend.simulation.slowing import Slowing
 
@@ -67,9 +67,10 @@ class ConditionedPolicy(StoredPolicy):
         check_networks(self.shape, self.actor, self.critic)
         if self.base:
             check_networks(self._policy_shape, self.base, ())
-        unknown = sorted(set(self.strengths) - set(NAMES))
+        unknown = sorted(set(self.strengths) - set(self.objectives))
         if unknown:
-            raise PolicyError(f"conditioned policy field 'strengths' names {unknown}; objectives are {list(NAMES)}")
+            known = list(self.objectives)
+            raise PolicyError(f"conditioned policy field 'strengths' names {unknown}; objectives are {known}")
 
     @property
     def _policy_shape(self) -> NetworkShape:
@@ -83,7 +84,7 @@ class ConditionedPolicy(StoredPolicy):
         `slower_near_person` is large; at 0 there is none. Raises LearningError for weights outside [0, 1] or of two
         opposites at once.
         """
-        weights = check_weights(weights)
+        weights = check_weights(weights, self.objectives)
         entering = weights * self._strengths_at(weights)
         shape = self._policy_shape
         actor, critic = (_folded(arrays, shape.task_inputs, entering) for arrays in (self.actor, self.critic))
@@ -95,7 +96,7 @@ class ConditionedPolicy(StoredPolicy):
     @property
     def objectives(self) -> tuple[str, ...]:
         """What it is conditioned on."""
-        return NAMES
+        return names_of(self.setup)
 
     def weighed(self, weights: Mapping[str, float]) -> Policy:
         """`at` weights by name; what is not named is 0. Raises LearningError."""
@@ -104,7 +105,7 @@ class ConditionedPolicy(StoredPolicy):
     def _strengths_at(self, weights: Floats) -> Floats:
         """(9,) how many times as strongly each objective enters: its strength where it is all that is preferred, 1
         where the others weigh as much together, linear between."""
-        beyond = np.array([self.strengths.get(name, 1.0) for name in NAMES], dtype=np.float32) - np.float32(1)
+        beyond = np.array([self.strengths.get(name, 1.0) for name in self.objectives], dtype=np.float32) - np.float32(1)
         others = (weights.sum() - weights) / np.maximum(weights, np.float32(1e-6))
         strengths: Floats = np.float32(1) + beyond * np.clip(np.float32(1) - others, 0, 1)
         return strengths
@@ -121,7 +122,7 @@ class ConditionedPolicy(StoredPolicy):
         Beyond 1 that goes on where training ended: it was never conditioned on so much. Exact, since weights enter
         linearly.
         """
-        k = NAMES.index(objective)
+        k = self.objectives.index(objective)
         row = self.shape.task_inputs - SIZE + k
         scales = (*self.scales[:k], self.scales[k] * factor, *self.scales[k + 1 :])
         actor, critic = (_scaled_row(arrays, row, factor) for arrays in (self.actor, self.critic))
@@ -133,7 +134,7 @@ class ConditionedPolicy(StoredPolicy):
             "format": FORMAT,
             "setup": self.setup,
             "shape": self.shape.as_dict(),
-            "objectives": list(NAMES),
+            "objectives": list(self.objectives),
             "scales": list(self.scales),
         }
         if self.slowing:
@@ -146,8 +147,11 @@ class ConditionedPolicy(StoredPolicy):
     def from_bytes(cls, data: bytes) -> Self:
         """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
         meta, actor, critic, recovery_policies = networks_from_bytes(data, FORMAT)
-        if tuple(meta["objectives"]) != NAMES:
-            raise PolicyError(f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
+        needed = names_of(meta["setup"])
+        if tuple(meta["objectives"]) != needed:
+            raise PolicyError(
+                f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(needed)}"
+            )
         if len(recovery_policies) > 1:
             raise PolicyError(
                 f"conditioned policy has {len(recovery_policies)} recovery policies; it can have one, the base policy"
@@ -172,9 +176,10 @@ def _scaled_row(arrays: tuple[Floats, ...], row: int, factor: float) -> tuple[Fl
     return (first, *arrays[1:])
 
 
-def settings(extra: Mapping[str, Mapping[str, float]] | None = None) -> dict[str, Floats]:
-    """The preference weights a conditioned policy is judged by: none (`neutral`), then each objective alone at full
-    strength.
+def settings(extra: Mapping[str, Mapping[str, float]] | None = None, setup: str = "study_room") -> dict[str, Floats]:
+    """The preference weights a conditioned policy of that setup is judged by: none (`neutral`), then each objective
+    alone at full strength.
     """
-    named: dict[str, Mapping[str, float]] = {"neutral": {}, **{name: {name: 1.0} for name in NAMES}, **(extra or {})}
+    alone = {name: {name: 1.0} for name in names_of(setup)}
+    named: dict[str, Mapping[str, float]] = {"neutral": {}, **alone, **(extra or {})}
     return {name: preference_weights(weights) for name, weights in named.items()}

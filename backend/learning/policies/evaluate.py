@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.cards import SOCIAL
 from backend.learning.errors import LearningError
 from backend.learning.policies.policy import Policy
 from backend.learning.scene_sets import Purpose, scene_set
@@ -134,6 +135,12 @@ def describe_table(setup: str, table: EpisodeTable) -> dict[str, Any]:
     }
 
 
+def social_means(table: EpisodeTable) -> dict[str, float]:
+    """Means of SOCIAL over the episodes."""
+    columns = episode_columns(table)
+    return {name: float(np.mean(columns[name])) for name in SOCIAL}
+
+
 def episode_columns(table: EpisodeTable) -> dict[str, NDArray[Any]]:
     """The numbers of an episode that are averaged, by their name in results: (episodes,) each, SI units."""
     return {
@@ -161,7 +168,8 @@ def compare_policies(
     """`second` against `first` in the same n fresh scenes.
 
     `paired`: per number the mean `difference` (second - first) and `ratio` of the means (second / first), each with
-    low and high, over the scenes in which both succeed. `success_difference`: over all scenes.
+    low and high, over the scenes in which both succeed; no ratio where the first's mean may be 0 as far as these scenes
+    tell (a resample of theirs with nothing in it). `success_difference`: over all scenes.
     """
     setup = require_same(first=first.setup, second=second.setup)
     scenes = scene_set(setup, n, purpose=Purpose.REPORT, seed=seed)
@@ -179,10 +187,10 @@ def compare_tables(a: EpisodeTable, b: EpisodeTable) -> dict[str, Any]:
     if both.any():
         means = np.split(resampled_means(np.concatenate([first, second], axis=1)), 2, axis=1)
         for k, name in enumerate(of_a):
-            was, is_now = float(first[:, k].mean()), float(second[:, k].mean())
-            paired[name] = {"difference": interval(is_now - was, means[1][:, k] - means[0][:, k]).as_dict()}
-            if was > 0 and name != "self_intersections":
-                paired[name]["ratio"] = interval(is_now / was, means[1][:, k] / means[0][:, k]).as_dict()
+            was, is_now, before, after = first[:, k].mean(), second[:, k].mean(), means[0][:, k], means[1][:, k]
+            paired[name] = {"difference": interval(float(is_now - was), after - before).as_dict()}
+            if (before > 0).all() and name != "self_intersections":
+                paired[name]["ratio"] = interval(float(is_now / was), after / before).as_dict()
     return {
         "both_succeed": int(both.sum()),
         "success_difference": mean_estimate(b.success.astype(np.float64) - a.success).as_dict(),

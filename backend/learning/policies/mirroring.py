@@ -45,6 +45,13 @@ def mirror_of(setup: Setup) -> Mirror:
     signs[1] = -1  # goal bearing
     if setup.person_inputs is not None:
         signs[setup.person_inputs[1]] = -1
+    first = 2 + 2 * setup.with_person
+    for k in range(setup.pedestrians):  # motion across the robot's heading; of all but the nearest, the bearing, too
+        signs[first + 4 * k + 1] = -1
+        if k:
+            signs[first + 4 * k - 1] = -1
+    path = first + setup.pedestrian_inputs
+    signs[path + 1 : path + 2 * setup.path_points : 2] = -1
     if setup.with_velocity:
         signs[setup.polar_size - 1] = -1  # angular velocity
     return Mirror(order, signs)

@@ -6,7 +6,7 @@ Where their files lie is `shipped_files.py`'s, making them `experiments/ship.py`
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from backend.learning.adaptable.policy import FORMAT as ADAPTABLE
 from backend.learning.adaptable.policy import AdaptablePolicy, parsed_preference
@@ -22,6 +22,7 @@ from backend.learning.shipped_files import load_card, resolve, shipped_names
 if TYPE_CHECKING:
     from backend.learning.alignment.policy_library import PolicyLibrary
     from backend.learning.measures.step_basis import StepBasis
+    from backend.learning.pedestrians.attention_policy import AttentionPolicy
 
 
 def names_policy(reference: str) -> bool:
@@ -90,20 +91,27 @@ def load_policy_library(setup: str) -> PolicyLibrary | None:
     return PolicyLibrary.load(resolve(name)) if name in shipped_names() else None
 
 
-def load_shipped(name: str) -> Policy | AdaptablePolicy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary:
+Shipped: TypeAlias = (
+    "Policy | AdaptablePolicy | AttentionPolicy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary"
+)
+
+
+def load_shipped(name: str) -> Shipped:
     """The shipped artefact of that name, its bytes checked against its card.
 
     Raises LearningError if the name is unknown or file and card disagree.
     """
     from backend.learning.alignment.policy_library import PolicyLibrary
     from backend.learning.measures.step_basis import StepBasis
+    from backend.learning.pedestrians.attention_policy import AttentionPolicy
 
     path, card = resolve(name), load_card(name)
     if file_sha256(path) != card.sha256:
         raise LearningError(f"{name}: file and card disagree (sha256); restore both from the repository")
-    kinds: dict[str, type[Policy | AdaptablePolicy | ConditionedPolicy | QuerySet | StepBasis | PolicyLibrary]] = {
+    kinds: dict[str, type[Shipped]] = {
         "policy": Policy,
         "adaptable_policy": AdaptablePolicy,
+        "attention_policy": AttentionPolicy,
         "conditioned_policy": ConditionedPolicy,
         "query_set": QuerySet,
         "step_basis": StepBasis,

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from backend.learning.policies.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.measures import CLEARANCE_CAP_M, MEASURES, in_order, measures, near_person_m
-from backend.learning.preferences.objectives import NAMES, OBJECTIVES, best_possible, gains
+from backend.learning.preferences.crowd_measures import CrowdRecord
+from backend.learning.preferences.measures import CLEARANCE_CAP_M, in_order, measures, near_person_m, table_of
+from backend.learning.preferences.objectives import OBJECTIVES, best_possible, gains, names_of, objectives_of
 from backend.simulation.acting import begin
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Scene
@@ -82,6 +83,7 @@ class Course:
         most = min(most or engine.setup.max_steps, engine.setup.max_steps)
         distances, speeds = np.full((most, n), np.inf), np.zeros((most, n))  # by step
         nearest, side = engine.human_distance.copy(), self._bearing(np.arange(n))
+        crowd = CrowdRecord(engine.setup, most, n) if engine.setup.pedestrians else None
         step = 0
         while step < most and not engine.dones.all():
             running = np.flatnonzero(~engine.dones)
@@ -91,21 +93,22 @@ class Course:
             moved = engine.poses[running, :2] - before
             speeds[step, running] = np.hypot(moved[:, 0], moved[:, 1]) / CONTROL_DT_S
             distances[step, running] = engine.human_distance[running]
+            if crowd is not None:
+                crowd.note(step, running, engine.next_observations[running], speeds[step, running])
             nearer = running[engine.human_distance[running] < nearest[running]]
             nearest[nearer], side[nearer] = engine.human_distance[nearer], self._bearing(nearer)
             step += 1
         near = distances[:step] <= near_person_m(distances[:step].min(0))
-        measured = in_order(
-            {
-                "min_human_distance_m": engine.min_human_distance,
-                "passing_side": np.sin(side),
-                "min_clearance_m": np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
-                "path_length_m": engine.path_length,
-                "accumulated_angle_rad": engine.accumulated_angle,
-                "speed_near_person_m_s": (speeds[:step] * near).sum(0) / near.sum(0),
-                "time_s": engine.steps * CONTROL_DT_S,
-            }
-        )
+        columns = {
+            "min_human_distance_m": engine.min_human_distance,
+            "passing_side": np.sin(side),
+            "min_clearance_m": np.minimum(engine.min_clearance, CLEARANCE_CAP_M),
+            "path_length_m": engine.path_length,
+            "accumulated_angle_rad": engine.accumulated_angle,
+            "speed_near_person_m_s": (speeds[:step] * near).sum(0) / near.sum(0),
+            "time_s": engine.steps * CONTROL_DT_S,
+        } | (crowd.columns() if crowd else {})
+        measured = in_order(columns, table_of(self.setup))
         return MeasuredRollouts(engine.outcomes.copy(), measured, engine.self_intersections.copy())
 
     def _bearing(self, which: NDArray[np.int64]) -> Doubles:
@@ -126,11 +129,13 @@ class Steerability:
     scenes.
 
     Written results keep the keys of the first release (`told`: rollouts of conditioned policies).
+    setup: whose objectives and measures these are.
     """
 
     base: MeasuredRollouts
     conditioned: dict[str, MeasuredRollouts]
     possible: Doubles
+    setup: str = "study_room"
 
     @cached_property
     def shares(self) -> dict[str, float]:
@@ -139,12 +144,12 @@ class Steerability:
 
         Ratio of means over the scenes in which both policies succeed; NaN where there are none.
         """
-        columns = {name: self._columns(name) for name in NAMES if name in self.conditioned}
+        columns = {name: self._columns(name) for name in names_of(self.setup) if name in self.conditioned}
         return {name: float(_share(c.mean(0))) if len(c) else math.nan for name, c in columns.items()}
 
     def _columns(self, name: str) -> Doubles:
         """(both succeed, 3): base's, the conditioned policy's and the best value that the measure can have."""
-        k = NAMES.index(name)
+        k = names_of(self.setup).index(name)
         measure = OBJECTIVES[k].measure
         both = self.base.success & self.conditioned[name].success
         return np.stack(
@@ -184,14 +189,14 @@ class Steerability:
         """Everything for a card: per policy its rates and measures, per objective what it moved, with intervals."""
         return {
             "scenes": len(self.possible),
-            "base": _described(self.base),
-            "told": {name: _described(trajectories) for name, trajectories in self.conditioned.items()},
+            "base": _described(self.base, self.setup),
+            "told": {name: _described(trajectories, self.setup) for name, trajectories in self.conditioned.items()},
             "moved": {name: self.moved(name) for name in self.shares},
         }
 
     def moved(self, name: str) -> dict[str, Any]:
         """What telling this objective changed: its measure, paired gains and the share of the way, with intervals."""
-        k = NAMES.index(name)
+        k = names_of(self.setup).index(name)
         columns = self._columns(name)
         estimated = interval(self.shares[name], _share(resampled_means(columns))) if len(columns) else NOTHING
         against = {"base": self.base} | (
@@ -203,7 +208,7 @@ class Steerability:
             gained = gains(self.conditioned[name].measured[both] - trajectories.measured[both])[:, k]
             better[f"better_than_{who}"] = mean_estimate(gained).as_dict() | {"both_succeed": int(both.sum())}
         return {
-            "measure": MEASURES[OBJECTIVES[k].measure],
+            "measure": objectives_of(self.setup)[k].measured_by,
             "base": float(columns[:, 0].mean()),
             "told": float(columns[:, 1].mean()),
             "best_possible": float(columns[:, 2].mean()),
@@ -218,14 +223,16 @@ def _share(means: Doubles) -> Doubles:
     return share
 
 
-def _described(trajectories: MeasuredRollouts) -> dict[str, Any]:
+def _described(trajectories: MeasuredRollouts, setup: str) -> dict[str, Any]:
     n = len(trajectories.outcome)
     counts = {name: int((trajectories.outcome == which).sum()) for name, which in _OUTCOMES.items()}
     reached = trajectories.measured[trajectories.success]
     return {
         **{f"{name}_rate": wilson(count, n).as_dict() for name, count in counts.items()},
         "self_intersections": mean_estimate(trajectories.self_intersections).as_dict(),
-        "measures_where_successful": dict(zip(MEASURES, reached.mean(0).tolist(), strict=True)),
+        "measures_where_successful": {
+            measure.name: float(value) for measure, value in zip(table_of(setup), reached.mean(0), strict=True)
+        },
     }
 
 
@@ -239,4 +246,5 @@ def steerability_of(conditioned: Mapping[str, Policy], base: Policy, scenes: Seq
         course.rollout(base),
         {name: course.rollout(policy) for name, policy in conditioned.items()},
         best_possible(scenes),
+        base.setup,
     )

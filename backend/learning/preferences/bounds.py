@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from backend.learning.preferences.measures import CLEARANCE_CAP_M
+from backend.simulation.crowds.crowd_setups import PED_DEPTH_M
 from backend.simulation.kernels import surface_distance
-from backend.simulation.scene import Scene
+from backend.simulation.pedestrians import Pedestrian
+from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import scene_to_row
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 
@@ -77,3 +79,34 @@ def standing_m_s(bounds: SceneBounds) -> float:
 def full_speed_s(bounds: SceneBounds) -> float:
     """The straight way at full speed."""
     return bounds.way_m / get_setup(bounds.scene.setup).limits.v_max
+
+
+def nearest_ceiling_m(bounds: SceneBounds) -> float:
+    """Among pedestrians: to whoever is nearest at the start, and to who stands nearest to the goal."""
+    scene = bounds.scene
+    people = scene.people_at([0.0])[:, 0]
+    at_start = min(math.dist(place, (scene.start.x, scene.start.y)) for place in people)
+    standing = [scene.person.pose, *(Pose(*one.route[0]) for one in _crowd(scene) if one.speed == 0)]
+    at_goal = min(math.dist((one.x, one.y), (scene.goal.x, scene.goal.y)) for one in standing)
+    return min(at_start, at_goal + scene.goal_radius)
+
+
+def _crowd(scene: Scene) -> tuple[Pedestrian, ...]:
+    return scene.crowd.pedestrians if scene.crowd else ()
+
+
+def touching_m(bounds: SceneBounds) -> float:
+    """From centre to centre of a pedestrian's narrow side."""
+    return PED_DEPTH_M / 2 + ROBOT_RADIUS_M
+
+
+def always(bounds: SceneBounds) -> float:
+    return 1.0
+
+
+def always_behind(bounds: SceneBounds) -> float:
+    return -1.0
+
+
+def never(bounds: SceneBounds) -> float:
+    return 0.0

@@ -19,7 +19,7 @@ from scipy.special import expit, logsumexp, ndtr
 
 from backend.learning.errors import LearningError
 from backend.learning.measures.named import NAMES as NAMED
-from backend.learning.measures.pairs import PairDifferences
+from backend.learning.measures.pairs import PairDifferences, reference_differences
 from backend.learning.preferences.advantage_process import AdvantageProcess, Seen
 from backend.learning.preferences.foretelling import bits_about_others
 from backend.learning.preferences.measures import typical_differences
@@ -121,26 +121,26 @@ class FreePosterior:
         found: Doubles = masses @ np.stack(predicted)
         return found
 
-    def probability_better(self, differences: PairDifferences) -> float:
-        """That the first of these pairs are on average preferred to the second: one policy's rollouts against
-        another's in the same scenes. That these scenes are a sample is counted in."""
+    def probability_better(self, differences: PairDifferences, by: float = 0.0) -> float:
+        """That the first of these pairs are on average preferred to the second by more than `by`, in what a typical
+        pair of the setup differs by for this person: one policy's rollouts against another's in the same scenes. That
+        these scenes are a sample is counted in."""
         if not len(differences):
             return 0.5
-        few = self._few
-        sure = _probability_positive(
-            few.weights @ gains(differences.seen[:, 0] / typical_differences(self.setup)).T.astype(np.float32)
-        )
-        probable = [float(sure)]
-        for way, seen in self._of(differences):
+        advantages = self._of_the_nine(differences)
+        probable = [_probability_above(advantages, by * _typical(self._of_the_nine(self._reference)) if by else 0.0)]
+        typical = [way.process.advantages(seen) for way, seen in self._of(self._reference)] if by else []
+        for k, (way, seen) in enumerate(self._of(differences)):
             whole = (seen[0].mean(keepdims=True), seen[1].mean(0, keepdims=True))
             mean, variance = (float(part[0]) for part in way.process.advantages(whole))
             of_scenes = float(way.process.advantages(seen)[0].var()) / len(differences) if len(self.chosen) else 0.0
-            probable.append(float(ndtr(mean / math.sqrt(variance + of_scenes + 1e-12))))
+            least = by * math.sqrt(float((np.square(typical[k][0]) + typical[k][1]).mean())) if by else 0.0
+            probable.append(float(ndtr((mean - least) / math.sqrt(variance + of_scenes + 1e-12))))
         return float(self._masses @ np.array(probable))
 
     def advantages(self, differences: PairDifferences) -> tuple[Doubles, Doubles]:
         """(n,) how much better the first of each pair is expected to be, in log odds, and its standard deviation."""
-        nine = self._few.weights @ gains(differences.seen[:, 0] / typical_differences(self.setup)).T.astype(np.float32)
+        nine = self._of_the_nine(differences)
         means, squares = [nine.mean(0)], [np.square(nine).mean(0)]
         for way, seen in self._of(differences):
             mean, variance = way.process.advantages(seen)
@@ -151,9 +151,7 @@ class FreePosterior:
 
     def each_better(self, differences: PairDifferences) -> Doubles:
         """(n,) probability that the first of each pair is the one preferred, whatever would be answered."""
-        advantages = self._few.weights @ gains(differences.seen[:, 0] / typical_differences(self.setup)).T.astype(
-            np.float32
-        )
+        advantages = self._of_the_nine(differences)
         probable = [(advantages > 0).mean(0) + 0.5 * (advantages == 0).mean(0)]
         for way, seen in self._of(differences):
             mean, variance = way.process.advantages(seen)
@@ -254,6 +252,16 @@ class FreePosterior:
         for way in self._ways:
             yield way, seen[way.name]
 
+    def _of_the_nine(self, differences: PairDifferences) -> NDArray[np.float32]:
+        """(PREDICTING, n) how much better the first of each pair is by the nine alone, by particle."""
+        scaled = differences.seen[:, 0] / typical_differences(self.setup)
+        found: NDArray[np.float32] = self._few.weights @ gains(scaled).T.astype(np.float32)
+        return found
+
+    @cached_property
+    def _reference(self) -> PairDifferences:
+        return reference_differences(self.setup, self.config.posterior.left_right_symmetry)
+
     def _seen(self, differences: PairDifferences, way: str) -> Seen:
         if way in self._priors:
             return self._priors[way].seen(differences)
@@ -276,8 +284,15 @@ def _entropy(probabilities: Doubles) -> Doubles:
     return found
 
 
-def _probability_positive(advantages: NDArray[np.float32]) -> float:
-    """Mean over particles (rows) that their mean over scenes (columns) is above 0, the scenes being a sample."""
+def _typical(advantages: NDArray[np.float32]) -> Doubles:
+    """(particles,) what a pair's advantage (columns) is, whichever side has it: root of the mean square."""
+    found: Doubles = np.sqrt(np.square(advantages, dtype=np.float64).mean(1))
+    return found
+
+
+def _probability_above(advantages: NDArray[np.float32], least: Doubles | float) -> float:
+    """Mean over particles (rows) that their mean over scenes (columns) is above the least, the scenes being a
+    sample."""
     means = advantages.mean(1, dtype=np.float64)
     errors = advantages.std(1, dtype=np.float64) / math.sqrt(advantages.shape[1]) + 1e-9
-    return float(ndtr(means / errors).mean())
+    return float(ndtr((means - least) / errors).mean())

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.preferences.measures import measures, typical_differences
-from backend.learning.preferences.objectives import NAMES
+from backend.learning.preferences.objectives import names_of
 from backend.learning.preferences.posterior import weights_of_shares
 from backend.learning.shipped_files import resolve
 from backend.simulation.npz import from_npz, to_npz
@@ -97,4 +97,4 @@ def weights_of_drawn(setup: str, drawn: Sequence[tuple[int, Trajectory]]) -> dic
     scenes = np.array([scene for scene, _ in drawn])
     mass = candidates.given(scenes, measures([rollout for _, rollout in drawn]))
     weights = weights_of_shares(mass @ candidates.shares)
-    return {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight > 0}
+    return {name: round(float(weight), 3) for name, weight in zip(names_of(setup), weights, strict=True) if weight > 0}

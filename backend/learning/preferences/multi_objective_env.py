@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from backend.learning.preferences.objectives import NAMES, step_terms_of
+from backend.learning.preferences.objectives import NAMES, names_of, step_terms_of
 from backend.simulation.environments import NavigationEnv
 
 Floats = NDArray[np.float32]
@@ -32,11 +32,11 @@ class MultiObjectiveNavigationEnv(gymnasium.Env[Floats, Floats]):
         self._env = NavigationEnv(setup, seed=seed)
         self.setup = self._env.setup
         self.observation_space, self.action_space = self._env.observation_space, self._env.action_space
-        self.rewards = REWARDS
-        low, high = np.full(len(REWARDS), -1.0, np.float32), np.zeros(len(REWARDS), np.float32)
+        self.rewards = ("task", *names_of(setup))
+        low, high = np.full(len(self.rewards), -1.0, np.float32), np.zeros(len(self.rewards), np.float32)
         low[0], high[0] = -np.inf, np.inf
         self.reward_space = cast(spaces.Space[Floats], spaces.Box(low, high, dtype=np.float32))
-        self.reward_dim = len(REWARDS)
+        self.reward_dim = len(self.rewards)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """As `NavigationEnv.reset`."""

@@ -17,7 +17,7 @@ from backend.analysis.metrics import min_human_distance, path_length
 from backend.learning.errors import LearningError
 from backend.learning.people.card import FAMILIES, is_member, member, parsed
 from backend.learning.preferences.measures import MEASURES, measures, typical_differences
-from backend.learning.preferences.objectives import NAMES, gains
+from backend.learning.preferences.objectives import CROWD_NAMES, NAMES, gains, names_of
 from backend.learning.preferences.preferences import Preference
 from backend.learning.preferences.spans import PEAK_S, beginning, moments
 from backend.learning.queries.queries import Query
@@ -44,7 +44,7 @@ def path_length_m(trajectory: Trajectory) -> float:
 @dataclass(frozen=True)
 class OraclePreference:
     """What an oracle prefers. objectives: those that it consists of, the dominant one first; none: it is not made of
-    them. weights: (9,) what each weighs then, in the order of NAMES. later: what it prefers instead after so many
+    them. weights: (9,) what each weighs then, in the order of `names`. later: what it prefers instead after so many
     answers, where its mind changes.
     """
 
@@ -52,6 +52,7 @@ class OraclePreference:
     objectives: tuple[str, ...] = ()
     weights: Doubles | None = None
     later: Callable[[int], Value] | None = None
+    names: tuple[str, ...] = NAMES
 
     def after(self, answers: int) -> Value:
         """What it prefers once so many questions were answered."""
@@ -67,13 +68,18 @@ def _typical(trajectories: Sequence[Trajectory]) -> Doubles:
 
 def _of_objectives(**weights: float) -> OraclePreference:
     """A weighted sum of the objectives' gains."""
-    row = np.array([weights.get(name, 0.0) for name in NAMES])
+    names = NAMES if all(name in NAMES for name in weights) else CROWD_NAMES
+    row = np.array([weights.get(name, 0.0) for name in names])
 
     def value(trajectories: Sequence[Trajectory]) -> Doubles:
+        setup = trajectories[0].scene.setup
+        unknown = [name for name in weights if name not in names_of(setup)]
+        if unknown:
+            raise LearningError(f"oracle prefers {unknown[0]!r}; in {setup} there are {', '.join(names_of(setup))}")
         value: Doubles = gains(measures(trajectories) / _typical(trajectories)) @ row
         return value
 
-    return OraclePreference(value, tuple(sorted(weights, key=lambda name: -weights[name])), row)
+    return OraclePreference(value, tuple(sorted(weights, key=lambda name: -weights[name])), row, names=names)
 
 
 def _keep_away_else_short(trajectories: Sequence[Trajectory]) -> Doubles:
@@ -120,7 +126,21 @@ HELD_OUT: dict[str, OraclePreference] = {
     "faces-person": OraclePreference(_faces_person),
 }
 ORACLE_PREFERENCES = TUNING | HELD_OUT
-ORACLES = (*ORACLE_PREFERENCES, "random")
+CROWD_PREFERENCES: dict[str, OraclePreference] = {
+    "pass-behind": _of_objectives(passes_behind=1.0),
+    "cut-in-front": _of_objectives(cuts_in_front=1.0),
+    "follow": _of_objectives(follows=1.0),
+    "wait": _of_objectives(waits=1.0),
+    "behind-and-slow": _of_objectives(passes_behind=0.6, slower_near_person=0.4),
+    "far-and-waiting": _of_objectives(farther=0.6, waits=0.4),
+}
+"""What only somebody among pedestrians can prefer."""
+JUDGING_CROWDS = (
+    "min-human-distance", "closer", "pass-behind", "cut-in-front", "follow", "wait", "smoothest", "slow-near-person",
+    "fastest", "far-and-smooth", "behind-and-slow", "far-and-waiting",
+)  # fmt: skip
+"""Those that are made of the objectives among pedestrians."""
+ORACLES = (*ORACLE_PREFERENCES, *CROWD_PREFERENCES, "random")
 OUTSIDE = tuple(f"{family}:0" for family in FAMILIES)
 """Somebody of each family outside the list."""
 
@@ -130,8 +150,9 @@ def preference_of(name: str) -> OraclePreference:
 
     Raises LearningError for an unknown one.
     """
-    if name in ORACLE_PREFERENCES:
-        return ORACLE_PREFERENCES[name]
+    for known in (ORACLE_PREFERENCES, CROWD_PREFERENCES):
+        if name in known:
+            return known[name]
     if not is_member(name):
         raise LearningError(f"oracle = {name!r}: known are {', '.join(ORACLES)}; or somebody as {', '.join(OUTSIDE)}")
     parsed(name)

@@ -18,14 +18,13 @@ from numpy.typing import NDArray
 
 from backend.learning.errors import LearningError
 from backend.learning.preferences.measures import MEASURES, typical_differences
-from backend.learning.preferences.objectives import NAMES, OBJECTIVES, OPPOSITES, SIZE, gains
+from backend.learning.preferences.objectives import OPPOSITES, SIZE, gains, names_of, sides_of
 from backend.learning.preferences.spans import SPANS_S
 from backend.simulation.setups import get_setup
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 MOST_OBJECTIVES = 3
-SIDES = tuple(k for k, objective in enumerate(OBJECTIVES) if MEASURES[objective.measure] == "passing_side")
 
 
 @dataclass(frozen=True)
@@ -55,9 +54,9 @@ class PosteriorConfig:
     left_right_symmetry: bool = False  # somebody would answer a mirrored query alike, so nobody prefers a side
 
 
-def supports(*, left_right_symmetry: bool = False) -> list[tuple[int, ...]]:
+def supports(*, left_right_symmetry: bool = False, setup: str = "study_room") -> list[tuple[int, ...]]:
     """All sets of one to three objectives that somebody can prefer at once, by index; with symmetry none has a side."""
-    possible = [k for k in range(SIZE) if not (left_right_symmetry and k in SIDES)]
+    possible = [k for k in range(SIZE) if not (left_right_symmetry and k in sides_of(setup))]
     return [
         chosen
         for size in range(1, MOST_OBJECTIVES + 1)
@@ -97,7 +96,7 @@ class Posterior:
         config = config or PosteriorConfig()
         typical_differences(get_setup(setup).name)
         random = np.random.default_rng([config.seed, 21])
-        possible = supports(left_right_symmetry=config.left_right_symmetry)
+        possible = supports(left_right_symmetry=config.left_right_symmetry, setup=setup)
         weights, log_mass = [], []
         for size, (mass, carried) in enumerate(zip(config.objectives, config.carried_by, strict=True), start=1):
             sets = [chosen for chosen in possible if len(chosen) == size]
@@ -173,7 +172,7 @@ class Posterior:
 
     def importance(self) -> dict[str, float]:
         """Expected share of each objective, by name: what the answers were about."""
-        return {name: float(share) for name, share in zip(NAMES, self.shares(), strict=True)}
+        return {name: float(share) for name, share in zip(names_of(self.setup), self.shares(), strict=True)}
 
     def foremost(self) -> Doubles:
         """(9,) probability of each objective to have the largest share; sums to 1."""
@@ -186,7 +185,7 @@ class Posterior:
 
         Not the one with the largest expected share: an objective that may be all or nothing has a large one, too.
         """
-        return NAMES[int(self.foremost().argmax())]
+        return names_of(self.setup)[int(self.foremost().argmax())]
 
     def predict(self, differences: Doubles) -> Doubles:
         """(n,) probability that A is chosen from pairs whose measures differ by (n, spans, 7).
@@ -245,7 +244,9 @@ class Posterior:
 
         now = log_likelihood(state)
         for move in range(self.config.moves):
-            weights = _moved_weights(state["weights"], random, self.config, swap=move % 2 == 1)
+            weights = _moved_weights(
+                state["weights"], random, self.config, swap=move % 2 == 1, sides=sides_of(self.setup)
+            )
             (rationality, lapse_rate), favour = _moved_response_model(
                 state["rationality"], state["lapse_rate"], self.config, random
             )
@@ -307,10 +308,13 @@ def _systematic(masses: Doubles, n: int, random: np.random.Generator) -> NDArray
     return rows
 
 
-def _moved_weights(weights: Floats, random: np.random.Generator, config: PosteriorConfig, *, swap: bool) -> Floats:
+def _moved_weights(
+    weights: Floats, random: np.random.Generator, config: PosteriorConfig, *, swap: bool, sides: Sequence[int]
+) -> Floats:
     """Proposals that the prior likes as much: the sum of two objectives' shares split anew, or exchanged.
 
     swap: one of the two places is any objective, so that an objective can turn into another one; impossible sets stay.
+    sides: places of the objectives that prefer one.
     """
     n = len(weights)
     rows = np.arange(n)
@@ -333,7 +337,7 @@ def _moved_weights(weights: Floats, random: np.random.Generator, config: Posteri
         alone = first == second
         proposed[rows, first], proposed[rows, second] = both * split, both * (1 - split)
         proposed[alone] = weights[alone]
-    impossible = (proposed[:, SIDES] > 0).any(axis=1) & config.left_right_symmetry
+    impossible = (proposed[:, sides] > 0).any(axis=1) & config.left_right_symmetry
     for a, b in OPPOSITES:
         impossible |= (proposed[:, a] > 0) & (proposed[:, b] > 0)
     proposed[impossible] = weights[impossible]

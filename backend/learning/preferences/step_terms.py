@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.preferences.crowd_measures import MOVES_M_S, Surroundings
 from backend.learning.preferences.features import obstacle_clearance_m
 from backend.learning.preferences.measures import CLEARANCE_CAP_M, NEAR_PERSON_M
 from backend.simulation.setups import Setup
@@ -31,12 +32,18 @@ class Closeness:
     least: float
 
 
-CLOSENESS = {"open_field": Closeness(0.7, 0.8, 0.35), "study_room": Closeness(0.85, 0.5, 0.1)}
+CLOSENESS = {
+    "open_field": Closeness(0.7, 0.8, 0.35),
+    "study_room": Closeness(0.85, 0.5, 0.1),
+    "crowd_hall": Closeness(0.8, 0.6, 0.1),
+}
 """By setup. The room's robot is twice as fast, and a step beside the person is a larger part of its trajectory."""
-FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5}
+FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5, "crowd_hall": 2.0}
 """By setup, where `farther` is content: little beyond the ceilings, else the goal itself is too near the person."""
 SLOW_SHARE = 0.5  # of full speed: slower than this near the person is no better
 SIDE_RANGE_M = 3.0
+ELSEWHERE = 0.05  # of a step in front, what one costs that is neither in front nor behind, where behind is preferred:
+# with 0.3 every step was dear, and whoever preferred to pass behind, or to cut in front, only drove faster
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,11 @@ class Steps:
         """0 straight towards the goal, 1 straight away from it."""
         found: Floats = (1 - np.cos(self.next_observations[:, 1] * np.float32(math.pi))) / 2
         return found
+
+    @cached_property
+    def around(self) -> Surroundings:
+        """The pedestrians that the robot is told of, where there are some."""
+        return Surroundings(self.next_observations, self.setup)
 
 
 def too_near(steps: Steps) -> Floats:
@@ -126,4 +138,33 @@ def fast_near_person(steps: Steps) -> Floats:
 
 def every_step(steps: Steps) -> Floats:
     found: Floats = np.full(len(steps.actions), -1.0)
+    return found
+
+
+def ahead_of_people(steps: Steps) -> Floats:
+    """Being where who walks is going, nearer worse; behind them nothing, elsewhere a little, else it would be avoided
+    by keeping away."""
+    return _out_of_place(steps, worse=steps.around.in_front, better=steps.around.behind)
+
+
+def behind_people(steps: Steps) -> Floats:
+    """The other way round."""
+    return _out_of_place(steps, worse=steps.around.behind, better=steps.around.in_front)
+
+
+def _out_of_place(steps: Steps, *, worse: Floats, better: Floats) -> Floats:
+    found: Floats = -ELSEWHERE * (1 - better) - (1 - ELSEWHERE) * worse
+    return found
+
+
+def after_nobody(steps: Steps) -> Floats:
+    found: Floats = steps.around.followed - 1
+    return found
+
+
+def moving_beside_people(steps: Steps) -> Floats:
+    """Not waiting while somebody walks near; the way around them is priced, too, as beside a person."""
+    near = np.clip((NEAR_PERSON_M + 0.5 - steps.around.nearest_walking) / 0.5, 0, 1)
+    moving = np.clip(steps.speed * steps.setup.limits.v_max / MOVES_M_S, 0, 1)
+    found: Floats = -0.85 * near * moving - 0.15 * steps.speed * steps.off_course
     return found

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, permutations
 from pathlib import Path
 from typing import Any
@@ -220,14 +221,26 @@ def generate_queries(
             f"members = {len(members)}: {config.trajectories} trajectories need as many ensemble members"
         )
     setup = get_setup(require_same(**{f"member {k}": member.setup for k, member in enumerate(members)}))
-    random = np.random.default_rng([config.seed, 6])
     scenes = scene_set(setup.name, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
+    roll_outs = [partial(rollout, setup, member.rollout_policy) for member in members]
+    return queries_of(setup.name, roll_outs, scenes, config, on_progress)
+
+
+def queries_of(
+    setup: str,
+    roll_outs: Sequence[Callable[[Sequence[Scene]], list[Trajectory]]],
+    scenes: Sequence[Scene],
+    config: QueryConfig,
+    on_progress: Callable[[float, dict[str, float]], None] | None = None,
+) -> QuerySet:
+    """`generate_queries` of whatever rolls out in scenes of that setup, in these scenes."""
+    random = np.random.default_rng([config.seed, 6])
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     of_scenes: list[list[Query]] = []
-    for first in range(0, config.max_scenes, config.scenes_per_round):
+    for first in range(0, len(scenes), config.scenes_per_round):
         round_scenes = scenes[first : first + config.scenes_per_round]
-        trajectories = [rollout(setup, member.rollout_policy, round_scenes) for member in members]
+        trajectories = [roll_out(round_scenes) for roll_out in roll_outs]
         for row in range(len(round_scenes)):
             filtered["scenes"] += 1
             found = _queries_in_scene([trajectory[row] for trajectory in trajectories], config, random, filtered)
@@ -235,11 +248,11 @@ def generate_queries(
                 continue
             of_scenes.append(found)
             if len(of_scenes) == config.count:
-                return QuerySet(setup.name, tuple(query for of_one in of_scenes for query in of_one), filtered)
+                return QuerySet(setup, tuple(query for of_one in of_scenes for query in of_one), filtered)
         if on_progress:
             on_progress(len(of_scenes) / config.count, {"queries": len(of_scenes), "scenes": filtered["scenes"]})
     raise LearningError(
-        f"count = {config.count}: {config.max_scenes} scenes gave queries in only {len(of_scenes)}; dropped: "
+        f"count = {config.count}: {len(scenes)} scenes gave queries in only {len(of_scenes)}; dropped: "
         f"{filtered}. Ask for fewer, allow longer trajectories (max_duration_s) or train a better ensemble."
     )
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from backend.learning.cards import stored_config
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.preferences.measures import MEASURES, TABLE, measures
-from backend.learning.preferences.objectives import NAMES, OPPOSITES, SIZE, preference_weights
+from backend.learning.preferences.measures import measures, table_of
+from backend.learning.preferences.objectives import OPPOSITES, SIZE, names_of, preference_weights
 from backend.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, rounded
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.simulation.fast import rollout
@@ -49,15 +49,16 @@ class VariedConfig:
         return stored_config(self)
 
 
-def drawn_weights(count: int, seed: int) -> list[Floats]:
+def drawn_weights(count: int, seed: int, setup: str = "study_room") -> list[Floats]:
     """`count` settings (9,): each objective alone, then two or three together, each at 0.4 to 1."""
     random = np.random.default_rng([seed, 31])
-    settings = [preference_weights({name: 1.0}) for name in NAMES[:count]]
+    settings = [preference_weights({name: 1.0}) for name in names_of(setup)[:count]]
     while len(settings) < count:
         chosen = random.choice(SIZE, int(random.integers(2, 4)), replace=False)
         if not any(a in chosen and b in chosen for a, b in OPPOSITES):
             strengths = random.uniform(0.4, 1.0, len(chosen))
-            settings.append(preference_weights({NAMES[k]: float(s) for k, s in zip(chosen, strengths, strict=True)}))
+            named = {names_of(setup)[k]: float(s) for k, s in zip(chosen, strengths, strict=True)}
+            settings.append(preference_weights(named))
     return settings
 
 
@@ -72,7 +73,7 @@ def generate_varied_queries(
     asked, setup = config.queries, get_setup(conditioned.setup)
     random = np.random.default_rng([asked.seed, 32])
     trained = conditioned.as_trained()
-    policies = [trained.at(weights) for weights in drawn_weights(config.settings, asked.seed)]
+    policies = [trained.at(weights) for weights in drawn_weights(config.settings, asked.seed, setup.name)]
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     candidates: list[Query] = []
@@ -185,11 +186,12 @@ def describe_differences(query_set: QuerySet) -> dict[str, Any]:
     differences = differences_of(query_set.queries)
     if len(differences) < 3:
         raise LearningError(f"queries = {len(differences)}: too few to describe how they differ")
+    table = table_of(query_set.setup)
     spread = [float(column.std()) for column in differences.T]
     with np.errstate(invalid="ignore", divide="ignore"):
         correlations: Doubles = np.nan_to_num(np.asarray(np.corrcoef(differences.T)))
     off = np.abs(correlations - np.diag(np.diag(correlations)))
-    i, j = divmod(int(off.argmax()), len(MEASURES))
+    i, j = divmod(int(off.argmax()), len(table))
     between = float(correlations[i, j])
     return {
         "setup": query_set.setup,
@@ -200,8 +202,8 @@ def describe_differences(query_set: QuerySet) -> dict[str, Any]:
                 "noticeable_difference": measure.noticeable,
                 "noticeable_share": float((np.abs(differences[:, k]) >= measure.noticeable).mean()),
             }
-            for k, measure in enumerate(TABLE)
+            for k, measure in enumerate(table)
         },
         "correlations": correlations.tolist(),
-        "largest_correlation": {"between": [MEASURES[i], MEASURES[j]], "value": between},
+        "largest_correlation": {"between": [table[i].name, table[j].name], "value": between},
     }

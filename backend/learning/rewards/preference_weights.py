@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.preferences.measures import measures, typical_differences
-from backend.learning.preferences.objectives import NAMES, gains, step_terms_of
+from backend.learning.preferences.objectives import gains, names_of, step_terms_of
 from backend.learning.preferences.posterior import Posterior, PosteriorConfig, choice_probabilities, weights_of_shares
 from backend.learning.preferences.preferences import Preference, usable
 from backend.learning.preferences.spans import seen_differences
@@ -73,7 +73,7 @@ class WeightsRewardModel(RewardModel):
 
     def importance(self) -> dict[str, float]:
         """Share of each objective, by name: what the answers were about."""
-        return {name: float(share) for name, share in zip(NAMES, self.shares, strict=True)}
+        return {name: float(share) for name, share in zip(names_of(self.setup), self.shares, strict=True)}
 
     def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
         meta: dict[str, object] = {"kind": self.kind, "setup": self.setup, "reduction": self.reduction}

@@ -21,11 +21,11 @@ from backend.learning.policies.networks import use_one_thread
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.steerability import Steerability, measured_rollouts, steerability_of
 from backend.learning.preferences.objectives import (
-    MIRRORED,
-    NAMES,
     OPPOSITES,
     SIZE,
     best_possible,
+    mirrored_of,
+    names_of,
     preference_weights,
     scales,
     shares_of_reward,
@@ -67,6 +67,7 @@ REWARD_WEIGHTS = {
     "open_field": RewardWeights(scales=scales("open_field"), goal=30.0, collision=-30.0, progress=5.0),
     # Time and turning are dear because robots that would rather not pass the person wait or circle.
     "study_room": RewardWeights(scales=scales("study_room"), goal=65.0, collision=-80.0, time=0.6, turning=1.0),
+    "crowd_hall": RewardWeights(scales=scales("crowd_hall"), goal=65.0, collision=-80.0, time=0.6, turning=0.6),
 }
 
 
@@ -76,6 +77,16 @@ MIXTURES = {
     "left_faster": {"person_on_left": 1.0, "faster": 1.0},
 }
 """Preferences whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
+CROWD_MIXTURES = {
+    "farther_smoother": {"farther": 1.0, "smoother": 0.5},
+    "behind_slower": {"passes_behind": 1.0, "slower_near_person": 0.7},
+    "front_faster": {"cuts_in_front": 1.0, "faster": 1.0},
+}
+
+
+def judged_settings(setup: str) -> dict[str, Floats]:
+    """The preference weights that checkpoints are judged at."""
+    return settings(CROWD_MIXTURES if get_setup(setup).pedestrians else MIXTURES, setup)
 
 
 @dataclass(frozen=True)
@@ -139,6 +150,10 @@ CONFIGS = {
     # there is nothing to get stuck at.
     "study_room": ConditionedConfig(
         "study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600, recovery=True
+    ),
+    # A quarter of an hour of a core. A robot that waits is not stuck, so there is no recovery.
+    "crowd_hall": ConditionedConfig(
+        "crowd_hall", updates=24_000, checkpoints=3, selection_scenes=200, strengths=(1.0,)
     ),
 }
 """How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
@@ -301,7 +316,7 @@ class ConditionedTraining:
         for part in (seen, then):
             part[mirrored] = part[mirrored][:, order] * signs
         done[mirrored] *= ACTION_SIGNS
-        weights[mirrored] = weights[mirrored][:, MIRRORED]
+        weights[mirrored] = weights[mirrored][:, mirrored_of(config.setup)]
         return Batch(
             torch.from_numpy(self._inputs(seen, weights)),
             actions,
@@ -341,8 +356,10 @@ def _check(base: Policy, config: ConditionedConfig) -> None:
         raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
     given = config.reward_in_use.scales
     if len(given) != SIZE or min(given) < 0:
-        raise LearningError(f"reward_weights.scales = {given}: {SIZE} numbers >= 0 are needed, in the order of {NAMES}")
-    if config.mirrored_share and any(given[k] != given[m] for k, m in enumerate(MIRRORED)):
+        raise LearningError(
+            f"reward_weights.scales = {given}: {SIZE} numbers >= 0 are needed, in the order of {names_of(config.setup)}"
+        )
+    if config.mirrored_share and any(given[k] != given[m] for k, m in enumerate(mirrored_of(config.setup))):
         raise LearningError(
             f"reward_weights.scales = {given}: mirroring needs the same scale for the person on either side"
         )
@@ -388,7 +405,8 @@ def train_conditioned(
 
 
 def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Steerability:
-    return steerability_of({name: policy.at(weights) for name, weights in settings(MIXTURES).items()}, base, scenes)
+    asked = judged_settings(policy.setup)
+    return steerability_of({name: policy.at(weights) for name, weights in asked.items()}, base, scenes)
 
 
 def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedConfig) -> float:
@@ -409,6 +427,7 @@ def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedCo
         if trajectories.success.mean() < config.strong_success:
             break
         kept = strength
-        if Steerability(rolled_out, {"farther": trajectories}, possible).shares["farther"] >= config.strong_share:
+        reached = Steerability(rolled_out, {"farther": trajectories}, possible, config.setup).shares["farther"]
+        if reached >= config.strong_share:
             break
     return kept

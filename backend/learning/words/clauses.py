@@ -97,7 +97,8 @@ GRAMMARS: Mapping[Language, Grammar] = {
         provided=r"\b(if|as long as|so long as|provided)\b",
         choosing=r"\b(choose|decide|choice|chose)\b",
         foremost=r"\b(above all|first of all|mainly|especially|first and foremost|priority|most)\b",
-        pairs=r"\b((left|back|to|up|now|on|more|nice|safe) and \w+|slow and (safe|steady))\b",
+        pairs=r"\b((left|back|to|up|now|on|more|nice|safe) and \w+|slow and (safe|steady)"
+        r"|(not|dont|be|go|drive|come|move|get) so \w+)\b",
     ),
     "de": Grammar(
         hard=known_words("aber jedoch allerdings sonst ansonsten denn weil hauptsache obwohl"),

@@ -252,8 +252,13 @@ def _say_two_things(some: Sequence[_Read]) -> bool:
 
 
 def _says_otherwise(together: _Read, some: Sequence[_Read]) -> bool:
-    """Whether two of the pieces or more surely say the same, and all of them together something else."""
+    """Whether two of the pieces or more surely say the same, and all of them together something else; or together they
+    say the opposite of one, while another speaks of something else: in "keep away, and do not rush" nothing denies the
+    first, in "close to me, I do not want" the second half does."""
     sure = [one.about for one in some if one.about and not one.unsure]
+    said = {one.about for one in some if one.about and one.probability >= MENTIONED}
+    if len(said) > 1 and OPPOSITE.get(together.about or "") in sure:
+        return True
     return len(sure) > 1 and len(set(sure)) == 1 and together.about != sure[0]
 
 

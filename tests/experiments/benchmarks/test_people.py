@@ -21,10 +21,12 @@ from backend.experiments.benchmarks.people_harm import (
     clopper_pearson,
     known_persons,
 )
+from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
 from backend.experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
-from backend.learning.alignment.never_worse import SURE
 from backend.learning.errors import LearningError
-from backend.learning.people.asked_people import PeopleConfig, benchmark_people, calibration_error
+from backend.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
+from backend.learning.people.rows import bins_of, calibration_error
+from backend.learning.preferences.sureness import CLEARLY, SURE
 from backend.simulation.setups import STUDY_ROOM
 
 SMALL = PeopleConfig(
@@ -85,7 +87,9 @@ def test_who_is_harmed_is_counted_as_an_alignment_job_decides_and_a_stopped_run_
     assert (result["people"], len(heard), set(result["families"])) == (4, 4, {"thresholds", "nine"})
     assert [one["person"] for one in heard] == ["thresholds:200", "nine:200", "thresholds:201", "nine:201"]
     for one in heard:
-        assert one["shown"] == (one["probability_better"] >= SURE)
+        assert one["probability_clearly_better"] <= one["probability_better"]
+        surely, clearly = one["probability_better"] >= SURE, one["probability_clearly_better"] >= CLEARLY
+        assert one["shown"] == (surely and clearly)
     low, high = result["harmed_rate_interval"]
     assert low <= result["harmed_rate"] <= high
     (tmp_path / "harm.json").write_text(json.dumps(result))
@@ -124,6 +128,33 @@ def test_unknown_names_are_refused() -> None:
 
 
 def test_claims_that_come_true_have_no_error() -> None:
-    sure = np.full(100, 0.75)
-    assert calibration_error([(sure, np.arange(100) < 75)]) == pytest.approx(0.0)
-    assert calibration_error([(sure, np.arange(100) < 50)]) == pytest.approx(0.25)
+    sure, everybody = np.full(100, 0.75), np.arange(100)
+    assert calibration_error([bins_of(sure, everybody < 75)]) == pytest.approx(0.0)
+    assert calibration_error([bins_of(sure, everybody < 50)]) == pytest.approx(0.25)
+    both = [bins_of(sure, everybody < 100), bins_of(sure, everybody < 50)]
+    assert calibration_error(both) == pytest.approx(0.0), "of all answers together"
+
+
+def test_a_stopped_measurement_of_people_goes_on_where_it_was(tmp_path: Path) -> None:
+    config = replace(SMALL, families=("thresholds", "nine"))
+    whole = benchmark_people("study_room", config)
+    assert [one["person"] for one in whole["persons"]] == ["thresholds:0", "nine:0", "thresholds:1", "nine:1"]
+    (tmp_path / "people.json").write_text(json.dumps(result_of("study_room", config, whole["persons"][:3])))
+    known = known_people(tmp_path / "people.json", "study_room", config)
+    heard: list[dict[str, Any]] = []
+    assert benchmark_people("study_room", config, known=known, on_person=heard.append) == whole
+    assert [one["person"] for one in heard] == ["nine:1"]
+    assert known_people(tmp_path / "people.json", "study_room", SMALL) == []
+    assert known_people(tmp_path / "none.json", "study_room", config) == []
+
+
+def test_shares_of_the_librarys_best_stand_in_every_family_s_row() -> None:
+    config = replace(SMALL, people=1, answers=(8,))
+    policies = PeoplePoliciesConfig(
+        config.families, people=1, answers=8, pool=12, test=10, scenes=6, fine_tuning=False, trained=0
+    )
+    result = with_shares(benchmark_people("study_room", config), "study_room", policies, {})
+    for row in (result, *result["rows"]):
+        assert 0 <= row["success_at_once"] <= 1
+        assert row["share_at_once"] is None or row["share_at_once"] <= 1 + 1e-9, "of the library's best"
+    assert result["rows"][0]["gain_at_once"] == result["gain_at_once"], "one family is everybody"

@@ -99,6 +99,23 @@ def test_what_only_looks_like_a_contradiction_is_none(sentence, weights):
     assert said(sentence).weights == weights
 
 
+def test_a_denial_in_the_second_half_does_not_turn_the_first_half_round():
+    got = said("Halt Abstand, und fahr nicht so schnell", "de")
+    assert list(got.weights) == ["farther", "slower_near_person"]
+    for sentence in ("Keep away, and not so fast", "Stay away from me and don't go so fast"):
+        assert list(said(sentence).weights) == ["farther", "slower_near_person"]
+    between = said("Komm nah heran, aber halt Abstand, und fahr nicht so schnell", "de")
+    assert list(between.weights) == ["slower_near_person"]
+    assert [question.offered for question in between.questions] == [("closer", "farther")]
+
+
+def test_what_is_not_understood_beside_a_wish_does_not_turn_it_round():
+    got = said("Stay away from me and don't rush")
+    assert list(got.weights) == ["farther"]
+    assert len(got.questions) == 1
+    assert list(said("close to me, I don't want").weights) == ["farther"], "a half that only denies still does"
+
+
 def test_marked_are_the_words_that_moved_the_weights_and_no_others():
     kept = gone = empty = words = 0
     for language in LANGUAGES:

@@ -46,7 +46,10 @@ class Wording extends LivePanel {
     if (!this.field) return; // the panel's own constructor is at work
     /** @type {HTMLElement} */ (this.root.querySelector("#words-found")).hidden = !this.read;
     this.root.querySelector("[data-read]")?.setAttribute("aria-disabled", String(this.reading || this.isRead || !this.field.value.trim()));
-    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!(this.isRead && this.isAnswered)));
+  }
+
+  get mayDecide() {
+    return Boolean(this.field) && this.isRead && this.isAnswered;
   }
 
   /** How the way is; while a question is open, also why the answer cannot be given yet. */
