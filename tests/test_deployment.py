@@ -14,11 +14,16 @@ import pytest
 import yaml
 from sqlalchemy import make_url
 
+from backend.experiments.composed_walk import shortened
+from backend.experiments.image_here import Image, ImageError, steps_of
+from backend.experiments.image_surroundings import places_named
 from backend.jobs import heartbeat
 from backend.jobs.process import environment_of
 from backend.settings import Settings, SettingsError
+from backend.study.protocol.freezing import freeze
 
 ROOT = Path(__file__).resolve().parents[1]
+DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text(encoding="utf-8"))
 SERVER = "postgresql+psycopg://desirepath@database/desirepath"
 
@@ -35,6 +40,58 @@ def test_every_image_is_pinned_to_an_exact_version() -> None:
     assert own == {f"desirepath:{version[1]}"}
 
 
+def test_the_images_steps_can_be_carried_out_in_a_folder(tmp_path: Path) -> None:
+    """All but the commands themselves, which `make image-here` runs: what is copied, and who starts what with which
+    environment."""
+    image = Image(tmp_path)
+    told = {step.line: image.take(step) for step in steps_of(DOCKERFILE) if step.instruction not in ("FROM", "RUN")}
+    inside = tmp_path / "desirepath"
+    assert (inside / "backend/api/server.py").is_file()
+    assert (inside / "scripts/setup.sh").stat().st_mode & 0o111, "it is run"
+    assert {one.name for one in inside.iterdir()} >= {"app", "backend", "datasets", "docs", "frontend", "Makefile"}
+    assert not (inside / "tests").exists()
+    assert (image.user, image.command) == ("desirepath", ["desirepath", "serve"])
+    assert image.environment["DESIREPATH_DATA"] == "/desirepath/data"
+    assert "files" in told[5]
+
+
+def test_a_step_over_several_lines_is_one_and_an_unknown_one_is_named(tmp_path: Path) -> None:
+    steps = steps_of("# first\nFROM debian:12\nRUN one \\\n # beside\n && two\n\nHEALTHCHECK NONE\n")
+    assert [(step.instruction, step.line) for step in steps] == [("FROM", 2), ("RUN", 3), ("HEALTHCHECK", 7)]
+    assert str(steps[1]) == "RUN one && two"
+    assert "\n" not in steps[1].words, "a shell takes no line that begins with &&"
+    with pytest.raises(ImageError, match="line 7: HEALTHCHECK is not known here"):
+        Image(tmp_path).take(steps[2])
+
+
+def test_a_step_has_the_folders_of_packages_that_pips_settings_name(tmp_path: Path, monkeypatch) -> None:
+    """As they are, where the settings say; and nothing in the folder's own place of certificates, which Debian's
+    packages write to."""
+    shelf, index, trusted = tmp_path / "shelf", tmp_path / "index/simple", tmp_path / "trusted.crt"
+    said = f"[global]\nfind-links = {shelf}\nextra-index-url = file://{index} https://packages.example.org/simple\n"
+    assert places_named(said) == [shelf, index.parent]
+    shelf.mkdir()
+    trusted.write_text("certificates")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(shelf))
+    for name in ("PIP_CERT", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE"):
+        monkeypatch.setenv(name, str(trusted))
+    entering, environment = Image(tmp_path / "root")._entered("true")
+    assert f"mount -o bind,ro {shelf} {tmp_path}/root{shelf}" in entering[-1]
+    assert environment["PIP_CERT"] == "/run/certificates/PIP_CERT"
+    assert f"{trusted} {tmp_path}/root/run/certificates/PIP_CERT" in entering[-1]
+    assert "root/etc/ssl" not in entering[-1]
+
+
+def test_what_is_walked_through_a_deployment_is_the_quick_study_with_fewer_pairs(tmp_path: Path) -> None:
+    quick = ROOT / "study_protocols/quick_preference_study.yaml"
+    whole, short = (freeze(file).yaml.splitlines() for file in (quick, shortened(3, tmp_path / "in")))
+    changed = [new.split("#")[0].strip() for old, new in zip(whole, short, strict=True) if old != new]
+    assert changed == [
+        "- queries: {count: 3, choose: information}",
+        "- comparison: {arms: [base, own], scenes: 1, blind: true, guess: true}",
+    ]
+
+
 def test_every_container_but_the_proxy_says_whether_it_lives() -> None:
     assert {name for name, service in COMPOSE["services"].items() if "healthcheck" not in service} == {"proxy"}
     assert COMPOSE["services"]["worker"]["healthcheck"]["test"] == ["CMD", "python", "-m", "backend.jobs.heartbeat"]
@@ -49,6 +106,18 @@ def test_one_secret_serves_the_database_and_the_server_and_no_value_of_it_is_in_
         assert told["DESIREPATH_DATABASE_PASSWORD_FILE"] == "/run/secrets/database_password"
         assert "PGPASSFILE" not in told, "libpq reads that one only where owner and mode suit it, and says nothing"
         assert make_url(told["DESIREPATH_DATABASE_URL"]).password is None
+
+
+def test_one_command_makes_the_secret_once(tmp_path: Path) -> None:
+    def made() -> str:
+        subprocess.run(["make", "-s", "-f", str(ROOT / "Makefile"), "secrets"], cwd=tmp_path, check=True)
+        return (tmp_path / "secrets/database_password").read_text(encoding="utf-8")
+
+    secret = made()
+    assert re.fullmatch("[0-9a-f]{48}", secret)
+    assert made() == secret, "the database has that one already"
+    assert (tmp_path / "secrets").stat().st_mode & 0o777 == 0o700, "nobody else on the machine"
+    assert (tmp_path / "secrets/database_password").stat().st_mode & 0o004, "the container's user is another one"
 
 
 @pytest.mark.parametrize("mode", [0o444, 0o644, 0o600, 0o666])

@@ -18,6 +18,7 @@ import uvicorn
 from starlette.types import ASGIApp
 
 from app.stage_server import StageServer
+from backend import freed_memory
 from backend.api.application import create_application, create_stage_application
 from backend.api.core.dependencies import Services
 from backend.collecting import without_collecting
@@ -58,6 +59,7 @@ def check_ports(settings: Settings) -> None:
 def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> None:
     """Serve until SIGINT or SIGTERM, then stop in order. A worker that dies is started again."""
     settings = services.settings
+    freed_memory.share_arenas()
     if not settings.shares_ports:
         check_ports(settings)
     presenter, notices = services.presenter, services.notices
@@ -115,6 +117,8 @@ def _prepare(services: Services) -> None:
         next_query.prepare(services.database, services.files)
     except Exception:
         log.exception("the open studies' queries could not be measured; their sessions will say why")
+    finally:
+        services.prepared.set()
 
 
 async def _serve(
@@ -149,14 +153,23 @@ async def _serve(
         on_ready()
     # Loading takes the worker and the queries' preparation some seconds of a core: not while nobody has seen a page.
     worker = asyncio.create_task(_keep_worker(settings, stopping)) if settings.worker else None
+    giving_back = asyncio.create_task(_keep_giving_back(stopping))
     waiting = asyncio.create_task(stopping.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
     stopping.set()
     for one in servers:
         one.should_exit = True
-    await asyncio.gather(*tasks)
+    await asyncio.gather(giving_back, *tasks)
     if worker:
         await worker
+
+
+async def _keep_giving_back(stopping: asyncio.Event) -> None:
+    """Give freed memory back now and then."""
+    while not stopping.is_set():
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(stopping.wait(), freed_memory.EVERY_S)
+        await asyncio.to_thread(freed_memory.give_back)
 
 
 async def _keep_worker(settings: Settings, stopping: asyncio.Event) -> None:

@@ -1,8 +1,8 @@
 """What `docker compose up` would start, as processes of this machine on loopback, from the same definitions.
 
 Commands, environments, secrets, volumes and health checks are read from `docker-compose.yml`, the proxy's rules from
-`deploy/Caddyfile`. What cannot be the same without containers stands in `DIFFERENT`. Walking a study through it and the
-rolling upgrade live in `upgrading.py` and `scripts/compose_here.py`.
+`deploy/Caddyfile`. What cannot be the same without containers stands in `DIFFERENT`. Walking a study through it lives
+in `composed_walk.py`, the rolling upgrade in `upgrading.py`.
 """
 
 from __future__ import annotations

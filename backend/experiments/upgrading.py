@@ -5,15 +5,15 @@ People take part all the while; what was acknowledged to them and is not stored,
 
 from __future__ import annotations
 
-import os
+import json
 import subprocess
 import sys
 import tarfile
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,27 +21,22 @@ from typing import Any
 from backend.experiments.benchmarks.faults import half_trials, lost_answers
 from backend.experiments.benchmarks.persistent import Persistent
 from backend.experiments.composed import ROOT, Composed, ComposeError, composed
-from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.shipped_policies import register_shipped
-from backend.study.protocol.freezing import freeze
-from backend.study.studies import create_study
 
-QUICK_STUDY = ROOT / "study_protocols" / "quick_preference_study.yaml"
+QUICK_STUDY = "study_protocols/quick_preference_study.yaml"
 BEFORE_S, PATIENCE_S = 3.0, 90.0  # people are under way before it begins; the longest until they go on after it
 
 
-def open_study(running: Composed, *, name: str = "Deployed") -> tuple[str, str]:
-    """A study in a deployment: its id and the token of its link."""
-    database = Database(running.environment["DESIREPATH_DATABASE_URL"])
-    files = ArtefactStore(running.environment["DESIREPATH_ARTEFACTS_URL"])
-    try:
-        with database.transaction() as s:
-            register_shipped(s, files)
-            study = create_study(s, files, freeze(QUICK_STUDY), name=name, created_by=None)
-            return study.id, study.recruiting_token
-    finally:
-        database.close()
+def open_study(running: Composed, *, source: Path = ROOT, protocol: Path = Path(QUICK_STUDY)) -> tuple[str, str]:
+    """A study in a deployment, made by the version of that source tree, whose tables these are: its id and the token of
+    its link. protocol: its file, seen from that source tree. Raises ComposeError."""
+    making = [sys.executable, "-m", "backend.cli", "study", "create", str(protocol), "--live", "--json"]
+    known = running.environment | {"PYTHONPATH": str(source)}
+    made = subprocess.run(making, cwd=source, env=known, capture_output=True, text=True, check=False)
+    if made.returncode != 0:
+        raise ComposeError(f"no study could be opened: {made.stdout[-400:]}{made.stderr[-800:]}")
+    study = json.loads(made.stdout)
+    return study["study"], study["link"].rpartition("/")[2]
 
 
 def upgrade(running: Composed, new: Path, *, tell: Callable[[str], None] = lambda words: None) -> None:
@@ -76,14 +71,15 @@ def rehearse_upgrade(
     """Start the version of that commit (None: this one), let people take part, and upgrade to this one under them.
 
     Returns {"from", "people", "answers_before", "answers_acknowledged", "answers_lost", "half_trials",
-    "longest_pause_s" (between two acknowledged answers of anybody), "upgrade_s"}. Raises ComposeError, NoPostgres.
+    "longest_pause_s" (between two acknowledged answers of anybody), "sent_again" (requests that got no answer or were
+    put off), "upgrade_s", "phases": per part of the upgrade {"what", "seconds", "longest_pause_s" of the pauses that
+    began in it}}. Raises ComposeError, NoPostgres.
     """
     with ExitStack() as held:
         folder = Path(held.enter_context(tempfile.TemporaryDirectory(prefix="desirepath-upgrade-")))
         source = ROOT if old is None else _checked_out(old, folder / "old")
         running = held.enter_context(composed(folder, source=source))
-        with store_in_environment(running):
-            _, link = open_study(running)
+        _, link = open_study(running, source=source)
         stopping = threading.Event()
         taking_part = [Persistent(running.url, link, number, stopping) for number in range(people)]
         threads = [threading.Thread(target=one.walk, daemon=True) for one in taking_part]
@@ -93,8 +89,15 @@ def rehearse_upgrade(
         time.sleep(BEFORE_S)
         answered = {number: len(one.acknowledged) for number, one in enumerate(taking_part)}
         began = time.monotonic()
-        upgrade(running, ROOT, tell=tell)
+        phases: list[tuple[str, float]] = [("before it", 0.0)]
+
+        def said(words: str) -> None:
+            phases.append((words, time.monotonic()))
+            tell(words)
+
+        upgrade(running, ROOT, tell=said)
         took = time.monotonic() - began
+        phases.append(("after it", time.monotonic()))
         _until_all_answered(taking_part, {n: len(one.acknowledged) for n, one in enumerate(taking_part)})
         stopping.set()
         for thread in threads:
@@ -113,10 +116,24 @@ def rehearse_upgrade(
             "answers_lost": lost_answers(database, acknowledged),
             "half_trials": half_trials(database),
             "longest_pause_s": round(max(b - a for a, b in pairwise(moments)), 2),
+            "sent_again": sum(one.sent_again for one in taking_part),
             "upgrade_s": round(took, 1),
+            "phases": _pauses(phases, moments),
         }
         database.close()
         return result
+
+
+def _pauses(phases: list[tuple[str, float]], moments: list[float]) -> list[dict[str, Any]]:
+    """Of each part of an upgrade how long it took and the longest pause between answers that began in it."""
+    parts = []
+    for (what, since), (_, until) in pairwise([*phases, ("", moments[-1])]):
+        pauses = [b - a for a, b in pairwise(moments) if since <= a < until]
+        since = max(since, moments[0])
+        parts.append(
+            {"what": what, "seconds": round(until - since, 1), "longest_pause_s": round(max(pauses, default=0.0), 2)}
+        )
+    return parts
 
 
 def _until_all_answered(people: list[Persistent], more_than: dict[int, int]) -> None:
@@ -135,19 +152,3 @@ def _checked_out(commit: str, folder: Path) -> Path:
     with tarfile.open(packed) as tar:
         tar.extractall(folder, filter="data")
     return folder
-
-
-@contextmanager
-def store_in_environment(running: Composed) -> Iterator[None]:
-    """What speaks to S3 in this process finds the deployment's store."""
-    known = {name: value for name, value in running.environment.items() if name.startswith("AWS_")}
-    before = {name: os.environ.get(name) for name in known}
-    os.environ |= known
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -30,7 +30,7 @@ from backend.learning.cards import DEPARTURES
 from backend.learning.errors import LearningError
 from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.policy import Policy
-from backend.learning.preferences.objectives import NAMES
+from backend.learning.preferences.objectives import names_of
 from backend.learning.rewards.preference_weights import WeightsRewardModel
 from backend.learning.rewards.reward_model import RewardModel
 from backend.learning.scene_sets import Purpose, describe
@@ -91,7 +91,7 @@ def _instant(context: JobContext, params: InstantParams, base: Policy, model: Re
         policy=policy,
         gate=gate,
         may_be_shown=gate.passed,
-        config={"recipe": params.recipe, "preference_weights": _by_name(weights)},
+        config={"recipe": params.recipe, "preference_weights": _by_name(weights, base.setup)},
         parents=[(artefact, "conditioned")],
         departures=_departures(conditioned, "instant"),
     )
@@ -111,10 +111,10 @@ def _search(context: JobContext, params: ConditioningSearchParams, base: Policy,
         policy=found.policy,
         gate=found.gate,
         may_be_shown=found.takes_over,
-        config={"recipe": params.recipe, **config.as_dict(), "preference_weights": _by_name(weights)},
+        config={"recipe": params.recipe, **config.as_dict(), "preference_weights": _by_name(weights, base.setup)},
         results={
             **judged,
-            "offsets": dict(zip(PLACES, map(_by_name, found.offsets), strict=True)),
+            "offsets": {place: _by_name(row, base.setup) for place, row in zip(PLACES, found.offsets, strict=True)},
             "chosen": found.chosen,
             "history": found.history,
         },
@@ -159,5 +159,5 @@ def _departures(conditioned: ConditionedPolicy, *keys: str) -> list[str]:
     return [DEPARTURES[key] for key in (*keys, *further)]
 
 
-def _by_name(weights: NDArray[np.float32]) -> dict[str, float]:
-    return {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight}
+def _by_name(weights: NDArray[np.float32], setup: str) -> dict[str, float]:
+    return {name: round(float(weight), 3) for name, weight in zip(names_of(setup), weights, strict=True) if weight}

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from backend.jobs.leases import holds
+from backend.jobs.leases import holds, say_under_way
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError
-from backend.store.models import Job, JobMetric, utc_now
+from backend.store.models import Job, JobMetric
 
 WRITE_EVERY_S = 0.5  # progress is for eyes; every write is a transaction
 STEP_NAMES = ("updates", "steps", "epoch", "scenes", "step", "tried")  # a curve's horizontal axis, first found
@@ -59,7 +59,8 @@ class Progress:
         with self._database.transaction() as s:
             job = s.get(Job, self._job_id)
             if holds(job, self._attempt):
-                job.progress, job.message, job.heartbeat_at = self._fraction, self._message, utc_now()
+                job.progress, job.message = self._fraction, self._message
+                say_under_way(s, job)
                 s.add_all(points)
         self._points = []
 

@@ -1,7 +1,7 @@
-"""The job that learns a personal controller from kept demonstrations of one environment (ch. 2).
+"""The job that learns a personal controller from kept demonstrations of one environment (ch. 2 and 3).
 
-The algorithm is `backend.demonstrations.td3_bc`'s; here the demonstrations are loaded, the controller, its rollouts and
-what they are compared with are kept.
+What is learned and by which sensor is `controller_training.py`'s; here the demonstrations are loaded, the controller,
+its rollouts and what they are compared with are kept.
 """
 
 from __future__ import annotations
@@ -10,18 +10,15 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from backend.demonstrations.controllers import DWA, SOCIAL_COST, roll_out
+from backend.demonstrations.controllers import BASELINES, roll_out
 from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.judging import judge_rollouts
-from backend.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
-from backend.demonstrations.td3_bc.training import train_with_demonstrations
 from backend.jobs.context import JobContext
+from backend.jobs.controller_training import Learned, learn
 from backend.jobs.kept_artefacts import find_artefact, keep, keep_trajectories
 from backend.jobs.kinds import TrainDemonstrationsParams
 from backend.learning.alignment.gate import GateRule, verdict
-from backend.learning.policies.policy import Policy
 from backend.learning.queries.queries import QueryConfig, look_alike
-from backend.learning.scene_sets import Purpose, describe
 from backend.simulation.demonstration_scenes import demonstration_scene
 from backend.simulation.trajectory import Outcome
 from backend.store.demonstration_snapshots import KeptDemonstration, read_demonstrations
@@ -40,31 +37,24 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     """
     began = time.monotonic()
     artefact, kept, demonstrations = _demonstrations(context, params.snapshot)
-    config = DemonstrationConfig(seed=params.seed, updates=params.updates)
-    trained = train_with_demonstrations(demonstrations, config, context.progress.part(0.02, 0.9))
-    policy = trained.policy.without_critic()
-    made = roll_out(policy, [d.scene for d in demonstrations])
+    learned = learn(demonstrations, params, context.progress.part(0.02, 0.9))
+    made = learned.roll_out([d.scene for d in demonstrations])
     judged = judge_rollouts(made, demonstrations)
     # From the demonstrated starts; nothing else was rolled out there, so there is nothing to compare it with.
     rule = GateRule(scenes=len(demonstrations), min_success=params.gate_min_success, max_loss=None)
     gate = verdict(rule, judged.success_rate, scenes=rule.scenes)
     policy_id = keep(
         context,
-        kind="policy",
+        kind=learned.kind,
         name=f"controller: {artefact.name}, seed {params.seed}",
-        setup=policy.setup,
-        content=policy.to_bytes(),
+        setup=learned.setup,
+        content=learned.content,
         params=params,
-        config=config.as_dict(),
-        results={
-            "gate": gate.as_dict(),
-            "judged": judged.as_dict(),
-            "history": trained.history,
-            "chosen": trained.chosen,
-        },
+        config=learned.config,
+        results={"gate": gate.as_dict(), "judged": judged.as_dict(), **learned.results},
         parents=[(artefact, "demonstrations")],
-        scenes={"select": describe(Purpose.SELECT, config.selection_scenes, params.seed)},
-        departures=DEPARTURES,
+        scenes=learned.scenes,
+        departures=learned.departures,
     )
     rollouts = [
         {"demonstration": one.demonstration, "pair": one.pair, "trajectory": trajectory}
@@ -72,7 +62,7 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     ]
     context.progress(0.95)
     pairs = sorted({one.pair for one in kept})
-    situations, both_arrive = _situations(context, pairs, policy, policy_id) if gate.passed else ([], [])
+    situations, both_arrive = _situations(context, pairs, learned, policy_id) if gate.passed else ([], [])
     return {
         "policy": policy_id,
         "passed": gate.passed,
@@ -95,11 +85,12 @@ def _demonstrations(
 
 
 def _situations(
-    context: JobContext, pairs: Sequence[int], policy: Policy, policy_id: str
+    context: JobContext, pairs: Sequence[int], learned: Learned, policy_id: str
 ) -> tuple[list[dict[str, Any]], list[bool]]:
     """Rollouts of all three controllers in the demonstrated pairs, and where own and dynamic window both arrive."""
-    scenes = [demonstration_scene(policy.setup, pair) for pair in pairs]
-    own, dwa, social = (roll_out(controller, scenes) for controller in (policy, DWA, SOCIAL_COST))
+    scenes = [demonstration_scene(learned.setup, pair) for pair in pairs]
+    own = learned.roll_out(scenes)
+    dwa, social = (roll_out(controller, scenes) for controller in BASELINES)
     found = zip(
         scenes,
         own,

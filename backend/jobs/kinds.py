@@ -13,8 +13,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticCustomError, PydanticUndefined
 
-SetupName = Literal["study_room", "open_field"]
-TrainedSetup = Literal["study_room", "open_field", "explained_room"]  # whose base policy can be trained anew
+SetupName = Literal["study_room", "open_field", "crowd_hall"]
+# whose base policy can be trained anew
+TrainedSetup = Literal["study_room", "open_field", "explained_room", "crowd_hall"]
 # backend/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
 MOST_SCENES = 10_000
 LARGEST_SEED = 9_999
@@ -295,9 +296,14 @@ class QueriesParams(Params):
 
 
 class TrainDemonstrationsParams(Params):
-    """Learn a personal controller from a snapshot of demonstrations of one environment."""
+    """Learn a personal controller from a snapshot of demonstrations of one environment.
+
+    sensor: what it goes by: `places` of person, walls and things (chapter 2), or its `depth` camera (chapter 3), which
+    is for homes; None: what the environment was made for.
+    """
 
     snapshot: str = _artefact("demonstrations")
+    sensor: Literal["places", "depth"] | None = _from("from_environment", None)
     seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
     updates: int = _from("ours_demonstrations", 40_000, ge=16, le=2_000_000)
     comparisons: int = _from("thesis_2_6_1", 4, ge=0, le=4, advanced=True)

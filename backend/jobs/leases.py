@@ -1,20 +1,22 @@
 """Who may write how a job ends: the attempt that holds it. Taking a job up, being heard of, letting it go.
 
 Workers stand on several machines and share the database alone. One whose machine is gone says nothing any more; another
-takes its jobs up, and should the first come back, what it does counts no more.
+takes its jobs up, and should the first come back, what it does counts no more. Silence is told by the database's clock,
+which they share, not by their own.
 """
 
 from __future__ import annotations
 
 import platform
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import TypeGuard
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from backend.store.models import Job, JobAttempt, WorkerProcess, utc_now
+from backend.store.database import shared_now
+from backend.store.models import Job, JobAttempt, WorkerProcess
 from backend.store.outbox import ENDED
 
 STALE_AFTER = timedelta(seconds=12)  # six missed heartbeats
@@ -37,7 +39,7 @@ def this_process() -> WorkerName:
 
 def begin_attempt(s: Session, job: Job, worker: WorkerName) -> str:
     """This worker holds the job from now on, whoever held it before. Returns the attempt's id."""
-    now = utc_now()
+    now = shared_now(s)
     left = update(JobAttempt).where(JobAttempt.job_id == job.id, JobAttempt.ended_at.is_(None))
     s.execute(left.values(ended_at=job.heartbeat_at or now, outcome="lost"))
     attempt = JobAttempt(job_id=job.id, worker=worker.id, machine=worker.machine, began_at=now)
@@ -58,7 +60,7 @@ def end_attempt(s: Session, attempt: str, outcome: str, log: str) -> None:
     if row is None:  # the job was erased
         return
     if row.ended_at is None:
-        row.ended_at, row.outcome = utc_now(), outcome
+        row.ended_at, row.outcome = shared_now(s), outcome
     row.log = log.replace("\0", "")
 
 
@@ -72,23 +74,28 @@ def kept_log(attempts: list[JobAttempt]) -> str:
     return "\n".join(f"[{one.machine}, {one.worker}]\n{one.log.rstrip()}" for one in attempts if one.log)
 
 
-def is_silent(job: Job) -> bool:
-    """Whether nobody says any more that the job is under way."""
-    return job.state not in ENDED and utc_now() - (job.heartbeat_at or job.created_at) >= STALE_AFTER
+def say_under_way(s: Session, job: Job) -> None:
+    """Write down that the job's attempt lives."""
+    job.heartbeat_at = shared_now(s)
+
+
+def is_silent(job: Job, now: datetime) -> bool:
+    """Whether nobody says any more that the job is under way. now: by `shared_now`."""
+    return job.state not in ENDED and now - (job.heartbeat_at or job.created_at) >= STALE_AFTER
 
 
 def claim_silent(s: Session, job_id: str) -> bool:
     """Whether this worker is the one that takes a silent job up: of several that look, the first."""
     job = s.get(Job, job_id, with_for_update=True, populate_existing=True)
-    if job is None or not is_silent(job):
+    if job is None or not is_silent(job, shared_now(s)):
         return False
-    job.heartbeat_at = utc_now()
+    say_under_way(s, job)
     return True
 
 
 def say_alive(s: Session, worker: WorkerName, trainings: int) -> None:
     """Write down that a worker lives; one that was silent for a week is forgotten."""
-    now = utc_now()
+    now = shared_now(s)
     row = s.get(WorkerProcess, worker.id)
     if row is None:
         s.add(
@@ -103,4 +110,4 @@ def say_alive(s: Session, worker: WorkerName, trainings: int) -> None:
 def newest_sign_s(s: Session) -> float | None:
     """Seconds since any worker, on whichever machine, said that it lives; None where none ever did."""
     newest = s.scalar(select(WorkerProcess.seen_at).order_by(WorkerProcess.seen_at.desc()).limit(1))
-    return None if newest is None else max(0.0, (utc_now() - newest).total_seconds())
+    return None if newest is None else max(0.0, (shared_now(s) - newest).total_seconds())

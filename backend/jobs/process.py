@@ -15,14 +15,21 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from datetime import datetime
 from enum import IntEnum, StrEnum
 from pathlib import Path
 from typing import IO, Any, TypeVar
 
 import structlog
 
-from backend.jobs.leases import KEPT_LOG_BYTES, WorkerName, begin_attempt, end_attempt, holds, this_process
+from backend.jobs.leases import (
+    KEPT_LOG_BYTES,
+    WorkerName,
+    begin_attempt,
+    end_attempt,
+    holds,
+    say_under_way,
+    this_process,
+)
 from backend.settings import Settings
 from backend.store.database import Database, StorageError
 from backend.store.models import Job, utc_now
@@ -263,20 +270,20 @@ def _begin(database: Database, job_id: str, number: int, worker: WorkerName) -> 
 def watch(database: Database, job_id: str, process: subprocess.Popen[bytes], attempt: str | None = None) -> int | None:
     """Wait for the job's exit code, telling every two seconds that we are alive. None: the job is to be cancelled, or
     another worker has it."""
-    beat: datetime = utc_now()
+    beat = time.monotonic()
     while True:
         code = ended(process, POLL_S)
         if code is not None:
             return code
         if patiently(lambda: _must_end(database, job_id, attempt)):
             return None
-        if (utc_now() - beat).total_seconds() >= HEARTBEAT_S:
-            beat = utc_now()
+        if time.monotonic() - beat >= HEARTBEAT_S:
+            beat = time.monotonic()
             # Where others write for long, the next sign of life will do; a training must not be lost for it.
             with contextlib.suppress(StorageError), database.transaction() as s:
                 job = s.get(Job, job_id)
                 if job is not None and job.held_by == attempt:
-                    job.heartbeat_at = beat
+                    say_under_way(s, job)
 
 
 def _must_end(database: Database, job_id: str, attempt: str | None) -> bool:

@@ -35,7 +35,7 @@ from backend.jobs.process import (
 )
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, StorageError, check_writable
+from backend.store.database import Database, StorageError, check_writable, shared_now
 from backend.store.models import Job
 from backend.store.shipped_policies import register_shipped
 
@@ -121,8 +121,9 @@ class Worker:
         """Take up jobs whose worker has been silent for long; end those that the engine has given up."""
         with self._database.session() as s:
             unfinished = list(s.scalars(select(Job).where(Job.state.not_in(FINAL_STATES))))
+            now = shared_now(s)
         for job in unfinished:
-            if job.id in self._running or not is_silent(job):
+            if job.id in self._running or not is_silent(job, now):
                 continue
             standing = self._engine.state(job.id)
             if standing is EngineState.WAITING:

@@ -35,6 +35,8 @@ ARTEFACT_KINDS = (
     "policy",
     "conditioned_policy",
     "adaptable_policy",
+    "attention_policy",
+    "depth_controller",
     "reward_model",
     "query_set",
     "ranking_set",

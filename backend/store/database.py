@@ -15,14 +15,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Connection, create_engine, event, inspect, make_url, text
+from sqlalchemy import Connection, create_engine, event, func, inspect, make_url, select, text
 from sqlalchemy.exc import DBAPIError, OperationalError
 from sqlalchemy.orm import Session
 
-from backend.store.models import Setting
+from backend.store.models import Setting, utc_now
+from backend.store.models.base import UtcDateTime
 from backend.store.plain_data import load_json
 
 if TYPE_CHECKING:
@@ -337,6 +339,14 @@ class Database:
             else:
                 raise
             raise StorageError(f"database {where}: {said} ({message})") from problem
+
+
+def shared_now(s: Session) -> datetime:
+    """The time by the one clock that all machines of an installation have in common: the database server's, and on
+    SQLite, which serves one machine, that machine's. For whatever one machine writes and another compares."""
+    if s.get_bind().dialect.name == "sqlite":
+        return utc_now()
+    return s.execute(select(func.clock_timestamp(type_=UtcDateTime()))).scalar_one()
 
 
 def newest_revision() -> str:

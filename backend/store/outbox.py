@@ -6,6 +6,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from backend.store.database import shared_now
 from backend.store.models import Job, utc_now
 
 PARTICIPANT_WAITS = 1  # priority of a job that somebody in a session waits for
@@ -32,6 +33,7 @@ def enqueue_job(
         session_id=session_id,
         created_by=created_by,
         retry_of=retry_of,
+        created_at=shared_now(s),  # workers tell by it how long nobody has taken it up
     )
     s.add(job)
     s.flush()

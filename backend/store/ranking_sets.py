@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, defer
 
+from backend.explain.shown_explanation import ShownAttention
 from backend.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectories
 from backend.store.models import Artefact
 
@@ -24,10 +25,12 @@ Scores = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class StoredScores:
-    """What is ranked in one query: the objects, and each one's score at every pose of the trajectory."""
+    """What is ranked in one query: the objects, and each one's score at every pose of the trajectory. attention: what
+    the policy looked at meanwhile, if it has any."""
 
     things: tuple[str, ...]
     scores: Scores
+    attention: ShownAttention | None = None
 
     @property
     def at_halt(self) -> dict[str, float]:
@@ -59,6 +62,7 @@ def save_ranking_set(
             "practice": one.practice,
             "things": list(one.things),
             "scores": [[round(float(score), 4) for score in moment] for moment in one.scores],
+            **({} if one.attention is None else {"attention": [_per_mille(part) for part in one.attention]}),
         }
         for row, one in zip(rows, ranked.rollouts, strict=True)
     ]
@@ -76,13 +80,17 @@ def save_ranking_set(
 
 def scores_of(s: Session, artefact_id: str, query_id: str) -> StoredScores:
     """What is ranked in that query of a stored set. Raises ArtefactError if it is not of one."""
-    artefact = s.get(Artefact, artefact_id)
+    artefact = s.get(Artefact, artefact_id, options=[defer(Artefact.card)])
     if artefact is None or artefact.kind != "ranking_set":
         raise ArtefactError(f"{artefact_id!r} is not a ranking set in this store")
     row = (artefact.id, artefact.created_at)
     if row not in _read:
         _read[row] = {
-            entry["id"]: StoredScores(tuple(entry["things"]), tuple(tuple(moment) for moment in entry["scores"]))
+            entry["id"]: StoredScores(
+                tuple(entry["things"]),
+                tuple(tuple(moment) for moment in entry["scores"]),
+                ShownAttention(*(_weights(part) for part in entry["attention"])) if "attention" in entry else None,
+            )
             for entry in artefact.card["stored_queries"]
         }
     if query_id not in _read[row]:
@@ -91,3 +99,12 @@ def scores_of(s: Session, artefact_id: str, query_id: str) -> StoredScores:
 
 
 _read: dict[tuple[str, datetime], dict[str, StoredScores]] = {}  # by the artefact's row, which never changes
+
+
+def _per_mille(weights: Any) -> list[list[int]]:
+    """Weights of attention as a card has them: short."""
+    return [[round(1000 * float(weight)) for weight in moment] for moment in weights]
+
+
+def _weights(per_mille: list[list[int]]) -> Scores:
+    return tuple(tuple(weight / 1000 for weight in moment) for moment in per_mille)

@@ -18,7 +18,7 @@ from backend.store.models import Artefact
 if TYPE_CHECKING:
     from backend.learning.cards import Card
 
-REGISTERED = ("policy", "conditioned_policy", "adaptable_policy")
+REGISTERED = ("policy", "conditioned_policy", "adaptable_policy", "attention_policy")
 
 
 def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:

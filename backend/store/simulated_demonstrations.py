@@ -3,29 +3,38 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 
 from sqlalchemy.orm import Session
 
+from backend.demonstrations.demonstration import Demonstration
 from backend.demonstrations.demonstrators import demonstrate
+from backend.demonstrations.planned_walks import walking_scene
+from backend.demonstrations.stroke import StrokeProblem
 from backend.simulation.demonstration_scenes import demonstration_scenes
+from backend.simulation.scene import Scene, SceneError
 from backend.store.artefacts import ArtefactStore, save_artefact
 from backend.store.demonstration_snapshots import FORMAT, KeptDemonstration
 from backend.store.models import Artefact
 
+WALKS_TRIED = 20
+
 
 def take_simulated_demonstrations(
-    s: Session, files: ArtefactStore, *, style: str, environment: str, per_pair: int, seed: int
+    s: Session, files: ArtefactStore, *, style: str, environment: str, per_pair: int, seed: int, person: str = "still"
 ) -> Artefact:
     """Let a programmed demonstrator draw in all pairs and freeze that, as `take_demonstrations` does for people's.
 
-    Raises ValueError for an unknown style, SceneError for an unknown environment.
+    person: `still`, or how they walk meanwhile (`opposite`, `random`).
+    Raises ValueError for an unknown style, SceneError for an unknown environment, or if nobody found a way to walk.
     """
     kept = []
     for pair, scene in enumerate(demonstration_scenes(environment)):
         for drawn in range(per_pair):
-            content = demonstrate(style, scene, seed * per_pair + drawn).to_bytes()
+            content = _drawn(style, scene, seed * per_pair + drawn, person).to_bytes()
             name = f"{style}-{seed}-{pair}-{drawn}"
             kept.append(KeptDemonstration(name, name, style, pair, files.put(content), "simulated"))
+    who = "" if person == "still" else f", a person walking ({person})"
     snapshot = {
         "format": FORMAT,
         "setup": environment,
@@ -37,9 +46,20 @@ def take_simulated_demonstrations(
         s,
         files,
         kind="demonstrations",
-        name=f"{len(kept)} demonstrations in the {environment} by the programmed {style}",
+        name=f"{len(kept)} demonstrations in the {environment} by the programmed {style}{who}",
         setup=environment,
         content=json.dumps(snapshot, sort_keys=True).encode(),
-        card={"environment": environment, "style": style, "seed": seed, "demonstrations": len(kept), "human": 0},
+        card={"environment": environment, "style": style, "seed": seed, "demonstrations": len(kept), "human": 0}
+        | ({} if person == "still" else {"person": person}),
         simulated=True,
     )
+
+
+def _drawn(style: str, scene: Scene, seed: int, person: str) -> Demonstration:
+    """One demonstration. A walk that nobody can draw past is not taken, but another one."""
+    if person == "still":
+        return demonstrate(style, scene, seed)
+    for other in range(WALKS_TRIED):
+        with suppress(StrokeProblem):
+            return demonstrate(style, walking_scene(scene, person, seed * WALKS_TRIED + other), seed)
+    raise SceneError("person", person, f"no walk of {WALKS_TRIED} that one can draw past; use another seed")

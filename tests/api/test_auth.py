@@ -12,6 +12,7 @@ from datetime import timedelta
 from types import SimpleNamespace
 
 import pytest
+from argon2 import PasswordHasher
 from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
@@ -47,6 +48,10 @@ def test_first_start_makes_one_user_with_a_random_password_that_is_told_once(tmp
     assert user.name == "experimenter"
     assert user.password_hash.startswith("$argon2id$")
     assert first not in user.password_hash
+
+
+def test_passwords_are_hashed_at_the_cost_that_rfc_9106_names_for_little_memory(cheap_passwords):
+    assert cheap_passwords.hash("seven quiet robots").startswith("$argon2id$v=19$m=65536,t=3,p=4$")
 
 
 def test_printed_password_opens_nothing_but_the_page_that_changes_it(tmp_path):
@@ -138,6 +143,18 @@ def test_a_device_is_known_until_the_password_changes_and_for_its_account_only(l
     assert known_device(asked, "experimenter", user.password_hash)
     assert known_device(asked, "someone", user.password_hash) is None
     assert known_device(asked, "experimenter", user.password_hash + "x") is None
+
+
+def test_a_device_is_known_also_where_the_password_was_hashed_anew_at_signing_in(lab_services, visitor):
+    with lab_services.database.transaction() as s:
+        user = s.scalars(select(User)).one()
+        user.password_hash = older = PasswordHasher(time_cost=2, memory_cost=16, parallelism=1).hash(PASSWORD)
+    sign_in(visitor)
+    with lab_services.database.session() as s:
+        renewed = s.scalars(select(User.password_hash)).one()
+    assert renewed != older
+    asked = SimpleNamespace(cookies={DEVICE_COOKIE: visitor.cookies[DEVICE_COOKIE]})
+    assert known_device(asked, "experimenter", renewed)
 
 
 def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_services):

@@ -6,6 +6,7 @@ import re
 
 from sqlalchemy import select
 
+from backend.jobs.leases import WorkerName, begin_attempt
 from backend.store.models import Job, JobMetric, Session, utc_now
 from backend.store.outbox import enqueue_job
 from tests.api.lab_services import csrf
@@ -33,6 +34,18 @@ def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_serv
     assert "No job matches" in lab.get("/lab/jobs?participant=nobody").text
     states = re.findall(r'class="tag[^"]*">(succeeded|queued|failed|cancelled)', lab.get("/lab/jobs?sort=-state").text)
     assert states == sorted(states, reverse=True)
+
+
+def test_a_jobs_page_says_which_machine_had_it_and_how_that_ended(lab, lab_services):
+    with lab_services.database.transaction() as s:
+        job = enqueue_job(s, "evaluate", {"policy": "study_room/base", "scenes": 2}, created_by="tests")
+        for machine in ("cellar", "attic"):
+            begin_attempt(s, job, WorkerName(f"{machine}-0-aaaaaaaa", machine))
+        id_ = job.id
+    page = re.sub(r"<[^>]+>", " ", lab.get(f"/lab/jobs/{id_}/live").text)
+    assert re.search(r"cellar\s.*another worker took the job up.*attic\s.*at work", page, re.DOTALL)
+    told = lab.get(f"/api/lab/jobs/{id_}").json()["attempts"]
+    assert [(one["machine"], one["outcome"]) for one in told] == [("cellar", "lost"), ("attic", "running")]
 
 
 def test_curves_of_jobs_from_before_an_update_bear_todays_names(lab, lab_services):

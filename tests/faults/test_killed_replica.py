@@ -11,6 +11,7 @@ from uuid import uuid4
 
 import httpx
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 from websockets.exceptions import ConnectionClosed
 
 from tests import postgres
@@ -91,8 +92,23 @@ def test_whoever_was_served_by_a_killed_process_goes_on_in_another(postgres_serv
             for bot in bots:
                 rows = installation.responses(bot.visitor.token)
                 assert {row.request_id: row.step_key for row in rows if row.kind == "preference"} == bot.acknowledged
+            counted = answers_counted(address)
+            assert counted >= BOTS * PAIRS, "what killed processes had counted is in the sum that any process tells"
+            assert answers_counted(address) == counted
         until(lambda: not any(alive(one) for one in (supervisor.pid, *both(supervisor.pid))))
         installation.database.close()
+
+
+def answers_counted(address: str) -> float:
+    """How many answers were taken, as whichever process takes the connection tells Prometheus."""
+    return sum(
+        sample.value
+        for family in text_string_to_metric_families(httpx.get(f"{address}/metrics").text)
+        for sample in family.samples
+        if sample.name == "desirepath_request_seconds_count"
+        and sample.labels["route"].endswith("/steps/{key}")
+        and sample.labels["status"] == "200"
+    )
 
 
 def both(supervisor: int) -> list[int]:

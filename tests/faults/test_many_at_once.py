@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from backend.experiments.benchmarks import serving as benchmark
+from backend.experiments.own_postgres import NoPostgres
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from tests.answered_study import add_answered_study
@@ -17,6 +18,20 @@ def test_every_participant_answers_through_http_and_a_websocket() -> None:
     assert measured["stage_messages"] >= 3 * 2 * 2, "every stage was told of every drive"
     assert 0 < measured["p50_ack_ms"] <= measured["p95_ack_ms"]
     assert measured["rss_mb"] > 0
+
+
+def test_on_postgresql_a_session_s_rows_commits_and_bytes_are_told_too() -> None:
+    try:
+        measured = benchmark.benchmark_serve(sessions=2, answers=1, postgresql=True)
+    except NoPostgres as problem:
+        pytest.skip(str(problem))
+    assert measured["answers_stored"] == 2
+    # consent, questions, practice and one pair: each answer is a row of its own, and a transaction of its own
+    assert measured["rows_per_session"] > 8
+    assert measured["commits_per_session"] > measured["answers_stored"] / 2
+    assert measured["log_kb_per_session"] > 0
+    assert measured["database_s_per_session"] > 0
+    assert measured["server_s_per_session"] > 0
 
 
 def test_few_participants_are_as_much_work_as_fifty_people_and_many_answer_like_people() -> None:

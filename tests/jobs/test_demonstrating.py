@@ -6,10 +6,12 @@ import pytest
 
 from backend.demonstrations.controllers import DWA, roll_out
 from backend.demonstrations.demonstration import Demonstration
+from backend.demonstrations.depth.controller import DepthController
+from backend.jobs import controller_training
 from backend.jobs.context import JobContext, Progress
 from backend.jobs.demonstrating import train_demonstrations
 from backend.jobs.kept_artefacts import ArtefactError
-from backend.jobs.kinds import TrainDemonstrationsParams
+from backend.jobs.kinds import JobParamsError, TrainDemonstrationsParams
 from backend.learning.policies.policy import Policy
 from backend.settings import Settings
 from backend.simulation.demonstration_scenes import demonstration_scene
@@ -90,3 +92,32 @@ def test_a_controller_that_does_not_arrive_is_not_shown(services) -> None:
 def test_what_is_no_snapshot_of_demonstrations_is_refused(services) -> None:
     with pytest.raises(ArtefactError, match="no demonstrations"):
         run(services, snapshot="f" * 64)
+
+
+def test_demonstrations_beside_a_walking_person_in_homes_become_a_controller_that_goes_by_its_depth_camera(
+    services, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    settings, database, files, of_room = services
+    monkeypatch.setattr(controller_training, "EXPLORED_HOMES", 2)
+    with database.transaction() as s:
+        taken = take_simulated_demonstrations(
+            s, files, style="field_of_view", environment="home", per_pair=1, seed=0, person="random"
+        ).id
+    made = run((settings, database, files, taken), updates=16, gate_min_success=0.0)
+    with database.session() as s:
+        artefact = s.get_one(Artefact, made["policy"])
+        assert (artefact.kind, artefact.setup, artefact.simulated) == ("depth_controller", "home", True)
+        assert artefact.card["config"]["sensor"] == "depth"
+        assert artefact.card["config"]["encoder"]["name"] == "home/depth_encoder"
+        assert [(p.artefact.id, p.role) for p in lineage(s, artefact.id).parents] == [(taken, "demonstrations")]
+    controller = DepthController.from_bytes(files.get(made["policy"]))
+    assert controller.configuration.name == "VAE-HA"
+    rollouts = [load_trajectory(files, one["trajectory"]) for one in made["rollouts"]]
+    assert len(rollouts) == 4
+    assert all(one.scene.walk is not None for one in rollouts)  # the person walks on as they did
+    # The study's evaluation shows own, dynamic window and social cost in every situation.
+    assert [len({one[who] for who in ("own", "base", "social_cost")}) for one in made["situations"]] == [3] * 4
+    with pytest.raises(JobParamsError, match="sensor = 'depth': the paths were drawn in room"):
+        run((settings, database, files, of_room), sensor="depth")
+    with pytest.raises(JobParamsError, match="sensor = 'places': the paths were drawn in home"):
+        run((settings, database, files, taken), sensor="places")

@@ -74,16 +74,18 @@ def test_smaller_priorities_go_first(engine, recorder):
     assert [job for job, _ in recorder.attempts] == ["first", "urgent", "patient"]
 
 
-def test_participants_do_not_queue_behind_analysts(engine, recorder):
+def test_participants_do_not_queue_behind_analysts_nor_instant_policies_behind_trainings(engine, recorder):
     recorder.gate.clear()
     engine.submit("long-training", queue=Queue.ANALYSTS, priority=1)
     while not recorder.attempts:
         threading.Event().wait(0.05)
-    engine.submit("own-policy", queue=Queue.PARTICIPANTS, priority=5)
-    while len(recorder.attempts) < 2:
-        threading.Event().wait(0.05)
-    assert recorder.attempts == [("long-training", 1), ("own-policy", 1)]
-    assert engine.state("long-training") == EngineState.RUNNING
+    waiting = {"own-policy": Queue.PARTICIPANTS, "at-once": Queue.INSTANT}
+    for number, (job, queue) in enumerate(waiting.items(), start=2):
+        engine.submit(job, queue=queue, priority=5)
+        while len(recorder.attempts) < number:
+            threading.Event().wait(0.05)
+    assert recorder.attempts == [("long-training", 1), ("own-policy", 1), ("at-once", 1)]
+    assert {engine.state(job) for job in ("long-training", *waiting)} == {EngineState.RUNNING}
 
 
 def test_submitting_twice_runs_once(engine, recorder):

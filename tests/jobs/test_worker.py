@@ -109,7 +109,9 @@ def test_job_runs_to_an_artefact_with_card_and_lineage(rig):
 
 
 def test_trained_policy_is_measured_afterwards(rig):
-    trained = rig.ended(rig.enqueue("train_base", setup="open_field", updates=240, n_envs=64, selection_scenes=50))
+    trained = rig.ended(
+        rig.enqueue("train_base", setup="open_field", updates=240, n_envs=64, batch_size=8, selection_scenes=50)
+    )
     assert trained.state == "succeeded", trained.error
     with rig.database.session() as s:
         follow_up = s.scalars(select(Job).where(Job.params["policy"].as_string() == trained.result["policy"])).one()

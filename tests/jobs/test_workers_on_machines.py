@@ -9,19 +9,22 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
 
 from backend.experiments.reproduction.on_workers import Queue, SweepError
 from backend.experiments.reproduction.tasks import Task, Work
-from backend.jobs import process
+from backend.jobs import leases, process
 from backend.jobs.leases import STALE_AFTER, WorkerName, attempts_at, begin_attempt, claim_silent, end_attempt, holds
 from backend.jobs.process import FINAL_STATES, Outcome
 from backend.settings import Settings
+from backend.store import database as database_module
+from backend.store import models, outbox
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
-from backend.store.models import Artefact, Job, JobAttempt, TaskFile, WorkerProcess, utc_now
+from backend.store.models import Artefact, Job, JobAttempt, TaskFile, WorkerProcess, base, utc_now
 from backend.store.outbox import enqueue_job
 from tests import postgres
 
@@ -168,6 +171,34 @@ def test_of_several_that_look_one_takes_a_silent_job_up(held: tuple[Database, st
         assert claim_silent(s, job_id)
     with database.transaction() as s:
         assert not claim_silent(s, job_id)
+
+
+@pytest.mark.parametrize("wrong_by", [timedelta(hours=-1), timedelta(hours=1)], ids=["behind", "ahead"])
+def test_a_machine_with_a_wrong_clock_keeps_its_jobs_and_loses_them_when_it_is_gone(
+    wrong_by: timedelta, postgres_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who is silent is told by the database's clock, which all have, not by that of whoever looks."""
+    with postgres.holding(postgres_server, tmp_path / "none") as url:
+        database = Database(url)
+        with monkeypatch.context() as on_the_other_machine:
+            for module in (base, database_module, leases, models, outbox):
+                on_the_other_machine.setattr(module, "utc_now", lambda: datetime.now(UTC) + wrong_by, raising=False)
+            with database.transaction() as s:
+                job_id = enqueue_job(s, "evaluate", {}).id
+                assert not claim_silent(s, job_id), "it was put there just now"
+                job = s.get_one(Job, job_id)
+                job.state = "running"
+                begin_attempt(s, job, THERE)
+                leases.say_under_way(s, job)
+                leases.say_alive(s, THERE, 1)
+                assert leases.newest_sign_s(s) < 1
+        with database.transaction() as s:
+            assert leases.newest_sign_s(s) < 5
+            assert not claim_silent(s, job_id), "it was heard of just now"
+            s.get_one(Job, job_id).heartbeat_at -= STALE_AFTER
+        with database.transaction() as s:
+            assert claim_silent(s, job_id)
+        database.close()
 
 
 def test_who_was_thought_dead_and_comes_back_writes_nothing_any_more(

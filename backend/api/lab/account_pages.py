@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from fastapi import APIRouter, Form, Request
+from fastapi import APIRouter, Depends, Form, Request
 from limits import parse
 from markupsafe import Markup
 from sqlalchemy import select
@@ -25,13 +25,24 @@ from backend.api.core.auth import (
 from backend.api.core.dependencies import Db
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.sign_ins import COOKIE, end_all, end_one, hashed, listed
-from backend.api.core.throttle import count
+from backend.api.core.throttle import seconds_to_wait, wait_in_words
 from backend.store.database import Database
 from backend.store.models import Identity, User
 
 PROOFS = parse("10 per 5 minutes")  # ours: passwords and codes that a signed-in browser types in here
 PROOFS_A_DAY = parse("60 per 1 day")  # ours; without it a stolen sign-in guesses a code of the app in some hundred days
 router = APIRouter(tags=["accounts"])
+
+
+def counted(request: Request, user: CheckedCsrf) -> None:
+    """Count a password or code that a signed-in browser types in; refused where it is one too many."""
+    whose = f"proof user:{user.id}"
+    seconds = seconds_to_wait(request, [(PROOFS, whose), (PROOFS_A_DAY, whose)])
+    if seconds is not None:
+        raise LabRefusal(429, "too_many_proofs", wait=wait_in_words(seconds))
+
+
+Counted = Depends(counted)
 
 
 @router.get("/lab/password")
@@ -87,13 +98,11 @@ def second_factor_page(request: Request, database: Db, user: CheckedCsrf) -> Res
     return _second_factor_page(request, database, user)
 
 
-@router.post(SECOND_FACTOR + "/begin")
+@router.post(SECOND_FACTOR + "/begin", dependencies=[Counted])
 def begin_second_factor(
     request: Request, database: Db, user: CheckedCsrf, password: Annotated[str, Form()] = ""
 ) -> Response:
     """Make a secret for the app. Needs the password where there is one: a browser left open is not enough."""
-    if not counted(request, user):
-        return _second_factor_page(request, database, user, status=429, problem="too_many")
     if user.password_hash and not verified(user.password_hash, password):
         return _second_factor_page(request, database, user, status=422, problem="password")
     with database.transaction() as s:
@@ -103,13 +112,11 @@ def begin_second_factor(
     return RedirectResponse(SECOND_FACTOR, status_code=303)
 
 
-@router.post(SECOND_FACTOR + "/confirm")
+@router.post(SECOND_FACTOR + "/confirm", dependencies=[Counted])
 def confirm_second_factor(
     request: Request, database: Db, user: CheckedCsrf, code: Annotated[str, Form()] = ""
 ) -> Response:
     """With the app's first code it counts; other browsers are signed out, recovery codes are shown once."""
-    if not counted(request, user):
-        return _second_factor_page(request, database, user, status=429, problem="too_many")
     with database.transaction() as s:
         codes = second_factor.confirm(s, user.id, code)
         if codes is not None:
@@ -119,13 +126,11 @@ def confirm_second_factor(
     return _second_factor_page(request, database, user, codes=codes)
 
 
-@router.post(SECOND_FACTOR + "/codes")
+@router.post(SECOND_FACTOR + "/codes", dependencies=[Counted])
 def renew_recovery_codes(
     request: Request, database: Db, user: CheckedCsrf, code: Annotated[str, Form()] = ""
 ) -> Response:
     """New recovery codes for a code; the ones before stop."""
-    if not counted(request, user):
-        return _second_factor_page(request, database, user, status=429, problem="too_many")
     with database.transaction() as s:
         codes = second_factor.new_recovery_codes(s, user.id) if second_factor.passed(s, user.id, code) else None
     if codes is None:
@@ -133,13 +138,11 @@ def renew_recovery_codes(
     return _second_factor_page(request, database, user, codes=codes)
 
 
-@router.post(SECOND_FACTOR + "/remove")
+@router.post(SECOND_FACTOR + "/remove", dependencies=[Counted])
 def remove_second_factor(
     request: Request, database: Db, user: CheckedCsrf, code: Annotated[str, Form()] = ""
 ) -> Response:
     """Sign in without one from now on; needs a code of it, or a recovery code."""
-    if not counted(request, user):
-        return _second_factor_page(request, database, user, status=429, problem="too_many")
     with database.transaction() as s:
         passed = second_factor.passed(s, user.id, code)
         if passed is not None:
@@ -147,12 +150,6 @@ def remove_second_factor(
     if passed is None:
         return _second_factor_page(request, database, user, status=422, problem="code")
     return RedirectResponse("/lab/account?done=second_factor_removed", status_code=303)
-
-
-def counted(request: Request, user: User) -> bool:
-    """Count a password or code that is typed in here; False where it is one too many."""
-    whose = f"proof user:{user.id}"
-    return count(request, PROOFS, whose) and count(request, PROOFS_A_DAY, whose)
 
 
 def _account_page(request: Request, database: Database, user: User, *, status: int = 200) -> Response:

@@ -17,8 +17,8 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from backend.api.replicas.notices import Notices
 from backend.api.replicas.shared_limits import SharedCounts
-from backend.store.database import Database, StorageError
-from backend.store.models import ServerProcess, utc_now
+from backend.store.database import Database, StorageError, shared_now
+from backend.store.models import ServerProcess
 
 BEAT_S = 5.0  # ours
 SILENT = timedelta(seconds=30)  # ours: a process that was not heard of for so long is gone
@@ -64,12 +64,17 @@ class Peers:
             self._counts.close()
 
     def living(self, *, since: datetime | None = None) -> list[Peer]:
-        """All of them, this one among them. since: those that began later."""
+        """All of them, this one among them. since: those that began later, by `now`."""
         with self._database.session() as s:
-            asked = select(ServerProcess).where(ServerProcess.seen_at > utc_now() - SILENT)
+            asked = select(ServerProcess).where(ServerProcess.seen_at > shared_now(s) - SILENT)
             if since is not None:
                 asked = asked.where(ServerProcess.started_at >= since)
             return [Peer(one.id, one.address) for one in s.scalars(asked.order_by(ServerProcess.started_at))]
+
+    def now(self) -> datetime:
+        """By the clock of `living`."""
+        with self._database.session() as s:
+            return shared_now(s)
 
     def mark(self, token: str) -> str:
         """The token with this process's name, where others might be asked for what it opens."""
@@ -90,8 +95,8 @@ class Peers:
                 log.warning("this process could not say that it lives", problem=str(problem)[:200])
 
     def _beat(self) -> None:
-        now = utc_now()
         with self._database.transaction(durable=False) as s:
+            now = shared_now(s)
             here = s.get(ServerProcess, self._notices.process_id)
             if here is None:
                 s.add(ServerProcess(id=self._notices.process_id, address=self._address, started_at=now, seen_at=now))

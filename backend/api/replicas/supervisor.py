@@ -9,18 +9,19 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
 
 import structlog
 
+from backend.api.core.monitoring import COUNTED_TOGETHER
 from backend.api.replicas.peers import Peers
 from backend.api.server import ServerError, check_ports
 from backend.jobs.process import environment_of, start_worker
 from backend.settings import Settings
 from backend.store.database import Database
-from backend.store.models import utc_now
 
 AGAIN_AFTER_S = 2.0  # a process that dies at once is not started faster than this
 START_PATIENCE_S = 60.0
@@ -48,9 +49,10 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
-    servers = [_start(settings) for _ in range(processes)]
+    began, begun_at, ready = time.monotonic(), peers.now(), False
+    counts = tempfile.TemporaryDirectory(prefix="desirepath-counts-")
+    servers = [_start(settings, counts.name) for _ in range(processes)]
     worker = None
-    began, begun_at, ready = time.monotonic(), utc_now(), False
     started_at = [began] * processes
     try:
         while not stopping.wait(LOOK_S):
@@ -60,7 +62,7 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
                     if not ready:
                         raise ServerError(f"a server process ended with {process.returncode}; its log says why")
                     log.warning("a server process ended and is started again", exit_code=process.returncode)
-                    servers[place], started_at[place] = _start(settings), now
+                    servers[place], started_at[place] = _start(settings, counts.name), now
             if not ready and len(peers.living(since=begun_at)) >= processes:
                 ready = True
                 on_ready()
@@ -70,14 +72,16 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
                 worker = start_worker(settings)
     finally:
         _stop([*servers, *([worker] if worker is not None else [])])
+        counts.cleanup()
 
 
-def _start(settings: Settings) -> subprocess.Popen[bytes]:
+def _start(settings: Settings, counts: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
         [sys.executable, "-m", "backend.commands.ends_with_parent", "serve"],
         env=environment_of(settings)
         | {
             "DESIREPATH_WORKER": "false",
+            COUNTED_TOGETHER: counts,
             "DESIREPATH_SHARES_PORTS": "true",
             "DESIREPATH_HOST": settings.host,
             "DESIREPATH_PORT": str(settings.port),

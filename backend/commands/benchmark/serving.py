@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.benchmark.group import commands, write_result
+from backend.commands.benchmark.group import OutOption, commands, say_and_write, tell
 from backend.commands.output import JsonFlag, plain_errors, say
 
 
@@ -55,7 +55,7 @@ def soak(
         int, typer.Option(min=1, help="Server processes; more than one on a PostgreSQL server of the benchmark's own.")
     ] = 1,
     postgresql: Annotated[bool, typer.Option("--postgresql", help="On PostgreSQL with one process, too.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Participants come and go for half an hour: do the server's memory, open files and threads stay as they are?"""
@@ -68,11 +68,9 @@ def soak(
         pace_s=pace,
         processes=processes,
         postgresql=postgresql,
-        tell=lambda words: typer.echo(words, err=True),
+        tell=tell,
     )
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
@@ -82,7 +80,7 @@ def faults(
     participants: Annotated[int, typer.Option(min=1, help="Who answer all the while.")] = 6,
     processes: Annotated[int, typer.Option(min=1, help="Server processes.")] = 2,
     seed: Annotated[int, typer.Option(min=0, help="Of the moments and of what is killed.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Kill servers, workers and connections at random moments under load, fill the disk: what was lost? On a PostgreSQL
@@ -94,11 +92,24 @@ def faults(
         participants=participants,
         processes=processes,
         seed=seed,
-        tell=lambda words: typer.echo(words, err=True),
+        tell=tell,
     )
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
+
+
+@commands.command()
+@plain_errors
+def database(
+    connections: Annotated[str, typer.Option(help="Numbers of connections, with commas.")] = "1,2,4,8,16",
+    seconds: Annotated[float, typer.Option(min=0.1, help="How long with each number.")] = 5.0,
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """How many answers a second PostgreSQL alone stores, every one on the disk. On a server of its own."""
+    from backend.experiments.benchmarks.database_writes import benchmark_database
+
+    result = benchmark_database(connections=[int(one) for one in connections.split(",")], seconds=seconds, tell=tell)
+    say_and_write(result, out, as_json)
 
 
 @commands.command("workers")
@@ -109,7 +120,7 @@ def several_workers(
     task_s: Annotated[float, typer.Option(min=0.1, help="Seconds that one task takes.")] = 5.0,
     load: Annotated[str, typer.Option(help="waiting: needs no processor; working: one core each.")] = "waiting",
     kills: Annotated[int, typer.Option(min=0, help="How often a worker is killed in the middle of a job.")] = 3,
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """A sweep on several workers, and seconds until a killed one's job goes on. On a PostgreSQL server of its own."""
@@ -123,11 +134,9 @@ def several_workers(
         task_s=task_s,
         load="working" if load == "working" else "waiting",
         kills=kills,
-        tell=lambda words: typer.echo(words, err=True),
+        tell=tell,
     )
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
@@ -140,7 +149,7 @@ def pages(
     data: Annotated[
         Path | None, typer.Option(help="Keep the installation in this folder, or take the one that is there.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """What people wait for: restart to the first page, every page of the lab, joining all at once."""
@@ -152,11 +161,9 @@ def pages(
         restarts=restarts,
         joining=joining,
         data=data,
-        tell=lambda words: typer.echo(words, err=True),
+        tell=tell,
     )
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
@@ -178,29 +185,25 @@ def finish(
 def study_command(
     participants: Annotated[int, typer.Option(min=3, help="Simulated participants of the interface study.")] = 31,
     seed: Annotated[int, typer.Option(min=0)] = 0,
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated: chapter 7's study over HTTP, its report, its data set there and back; what was put in is found."""
     from backend.experiments.benchmarks.interface_study import benchmark_study
 
-    result = benchmark_study(participants=participants, seed=seed, tell=lambda words: typer.echo(words, err=True))
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    result = benchmark_study(participants=participants, seed=seed, tell=tell)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
 @plain_errors
 def live(
     inputs: Annotated[int, typer.Option(min=20, help="Inputs per control and hand.")] = 120,
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """From the hand on a weight to the robot's new way in the picture, in Chromium, milliseconds."""
     from backend.experiments.benchmarks.live_controls import benchmark_live
 
-    result = benchmark_live(inputs=inputs, tell=lambda words: typer.echo(words, err=True))
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    result = benchmark_live(inputs=inputs, tell=tell)
+    say_and_write(result, out, as_json)

@@ -76,8 +76,10 @@ def benchmark_serve(
     stages, and errors: what had to be tried again, connections that broke and requests that a busy server put off.
     during_alignment: the same again with fresh participants while alignments of one core run, under that key; only then
     does a worker run beside the server.
-    On PostgreSQL also database_ms_per_answer (processor time of its processes), and what one session left in it, its
-    answers and everything else: database_kb_per_session, rows_per_session.
+    server_s_per_session: the same processor time, of one session from joining to its last answer.
+    On PostgreSQL also database_ms_per_answer and database_s_per_session (processor time of its processes), what one
+    session left in it, its answers and everything else: database_kb_per_session, rows_per_session; and what it made
+    the database write: commits_per_session, log_kb_per_session (the write-ahead log).
     Raises ServeBenchmarkError if an acknowledged answer is not stored exactly once or a participant could not go on,
     ValueError for numbers that the quick protocol has no room for.
     """
@@ -174,6 +176,7 @@ def walk_everybody(
     memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, pace_s, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
+    processor = family_s(server_pid) - processor_before
     stored = answers_stored(database, tally)
     p50, p95 = np.percentile(tally.ack_ms, [50, 95])
     result: dict[str, Any] = {
@@ -186,7 +189,8 @@ def walk_everybody(
         "p95_stage_ms": round(float(np.percentile(tally.stage_ms, 95)), 1),
         "rss_mb": round(memory, 1),
         "rss_per_session_mb": round((memory - memory_before) / sessions, 2),
-        "server_ms_per_answer": round((family_s(server_pid) - processor_before) * 1000 / tally.sent, 1),
+        "server_ms_per_answer": round(processor * 1000 / tally.sent, 1),
+        "server_s_per_session": round(processor / sessions, 3),
         "stage_messages": tally.stage_messages,
         "stage_mb": round(tally.stage_bytes / 2**20, 2),
         "stream_events": tally.stream_events,
@@ -194,11 +198,13 @@ def walk_everybody(
     }
     after = _database_state(database)
     if database_before is not None and after is not None:
-        seconds, size, rows = (now - before for now, before in zip(after, database_before, strict=True))
         result |= {
-            "database_ms_per_answer": round(seconds * 1000 / tally.sent, 1),
-            "database_kb_per_session": round(size / 1024 / sessions, 1),
-            "rows_per_session": round(rows / sessions, 1),
+            "database_ms_per_answer": round((after.processor_s - database_before.processor_s) * 1000 / tally.sent, 1),
+            "database_s_per_session": round((after.processor_s - database_before.processor_s) / sessions, 3),
+            "database_kb_per_session": round((after.size - database_before.size) / 1024 / sessions, 1),
+            "rows_per_session": round((after.rows - database_before.rows) / sessions, 1),
+            "commits_per_session": round((after.commits - database_before.commits) / sessions, 1),
+            "log_kb_per_session": round((after.log_bytes - database_before.log_bytes) / 1024 / sessions, 1),
         }
     if aligning is not None:
         share = sum(looks) / len(looks)
@@ -264,14 +270,33 @@ def await_processes(database: Database, processes: int) -> None:
         time.sleep(LOOK_S)
 
 
-def _database_state(database: Database) -> tuple[float, int, int] | None:
-    """Seconds of processor of the benchmark's own PostgreSQL, bytes and rows in it; None on SQLite."""
+@dataclass(frozen=True)
+class _DatabaseState:
+    """Of the benchmark's own PostgreSQL: seconds of processor, bytes, rows, commits and bytes of write-ahead log so
+    far. commits: of every transaction, those that only read among them, as the server counts them (a second late)."""
+
+    processor_s: float
+    size: int
+    rows: int
+    commits: int
+    log_bytes: int
+
+
+def _database_state(database: Database) -> _DatabaseState | None:
+    """None on SQLite."""
     if database.is_sqlite:
         return None
     with database.session() as s:
-        size = s.scalar(text("SELECT pg_database_size(current_database())"))
+        size, commits, written = s.execute(
+            text(
+                "SELECT pg_database_size(current_database()), xact_commit, pg_current_wal_lsn() - '0/0'::pg_lsn "
+                "FROM pg_stat_database WHERE datname = current_database()"
+            )
+        ).one()
         rows = sum(s.scalar(select(func.count()).select_from(table)) or 0 for table in Base.metadata.sorted_tables)
-    return family_s(own_postgres_pid(str(database.url.query["host"]))), size or 0, rows
+    return _DatabaseState(
+        family_s(own_postgres_pid(str(database.url.query["host"]))), size, rows, int(commits), int(written)
+    )
 
 
 def answers_stored(database: Database, tally: Tally) -> int:

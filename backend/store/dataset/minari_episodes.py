@@ -38,7 +38,9 @@ class MinariWriter:
         self._bytes: dict[str, int] = {}
 
     def add(self, row: TrajectoryRow, trajectory: Trajectory) -> None:
-        """One more episode of its setup."""
+        """One more episode of its setup; none of a rollout that was kept without its observations."""
+        if not trajectory.observations.shape[1]:
+            return
         of_setup = self._steps.setdefault(row.setup, [])
         number = len(of_setup)
         folder = self._data(row.setup) / str(number)

@@ -249,6 +249,7 @@ class Content:
                     "condition": trial.block,
                     "outline": value["outline"],
                     "lidar": value["lidar"],
+                    "attention": value.get("attention", False),
                     "query": trial.query_id,
                     "thing": thing,
                     "rank": rank,
