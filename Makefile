@@ -3,14 +3,16 @@ SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
+# Many tests wait for servers and browsers: more processes than cores may be quicker.
+TEST_PROCESSES ?= 2
 
-.PHONY: compose-here rehearse-upgrade mutation run test soak setup setup-test lint lock secrets clean
+.PHONY: compose-here image-here rehearse-upgrade mutation run test soak setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
 
 test: setup setup-test lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n $(TEST_PROCESSES) --dist loadfile
 
 lint: setup node_modules/.ready
 	$(BIN)/ruff check app backend tests
@@ -61,6 +63,10 @@ compose-here: setup-test
 rehearse-upgrade: setup-test
 	$(BIN)/python scripts/compose_here.py upgrade $(if $(OLD),--old $(OLD)) --participants 4
 
+# The Dockerfile's steps in a folder instead of a container (root; debootstrap), and what it starts asked for its health.
+image-here: setup
+	$(BIN)/python scripts/compose_here.py image
+
 clean:
 	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache
 
@@ -69,6 +75,7 @@ mutation: setup
 	nice $(BIN)/python scripts/mutation.py --named
 	nice $(BIN)/python scripts/mutation.py --sample 150
 
-# Half an hour of 50 participants against a server of its own: memory, open files and threads stay flat.
+# Half an hour of 50 participants against two server processes on a PostgreSQL of its own: memory, open files and threads
+# stay flat.
 soak: setup
-	$(BIN)/desirepath benchmark soak --sessions 50 --minutes 30
+	$(BIN)/desirepath benchmark soak --sessions 50 --minutes 30 --processes 2

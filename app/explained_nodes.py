@@ -13,16 +13,18 @@ import viser
 
 from app import furniture
 from app.glb import Surface, to_glb
-from app.orders import Explained, Solid
+from app.orders import Attention, Explained, Solid
 from app.outlines import body
 from app.shapes import Colour, Shape, turned
-from backend.explain.shown_explanation import ShownExplanation
+from backend.explain.shown_explanation import ShownAttention, ShownExplanation, solids_of
+from backend.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from backend.simulation.scene import Obstacle, Scene
-from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup
 
 THICKEST_M = 0.15  # ours: outline of an object that scores 1, in the world, so it is thinner far away
 DASHES = 48  # of the line to the goal, 0.3 m each: 14 m
 CORNERS_PER_RAY = 8  # four of the ray, four of the mark at its end
+CORNERS_PER_WEIGHT = 4  # of a lidar sector or a descriptor ray that a policy looks at
 RING_TUBE_M = 0.045
 _WHITE: Colour = (255, 255, 255)
 _RIM: Colour = (30, 34, 40)  # around the white, so that it stands out from a light floor
@@ -38,11 +40,16 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
     if shown.lidar:
         names["rays"] = f"{root}/rays"
         _add(api, names["rays"], _squares(beams, CORNERS_PER_RAY, _GREEN))
-    objects = scene.obstacles[: len(shown.things)]
+    objects = solids_of(scene, shown.things, (len(shown.scores) - 1) * CONTROL_DT_S)
     if shown.outlines:
         for index, obstacle in enumerate(objects):
             names[f"outline{index}"] = f"{root}/outline{index}"
             _add(api, names[f"outline{index}"], _outline(obstacle, index))
+    if shown.attention is not None:
+        names["attention"] = f"{root}/attention"
+        attended = len(shown.attention.spatial[0]) + len(shown.attention.temporal[0])
+        _add(api, names["attention"], _squares(attended, CORNERS_PER_WEIGHT, _GREEN))
+    attention = _attention(shown.attention, names["attention"]) if shown.attention is not None else None
     person = scene.person
     order: Explained = {
         "objects": [
@@ -56,11 +63,20 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
         "range_m": get_setup(scene.setup).lidar.range_m,
         "solids": [_solid(one) for one in scene.solids()],
         "person": {"name": "person", "x": person.pose.x, "y": person.pose.y, "radius": person.radius},
+        "walker": [PED_DEPTH_M, PED_WIDTH_M],
         "robot_radius": ROBOT_RADIUS_M,
         "line": names["line"],
         "goal": [scene.goal.x, scene.goal.y, scene.goal_radius],
+        "attention": attention,
     }
     return order, list(names.values())
+
+
+def _attention(shown: ShownAttention, mesh: str) -> Attention:
+    spatial, temporal = (
+        [[round(weight, 4) for weight in row] for row in rows] for rows in (shown.spatial, shown.temporal)
+    )
+    return {"mesh": mesh, "spatial": spatial, "temporal": temporal, "radius": ROBOT_RADIUS_M}
 
 
 def _solid(obstacle: Obstacle) -> Solid:

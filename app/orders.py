@@ -54,10 +54,24 @@ class ExplainedObject(Solid):
     height: float
 
 
+class Attention(TypedDict):
+    """What a policy looks at: weights per 0.2 s of lidar sectors and of descriptor rays, from straight ahead on,
+    counter-clockwise. mesh: of a quadrilateral each; radius: the robot's, m.
+    """
+
+    mesh: str
+    spatial: list[list[float]]
+    temporal: list[list[float]]
+    radius: float
+
+
 class Explained(TypedDict):
     """What is shown of a policy's reasons. scores: one row per 0.2 s, as `objects`; rays: the mesh of so many `beams`,
-    "" where none are shown; line, goal (x, y, radius): where the robot goes.
+    "" where none are shown, ending also at who walks, each `walker` (length, width) large; line, goal (x, y, radius):
+    where the robot goes.
     """
+
+    attention: Attention | None
 
     objects: list[ExplainedObject]
     scores: list[list[float]]
@@ -67,6 +81,7 @@ class Explained(TypedDict):
     range_m: float
     solids: list[Solid]
     person: Round
+    walker: list[float]
     robot_radius: float
     line: str
     goal: list[float]
@@ -166,8 +181,23 @@ class LegendEntry(TypedDict):
     hollow: NotRequired[bool]
 
 
+class PictureSheet(TypedDict):
+    """What a robot's camera saw: `count` pictures of width x height pixels, `across` in a row of the image, one every
+    `every_s` of the rollout. name, colour: the robot's, as in the legend."""
+
+    name: str
+    colour: list[int]
+    caption: str
+    image: str
+    width: int
+    height: int
+    across: int
+    count: int
+    every_s: float
+
+
 class ReplayOrder(TypedDict):
-    """Rollouts side by side, for analysts."""
+    """Rollouts side by side, for analysts; pictures: what their cameras saw meanwhile."""
 
     type: Literal["replay"]
     tracks: list[Track]
@@ -175,6 +205,7 @@ class ReplayOrder(TypedDict):
     speed: float
     loop: bool
     legend: list[LegendEntry]
+    pictures: list[PictureSheet]
 
 
 class PlainOrder(TypedDict):

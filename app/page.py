@@ -39,9 +39,9 @@ from app import viser_hooks
 
 _CLIENT = Path(__file__).parent / "client"
 _PEN = ("clearance.js", "ink.js", "sections.js", "draw.js", "walk.js")
-_EXPLAINED = ("rays.js", "explained.js", "picking.js")
+_EXPLAINED = ("rays.js", "attention.js", "explained.js", "picking.js")
 _LATER = ("steer.js", *_EXPLAINED, "stage.js")
-_SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "player.js", *_PEN, *_LATER)
+_SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "pictures.js", "player.js", *_PEN, *_LATER)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ import viser
 
 from app import bodies, explained_nodes, scene_nodes, viser_hooks
 from app.beside import Beside
+from app.camera_pictures import CameraPictures
 from app.orders import Order
 from app.paper import Paper, crowd_tracks, surroundings, walk_track
 from app.views import View, camera_for, frame_of, require_view
@@ -148,10 +149,13 @@ class Stage:
         loop: bool = True,
         view: View = "top_down",
         beside: Sequence[Beside] = (),
+        pictures: Sequence[CameraPictures] = (),
+        explained: ShownExplanation | None = None,
     ) -> None:
         """For analysts: one or two trajectories of one scene at once, coloured, with their paths; the camera is free.
 
-        beside: further paths that lie on the floor.
+        beside: further paths that lie on the floor. pictures: what the robots' cameras see meanwhile. explained: what
+        is shown of the first one's reasons.
         Raises ValueError when the scenes differ, there are more or fewer, or the speed is not positive.
         """
         colours = (bodies.LEFT, bodies.RIGHT)[: len(rollouts)]
@@ -167,7 +171,7 @@ class Stage:
         with self._lock:
             if self._gone:
                 return
-            self._show(rollouts[0].scene, require_view(view), rollouts, colours)
+            self._show(rollouts[0].scene, require_view(view), rollouts, colours, explained=explained)
             for number, (trajectory, colour) in enumerate(zip(rollouts, colours, strict=True)):
                 scene_nodes.add_paths(
                     self._client.scene, f"{self._root}/path{number}", [trajectory.poses], colour.top, DRIVEN_PATH_M
@@ -188,6 +192,7 @@ class Stage:
                             *((laid.name, laid.colour) for laid in beside),
                         )
                     ],
+                    "pictures": [one.as_sheet(colours[one.robot].top) for one in pictures],
                 }
             )
 

@@ -12,9 +12,12 @@ from gymnasium.envs.registration import register
 SINGLE = "backend.simulation.environments:NavigationEnv"
 MULTIPLE = "backend.learning.preferences.multi_objective_env:MultiObjectiveNavigationEnv"
 
-for _setup in ("open_field", "study_room"):
+for _setup in ("open_field", "study_room", "crowd_hall"):
     register(f"desirepath/{_setup}-v0", entry_point=SINGLE, kwargs={"setup": _setup})
     register(f"desirepath/mo-{_setup}-v0", entry_point=MULTIPLE, kwargs={"setup": _setup})
+
+for _setup in ("crowd_corridor", "crowd_intersection", "crowd_office", "crowd_home"):
+    register(f"desirepath/{_setup}-v0", entry_point=SINGLE, kwargs={"setup": _setup})
 
 register("desirepath/adaptable-v0", entry_point=SINGLE, kwargs={"setup": "adaptable", "progress_weight": 125.0})
 register("desirepath/mo-adaptable-v0", entry_point="backend.learning.adaptable.vector_env:AdaptableEnv")

@@ -71,11 +71,24 @@ def database_of(request: pytest.FixtureRequest) -> Iterator[Callable[[Path], str
         yield lambda folder: held.enter_context(postgres.holding(server, folder / "desirepath.sqlite"))
 
 
+@pytest.fixture(scope="session")
+def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of an empty, migrated SQLite database, to be copied: all migrations one by one are slow."""
+    from backend.store.database import Database
+
+    file = tmp_path_factory.mktemp("migrated") / "desirepath.sqlite"
+    empty = Database(f"sqlite:///{file}")
+    empty.migrate()
+    empty.close()
+    return file
+
+
 @pytest.fixture
-def database(tmp_path: Path, database_of: Callable[[Path], str]) -> Iterator["Database"]:  # noqa: F821
+def database(tmp_path: Path, migrated: Path, database_of: Callable[[Path], str]) -> Iterator["Database"]:  # noqa: F821
     """An empty, migrated database."""
     from backend.store.database import Database
 
+    shutil.copy(migrated, tmp_path)
     empty = Database(database_of(tmp_path))
     empty.migrate()
     yield empty

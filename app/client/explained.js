@@ -8,7 +8,7 @@
  */
 (() => {
   "use strict";
-  const { viser, rays } = window.desirePath;
+  const { viser, rays, attention } = window.desirePath;
   const STEP_S = 0.2; // of the scores
   const RAY_HEIGHT_M = 0.2;
   const LINE_HEIGHT_M = 0.03;
@@ -67,7 +67,10 @@
   function drawRays(yaw) {
     if (!order || !rayMesh) return;
     const every = lighter() ? LIGHTER : 1;
-    const reach = rays.cast(order, atX, atY, yaw, Math.floor(order.beams / every));
+    const [length, width] = order.walker;
+    const walkers = window.desirePath.player.walkers().map(([x, y, facing]) => ({ name: "", x, y, yaw: facing, length, width }));
+    const place = { ...order, solids: [...order.solids, ...walkers] };
+    const reach = rays.cast(place, atX, atY, yaw, Math.floor(order.beams / every));
     const edge = order.robot_radius;
     reach.forEach((far, k) => {
       const angle = yaw + (2 * Math.PI * k) / reach.length;
@@ -138,7 +141,7 @@
   function showLegend() {
     const { ink } = window.desirePath;
     if (!order || hidden || !ink.say("reasons.goal")) return void legend.remove();
-    const shown = [...(order.objects.some((one) => one.outline) ? ["outline"] : []), ...(rayMesh ? ["free", "hit"] : []), "goal"];
+    const shown = [...(order.objects.some((one) => one.outline) ? ["outline"] : []), ...(rayMesh ? ["free", "hit"] : []), ...(order.attention ? ["sector", "descriptor"] : []), "goal"].filter((name) => ink.say(`reasons.${name}`));
     legend.replaceChildren(...shown.map((name) => {
       const item = document.createElement("li");
       const icon = document.createElement("i");
@@ -153,6 +156,7 @@
     /** The scene's own explanation, null where it has none. @param {Orders["show"]["explained"]} given */
     use(given) {
       order = given;
+      attention.use(given?.attention ?? null);
       [row, hidden, halted] = [-1, false, false];
       [hulls, rayMesh, lineMesh] = [[], null, null];
       window.desirePath.picking.stop();
@@ -199,7 +203,10 @@
       const now = Math.max(0, Math.min(last, Math.floor(t / STEP_S + 1e-6)));
       halted = now === last;
       if (now !== row) drawOutlines((row = now));
-      if (!hidden) drawRays(yaw);
+      if (!hidden) {
+        drawRays(yaw);
+        attention.at(t, x, y, yaw);
+      }
       drawLine();
       pinStop();
     },
@@ -209,6 +216,7 @@
       if (!order) return;
       hidden = on;
       if (rayMesh) rayMesh.visible = !on;
+      attention.hide(on);
       if (row >= 0) drawOutlines(row);
       showLegend();
       viser.redraw();

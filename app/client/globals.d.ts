@@ -70,9 +70,15 @@ interface DesirePath {
     label(text: string): void;
     legend(entries: { name: string; colour: number[]; hollow?: boolean }[]): void;
   };
+  pictures: {
+    use(sheets: Orders["replay"]["pictures"]): void;
+    at(t: number): void;
+  };
   player: {
     along(track: Track, t: number): number[];
-    use(names: string[], who?: string, where?: number[], walkers?: Orders["show"]["crowd"]): void;
+    use(names: string[], who?: string, where?: number[], people?: Orders["show"]["crowd"]): void;
+    /** x, y, yaw of everybody in the crowd now. */
+    walkers(): number[][];
     walkTo(walked: Track, t: number): void;
     place(i: number, where: number[], watched: boolean): void;
     play(order: Orders["play"]): void;
@@ -140,6 +146,11 @@ interface DesirePath {
   };
   rays: {
     cast(place: { solids: Solid[]; person: Round; range_m: number }, x: number, y: number, yaw: number, beams: number): Float64Array;
+  };
+  attention: {
+    use(given: NonNullable<Orders["show"]["explained"]>["attention"]): void;
+    at(t: number, x: number, y: number, yaw: number): void;
+    hide(on: boolean): void;
   };
   explained: {
     use(given: Orders["show"]["explained"]): void;

@@ -14,6 +14,8 @@
   let stands = [0, 0, 0];
   /** Who walks beside the person. @type {Orders["show"]["crowd"]} */
   let crowd = [];
+  /** Where they are now, x, y, yaw each. @type {number[][]} */
+  let walkers = [];
   /** Counts playbacks; a frame of an older one sees that it is over. */
   let turn = 0;
   /** @type {string | null} */
@@ -48,15 +50,14 @@
 
   /** Pedestrians are where they are at `t`, whatever else moves. @param {number} t */
   function poseCrowd(t) {
-    for (const { name, track } of crowd) {
-      const [x, y, yaw] = at(track, t);
-      window.desirePath.viser.pose(name, x, y, yaw);
-    }
+    walkers = crowd.map(({ track }) => at(track, t));
+    walkers.forEach(([x, y, yaw], k) => window.desirePath.viser.pose(crowd[k].name, x, y, yaw));
   }
 
   /** @param {Track[]} tracks @param {number} t @param {Track | null} walked */
   function pose(tracks, t, walked) {
     poseCrowd(t);
+    window.desirePath.pictures.at(t);
     if (walked) put(at(walked, t));
     tracks.forEach((track, i) => {
       const [x, y, yaw] = at(track, t);
@@ -72,11 +73,12 @@
 
   window.desirePath.player = {
     along: at,
+    walkers: () => walkers,
 
-    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] @param {Orders["show"]["crowd"]} [walkers] */
-    use(names, who = "", where = [0, 0, 0], walkers = []) {
+    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] @param {Orders["show"]["crowd"]} [people] who walk */
+    use(names, who = "", where = [0, 0, 0], people = []) {
       this.interrupt("another-scene");
-      [robots, person, stands, crowd] = [names, who, where, walkers];
+      [robots, person, stands, crowd] = [names, who, where, people];
     },
 
     /** The person stands where that walk has them at `t`. @param {Track} walked @param {number} t */
@@ -180,6 +182,7 @@
       const motionS = length(tracks);
       const restS = 1.0;
       const begun = performance.now();
+      window.desirePath.explained.begin();
       const step = () => {
         if (mine !== turn) return;
         const t = ((performance.now() - begun) / 1000) * speed;

@@ -2,7 +2,7 @@
 /** What the server may order (app/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, draw, steer, walk, explained } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, pictures, draw, steer, walk, explained } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
@@ -16,6 +16,7 @@
     bridge.state.ready = false;
     document.documentElement.dataset.stage = "building";
     sheet.legend([]);
+    pictures.use([]);
     draw.stop();
     steer.stop();
     player.use(order.robots, order.person, [...order.stands], order.crowd);
@@ -66,6 +67,7 @@
       onceReady(() => {
         camera.release();
         sheet.legend(order.legend);
+        pictures.use(order.pictures);
         player.replay(order);
       });
     } else if (order.type === "clear") {
@@ -78,6 +80,7 @@
       draw.stop();
       steer.stop();
       sheet.legend([]);
+      pictures.use([]);
     } else if (order.type === "replaced") {
       viser.stopReconnecting();
       player.interrupt("replaced");

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import structlog
@@ -48,14 +49,25 @@ RETRY_AFTER_S = 2  # ours: sent with a 503; the pages, bots and benchmarks wait 
 log = structlog.get_logger("desirepath.web")
 
 
+@cache
+def _texts() -> Texts:
+    """Read once in a process, however many services it builds; so are templates compiled."""
+    return Texts(FRONTEND / "locales")
+
+
+@cache
+def _templates() -> Jinja2Templates:
+    templates = Jinja2Templates(FRONTEND / "templates")
+    templates.env.trim_blocks = templates.env.lstrip_blocks = True
+    templates.env.filters["prose"] = prose
+    return templates
+
+
 def build_services(settings: Settings) -> Services:
     """Open data folder, database (migrated) and artefact store. Raises StorageError with what to do about it."""
     check_writable(settings.data)
     database = Database(settings.database)
     database.migrate()
-    templates = Jinja2Templates(FRONTEND / "templates")
-    templates.env.trim_blocks = templates.env.lstrip_blocks = True
-    templates.env.filters["prose"] = prose
     files, notices = ArtefactStore(settings.artefacts), notices_for(database)
     counts = SharedCounts(database) if notices.shared else None
     peers = Peers(database, notices, counts)
@@ -64,8 +76,8 @@ def build_services(settings: Settings) -> Services:
         settings=settings,
         database=database,
         files=files,
-        texts=Texts(FRONTEND / "locales"),
-        templates=templates,
+        texts=_texts(),
+        templates=_templates(),
         limiter=limiter_for(counts),
         notices=notices,
         peers=peers,
@@ -106,10 +118,12 @@ def create_application(services: Services) -> Application:
         return RedirectResponse("/lab/studies", status_code=303)
 
     @application.get("/health", tags=["server"], response_model=Health, responses={200: {"content": {PAGE: {}}}})
-    def health(request: Request, response: Response) -> Health | Response:
+    def health(request: Request, response: Response, prepared: bool = False) -> Health | Response:
         """For load balancers and containers, and as a page for browsers. 507: the disk is full, 503: the database does
-        not answer; in both no answer can be stored. What else is wrong stands in `problems` and stops nobody."""
-        found = health_of(services)
+        not answer; in both no answer can be stored. What else is wrong stands in `problems` and stops nobody. With
+        `prepared` also 503 while what the first visitors would wait for is being loaded: whoever replaces a running
+        server asks so before it sends them here."""
+        found = health_of(services, prepared=prepared)
         response.status_code = CODES.get(found.status, 200)
         if PAGE in request.headers.get("accept", ""):
             return lab_page(request, "lab/health.html", status=response.status_code, health=found, sign_in=None)

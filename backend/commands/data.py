@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
-from backend.commands.study import open_store
+from backend.commands.study import open_store, say_who_is_left_out
 from backend.settings import get_settings
 
 
@@ -40,6 +40,8 @@ def export(
         written = export_study(database, files, study, folder, pilots=pilots, open_data=open_data)
     with database.transaction() as s:
         record(s, "study_exported", by=COMMAND_LINE, study_id=study, pilots=pilots, open_data=open_data)
+        if not pilots:
+            say_who_is_left_out(s, study, "; --pilots exports them, marked")
     say(dict(written) if as_json else _summary(written["study"], written["files"], out), as_json)
 
 

@@ -49,7 +49,7 @@ def report(
     as_json: JsonFlag = False,
 ) -> None:
     """The study's report: tests, agreement, figures; HTML that prints, PNG, SVG and CSV."""
-    from backend.commands.study import open_store
+    from backend.commands.study import open_store, say_who_is_left_out
     from backend.report.analysis_plan import read_plan
     from backend.report.study_report import write_study_report
     from backend.report.tidy_tables import read_folder, read_study
@@ -70,6 +70,7 @@ def report(
             if row is None:
                 raise LookupError(f"no study with id {study!r} and no such folder; `desirepath study list` shows all")
             data, load = read_study(s, files, row)
+            say_who_is_left_out(s, study)
         if policies:
             views = sorted({one.view for one in data.choices})
             learned = _learned(database, files, study, views, chosen, model.split(","), recipe, scenes)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -11,6 +12,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 from rich.console import Console
 
+from backend.commands.benchmark.group import seed_range
 from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
 
 
@@ -24,7 +26,10 @@ class Where(StrEnum):
 commands = typer.Typer(help="Compute a published chapter anew, with its report.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option(help="Folder for report, figures and finished work; again: it goes on there.")]
-BudgetName = Annotated[str, typer.Option(help="small (minutes), full; chapter 6: medium (an hour), chapter 2: long.")]
+BudgetName = Annotated[
+    str,
+    typer.Option(help="small (minutes), full; chapter 2: long, 3: quick (half of small), 5 and 6: medium (an hour)."),
+]
 Processes = Annotated[int, typer.Option(min=1, help="One thread each.")]
 On = Annotated[
     Where, typer.Option(help="workers: as jobs on the queue of this installation, over all its workers and machines.")
@@ -51,10 +56,7 @@ def enquery(
     from backend.experiments.reproduction.enquery.budgets import BUDGETS
     from backend.experiments.reproduction.enquery.run import reproduce_enquery
 
-    chosen = _chosen(BUDGETS, budget)
-    run = _run("enquery", budget, processes, f"--seed {seed} ")
-    with _computed_on(on, "enquery"):
-        say(reproduce_enquery(out, chosen, seed=seed, **run), as_json)
+    _reproduce("enquery", reproduce_enquery, BUDGETS, budget, out, processes, on, as_json, seed=seed)
 
 
 @commands.command()
@@ -70,9 +72,7 @@ def demonstrations(
     from backend.experiments.reproduction.demonstrations.plan import BUDGETS
     from backend.experiments.reproduction.demonstrations.run import reproduce_demonstrations
 
-    chosen = _chosen(BUDGETS, budget)
-    with _computed_on(on, "demonstrations"):
-        say(reproduce_demonstrations(out, chosen, **_run("demonstrations", budget, processes)), as_json)
+    _reproduce("demonstrations", reproduce_demonstrations, BUDGETS, budget, out, processes, on, as_json)
 
 
 @commands.command()
@@ -88,10 +88,7 @@ def interface(
     """Chapter 7: simulated people in three views, a reward model and a policy per view; tables 7.1 to 7.3."""
     from backend.experiments.reproduction.interface.run import BUDGETS, reproduce_interface
 
-    chosen = _chosen(BUDGETS, budget)
-    run = _run("interface", budget, processes, f"--seed {seed} ")
-    with _computed_on(on, "interface"):
-        say(reproduce_interface(out, chosen, seed=seed, **run), as_json)
+    _reproduce("interface", reproduce_interface, BUDGETS, budget, out, processes, on, as_json, seed=seed)
 
 
 @commands.command()
@@ -107,9 +104,7 @@ def adaptable(
     from backend.experiments.reproduction.adaptable.plan import BUDGETS
     from backend.experiments.reproduction.adaptable.run import reproduce_adaptable
 
-    chosen = _chosen(BUDGETS, budget)
-    with _computed_on(on, "adaptable"):
-        say(reproduce_adaptable(out, chosen, **_run("adaptable", budget, processes)), as_json)
+    _reproduce("adaptable", reproduce_adaptable, BUDGETS, budget, out, processes, on, as_json)
 
 
 @commands.command()
@@ -118,6 +113,7 @@ def depth(
     out: Out,
     budget: BudgetName = "small",
     processes: Processes = 1,
+    seeds: Annotated[str | None, typer.Option(help="FIRST-LAST; default the budget's own.")] = None,
     on: On = Where.here,
     as_json: JsonFlag = False,
 ) -> None:
@@ -125,9 +121,11 @@ def depth(
     from backend.experiments.reproduction.depth.plan import BUDGETS
     from backend.experiments.reproduction.depth.run import reproduce_depth
 
-    chosen = _chosen(BUDGETS, budget)
-    with _computed_on(on, "depth"):
-        say(reproduce_depth(out, chosen, **_run("depth", budget, processes)), as_json)
+    budgets = BUDGETS
+    if seeds is not None:
+        budgets = {name: replace(one, seeds=seed_range(seeds)) for name, one in BUDGETS.items()}
+    typed = f"--seeds {seeds} " if seeds is not None else ""
+    _reproduce("depth", reproduce_depth, budgets, budget, out, processes, on, as_json, typed=typed)
 
 
 @commands.command()
@@ -144,10 +142,7 @@ def pedestrians(
     from backend.experiments.reproduction.pedestrians.plan import BUDGETS
     from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
 
-    chosen = _chosen(BUDGETS, budget)
-    run = _run("pedestrians", budget, processes, f"--device {device} ")
-    with _computed_on(on, "pedestrians"):
-        say(reproduce_pedestrians(out, chosen, device=device, **run), as_json)
+    _reproduce("pedestrians", reproduce_pedestrians, BUDGETS, budget, out, processes, on, as_json, device=device)
 
 
 @commands.command()
@@ -163,26 +158,38 @@ def explanations(
     """Chapter 8: the policy, its 48 scenarios, simulated rankers with and without outlines; tables 8.1 and 8.2."""
     from backend.experiments.reproduction.explanations.run import BUDGETS, reproduce_explanations
 
-    chosen = _chosen(BUDGETS, budget)
-    run = _run("explanations", budget, processes, f"--seed {seed} ")
-    with _computed_on(on, "explanations"):
-        say(reproduce_explanations(out, chosen, seed=seed, **run), as_json)
+    _reproduce("explanations", reproduce_explanations, BUDGETS, budget, out, processes, on, as_json, seed=seed)
 
 
-def _chosen(budgets: Mapping[str, Budget], name: str) -> Budget:
-    if name not in budgets:
-        raise LookupError(f"--budget {name!r}: known are {', '.join(budgets)}")
-    return budgets[name]
-
-
-def _run(chapter: str, budget: str, processes: int, more: str = "") -> dict[str, Any]:
-    """What every chapter's run is given. The folder is no part of what has to be typed again, and may be private."""
+def _reproduce(
+    chapter: str,
+    reproduce: Callable[..., dict[str, Any]],
+    budgets: Mapping[str, Budget],
+    budget: str,
+    out: Path,
+    processes: int,
+    on: Where,
+    as_json: bool,
+    typed: str = "",
+    **options: Any,
+) -> None:
+    """Compute a chapter and say what came of it. options: those that the chapter has besides everybody's; typed: what
+    the budgets were changed by, as it was typed."""
+    if budget not in budgets:
+        raise LookupError(f"--budget {budget!r}: known are {', '.join(budgets)}")
     console = Console(stderr=True)
-    return {
-        "processes": processes,
-        "command": f"desirepath reproduce {chapter} --out DIR --budget {budget} {more}--processes {processes}",
-        "tell": lambda words: console.print(words, highlight=False, soft_wrap=True),
-    }
+    more = typed + "".join(f"--{name} {value} " for name, value in options.items())
+    with _computed_on(on, chapter):
+        found = reproduce(
+            out,
+            budgets[budget],
+            processes=processes,
+            # The folder is no part of what has to be typed again, and may be private.
+            command=f"desirepath reproduce {chapter} --out DIR --budget {budget} {more}--processes {processes}",
+            tell=lambda words: console.print(words, highlight=False, soft_wrap=True),
+            **options,
+        )
+        say(found, as_json)
 
 
 @contextmanager

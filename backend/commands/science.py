@@ -110,7 +110,7 @@ def align(
 @train.command()
 @plain_errors
 def demonstrations(
-    environment: Annotated[str, typer.Option(help="corridor or room.")] = "room",
+    environment: Annotated[str, typer.Option(help="corridor, room or home.")] = "room",
     study: Annotated[str | None, typer.Option(help="Id of a study: what was kept there is learned from.")] = None,
     participant: Annotated[str | None, typer.Option(help="With --study, only this participant's (code).")] = None,
     answers: Annotated[
@@ -120,6 +120,9 @@ def demonstrations(
         str | None, typer.Option(help="A programmed demonstrator instead (simulated), such as field_of_view.")
     ] = None,
     per_pair: Annotated[int, typer.Option(min=1, max=10, help="With --style, demonstrations of each pair.")] = 4,
+    person: Annotated[
+        str, typer.Option(help="With --style, what the person does: still, or walks opposite or random.")
+    ] = "still",
     snapshot: SnapshotFlag = None,
     seed: SeedFlag = 0,
     out: OutFlag = None,
@@ -143,7 +146,7 @@ def demonstrations(
         with database.transaction() as s:
             if style is not None:
                 taken = take_simulated_demonstrations(
-                    s, files, style=style, environment=environment, per_pair=per_pair, seed=seed
+                    s, files, style=style, environment=environment, per_pair=per_pair, seed=seed, person=person
                 )
             else:
                 one = None

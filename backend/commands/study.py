@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,8 @@ from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 
 if TYPE_CHECKING:
+    from sqlalchemy.orm import Session
+
     from backend.study.protocol.freezing import FrozenProtocol
 
 commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
@@ -37,6 +40,17 @@ def open_store() -> tuple[Database, ArtefactStore]:
     database = Database(settings.database)
     database.migrate()
     return database, ArtefactStore(settings.artefacts)
+
+
+def say_who_is_left_out(s: Session, study: str, more: str = "") -> None:
+    """Told on stderr where pilot participants are not among what is told: else a piloted study looks empty."""
+    from sqlalchemy import func, select
+
+    from backend.store.models import Participant
+
+    pilots = s.scalar(select(func.count()).where(Participant.study_id == study, Participant.pilot))
+    if pilots:
+        typer.echo(f"{pilots} of the pilot left out: who joins in a pilot counts in no number{more}", err=True)
 
 
 def query_sets() -> dict[str, str]:
@@ -182,7 +196,11 @@ def simulate(
             return
         from backend.experiments.browser.client import walk_with_browser
 
-        say(walk_with_browser(base_url, token, participants, browser, character, language, pictures), as_json)
+        aside = partial(typer.echo, err=True)
+        say(
+            walk_with_browser(base_url, token, participants, browser, character, language, pictures, aside),
+            as_json,
+        )
 
     if url:
         walk(url.rstrip("/"))

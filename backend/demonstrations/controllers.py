@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from backend.demonstrations.dwa import Dwa
 from backend.demonstrations.social_cost import SocialCost
 from backend.learning.policies.policy import Policy
-from backend.simulation.fast import replay, rollout
-from backend.simulation.scene import Scene
+from backend.simulation import kernels as k
+from backend.simulation.fast import FastEngine, replay, rollout
+from backend.simulation.scene import Pose, Scene
 from backend.simulation.setups import get_setup, require_same
 from backend.simulation.trajectory import Trajectory
 
@@ -33,5 +37,19 @@ def roll_out(controller: str | Policy, scenes: Sequence[Scene]) -> list[Trajecto
         rollouts = rollout(dwa.setup, dwa.act, scenes)
         return replay(setup, scenes, [trajectory.actions for trajectory in rollouts])
     if controller == SOCIAL_COST:
-        return [rollout(setup, SocialCost(scene).act, [scene])[0] for scene in scenes]
+        return [
+            rollout(setup, SocialCost(scene).act, [scene])[0] if setup.solids else _localised(scene) for scene in scenes
+        ]
     raise ValueError(f"controller {controller!r}: known are policies and {', '.join(BASELINES)}")
+
+
+def _localised(scene: Scene) -> Trajectory:
+    """The social-cost controller where walls are not observed: it is told where it and the person are."""
+    setup, planner = get_setup(scene.setup), SocialCost(scene)
+    engine = FastEngine(setup, 1, auto_reset=False, scenes=[scene])
+    actions: list[NDArray[np.float32]] = []
+    while not engine.dones[0] and len(actions) < setup.max_steps:
+        person = Pose(*(float(value) for value in engine.rows[0, k.PERSON_X : k.PERSON_YAW + 1]))
+        actions.append(planner.steer(Pose(*(float(value) for value in engine.poses[0])), person))
+        engine.step(actions[-1][None])
+    return replay(setup, [scene], [np.stack(actions)])[0]

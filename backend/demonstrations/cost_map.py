@@ -107,7 +107,7 @@ def cheapest_path(grid: Grid, costs: Doubles, start: Pose, *, longest_m: float =
         steepest, following = 0.0, (i, j)
         for di, dj in STEPS.tolist():
             u, w = i + di, j + dj
-            if 0 <= u < columns and 0 <= w < lines:
+            if 0 <= u < columns and 0 <= w < lines and costs[u, w] < costs[i, j]:
                 fall = (costs[i, j] - costs[u, w]) / math.hypot(di, dj)
                 if fall > steepest:
                     steepest, following = fall, (u, w)

@@ -39,14 +39,15 @@ class SocialCostConfig:
 
 
 class SocialCost:
-    """The controller for one scene: its observations in, actions out. It knows the map and where its goal lies."""
+    """The controller for one scene: its observations in, actions out. It knows the map and where its goal lies.
+
+    Where walls are not observed it has to be told where it is: `steer`, not `act`.
+    """
 
     def __init__(self, scene: Scene, config: SocialCostConfig | None = None) -> None:
         if scene.room is None:
             raise SceneError("room", None, "the social-cost controller plans in rooms")
         self._setup = get_setup(scene.setup)
-        if not self._setup.solids:
-            raise SetupError(f"setup {scene.setup}: walls are not observed, so the robot cannot tell where it is")
         self._scene, self._room, self._config = scene, scene.room, config or SocialCostConfig()
         self._plan(scene.person.pose)
 
@@ -66,13 +67,21 @@ class SocialCost:
         return np.asarray(1.0 + config.weight * gaussian)
 
     def act(self, observations: Floats) -> Floats:
-        """observations (n, obs) of the scene's setup, of this scene -> actions (n, 2) in [-1, 1]."""
+        """observations (n, obs) of the scene's setup, of this scene -> actions (n, 2) in [-1, 1].
+
+        Raises SetupError where walls are not observed.
+        """
+        if not self._setup.solids:
+            raise SetupError(f"setup {self._setup.name}: walls are not observed, so the robot cannot tell where it is")
         return np.stack([self._act(seen.astype(np.float64)) for seen in observations])
 
     def _act(self, seen: Doubles) -> Floats:
-        config, limits = self._config, self._setup.limits
         pose = self.located(seen)
-        person = self._person_seen(seen, pose)
+        return self.steer(pose, self._person_seen(seen, pose))
+
+    def steer(self, pose: Pose, person: Pose) -> Floats:
+        """The action (2,) in [-1, 1] of a robot that is there, with the person there."""
+        config, limits = self._config, self._setup.limits
         moved = math.dist((person.x, person.y), (self._person.x, self._person.y)) > config.moved_m
         if moved or abs(k.wrap(person.yaw - self._person.yaw)) > config.turned_rad:
             self._plan(person)

@@ -10,7 +10,9 @@ import sys
 from pathlib import Path
 
 from backend.experiments.shipping.adaptable import ship_adaptable
-from backend.experiments.shipping.depth import ship_controller, ship_perception
+from backend.experiments.shipping.attended_people import ship_attended
+from backend.experiments.shipping.attention import ship_attention
+from backend.experiments.shipping.depth import ship_controllers, ship_perception
 from backend.experiments.shipping.explained_room import ship_explained, ship_ranking_set
 from backend.experiments.shipping.path_weights import ship_path_weights
 from backend.experiments.shipping.policies import (
@@ -32,7 +34,7 @@ from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.experiments.shipping.step_bases import ship_step_basis
 from backend.experiments.shipping.words import ship_words
 from backend.learning.shipped_files import DATASETS
-from backend.simulation.setups import EXPLAINED_ROOM, HOME, SETUPS
+from backend.simulation.setups import CROWD_CORRIDOR, EXPLAINED_ROOM, HOME, SETUPS
 
 
 def main() -> None:
@@ -51,6 +53,7 @@ def main() -> None:
         "path-weights",
         "depth",
         "depth-perception",
+        "attention",
     )
     parser.add_argument("what", choices=(*kinds, *more))
     parser.add_argument("setup", choices=tuple(SETUPS), nargs="?", help="of all but words")
@@ -73,11 +76,13 @@ def main() -> None:
         work = arguments.work or arguments.out / HOME.name / "work"
         ship_perception(work, arguments.out)
         if arguments.what == "depth":
-            ship_controller(work, arguments.out)
+            ship_controllers(work, arguments.out)
     elif arguments.what == "adaptable":
         ship_adaptable(arguments.seed, arguments.out, arguments.work)
+    elif arguments.what == "attention":
+        ship_attention(arguments.seed, arguments.out, show)
     elif arguments.what == "ranking-set":
-        ship_ranking_set(arguments.out)
+        (ship_attended if arguments.setup == CROWD_CORRIDOR.name else ship_ranking_set)(arguments.out)
     elif arguments.what == "base" and arguments.setup == EXPLAINED_ROOM.name:
         ship_explained(*given[1:])
     elif arguments.what == "stand-ins":

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from backend.simulation.trajectory import STORED, Outcome, Trajectory
 
 FORMAT = "desirepath-ranking-set-1"
 DRIVE_S = 3.0  # chapter 8: then the robot halts
+ATTENTION = ("spatial", "temporal")
+PARTS = 1_000  # that a weight of attention is stored in
 
 
 @dataclass(frozen=True)
@@ -33,13 +35,15 @@ class ExplainedRollout:
 
     trajectory: T actions, T + 1 poses. things: the objects that are ranked, the scene's obstacles by the names of
     `thing_names`. scores: (T + 1, things) float32 in [0, 1], row k at k * dt; the last row is what is shown while the
-    robot stands, and the order that rankings are compared with. practice: never analysed.
+    robot stands, and the order that rankings are compared with. practice: never analysed. attention: what a policy with
+    attention looked at, (T + 1, sectors) and (T + 1, rays) weights that sum to 1; then the things are people.
     """
 
     trajectory: Trajectory
     things: tuple[str, ...]
     scores: Floats
     practice: bool = False
+    attention: tuple[Floats, Floats] | None = None
 
     @property
     def at_halt(self) -> dict[str, float]:
@@ -49,13 +53,14 @@ class ExplainedRollout:
 
 @dataclass(frozen=True)
 class RankingSet:
-    """Explained rollouts of one policy in scenes of one setup. policy: its name."""
+    """Explained rollouts of one policy in scenes of one setup. policy: its name. method `attention`: scores are what a
+    policy with attention gave to each of the people, in all that it does."""
 
     setup: str
     rollouts: tuple[ExplainedRollout, ...]
     policy: str
-    method: Method
-    command: Command
+    method: Method | Literal["attention"]
+    command: Command | Literal["all"]
 
     def __len__(self) -> int:
         return len(self.rollouts)
@@ -81,6 +86,10 @@ class RankingSet:
         arrays = {name: np.concatenate([getattr(one.trajectory, name) for one in self.rollouts]) for name in STORED}
         steps = np.array([len(one.trajectory.actions) for one in self.rollouts], dtype=np.int32)
         scores = np.concatenate([one.scores.ravel() for one in self.rollouts]).astype(np.float32)
+        attended = [one.attention for one in self.rollouts if one.attention is not None]
+        for number, name in enumerate(ATTENTION if attended else ()):
+            weights = np.concatenate([both[number] for both in attended])
+            arrays[name] = np.rint(PARTS * weights).astype(np.uint16)
         return to_npz(meta, {"steps": steps, "scores": scores, **arrays})
 
     @classmethod
@@ -98,7 +107,9 @@ class RankingSet:
                 scores = arrays["scores"][score : score + (steps + 1) * len(things)].reshape(steps + 1, len(things))
                 scene = Scene.from_dict(said["scene"])
                 trajectory = Trajectory(scene, Outcome.RUNNING, **cut, dt=float(said["dt"]))
-                rollouts.append(ExplainedRollout(trajectory, things, scores, bool(said["practice"])))
+                looked = [(arrays[name][poses] / PARTS).astype(np.float32) for name in ATTENTION if name in arrays]
+                attention = (looked[0], looked[1]) if looked else None
+                rollouts.append(ExplainedRollout(trajectory, things, scores, bool(said["practice"]), attention))
                 first, score = first + steps, score + scores.size
             return cls(meta["setup"], tuple(rollouts), meta["policy"], meta["method"], meta["command"])
         except (KeyError, IndexError, TypeError, ValueError) as problem:

@@ -11,19 +11,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.simulation.scene import Obstacle
+from backend.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_HEIGHT_M, PED_WIDTH_M
+from backend.simulation.pedestrians import where_on_route
+from backend.simulation.scene import Obstacle, Pose, Scene
+from backend.simulation.setups import CONTROL_DT_S
 from backend.simulation.trajectory import Trajectory
 
 Scores = tuple[tuple[float, ...], ...]
+PERSON, PEDESTRIAN = "person", "pedestrian"
+"""People as things that are scored: the scene's person, and `pedestrian 1` and so on of its crowd."""
 AHEAD_M = 0.5  # ours: what lies straight ahead seems so much nearer, to who guesses what mattered
+
+
+@dataclass(frozen=True)
+class ShownAttention:
+    """What a policy with attention looked at (chapter 4): one row per pose, each of weights that sum to 1.
+
+    spatial: of lidar sectors; temporal: of descriptor rays; from straight ahead on, counter-clockwise. Empty rows of a
+    policy without that stream.
+    """
+
+    spatial: Scores
+    temporal: Scores
 
 
 @dataclass(frozen=True)
 class ShownExplanation:
     """What of a trajectory's explanation is shown beside its motion.
 
-    things: objects of the scene, its first obstacles in order. scores: one row per pose, in [0, 1]. outlines, lidar:
-    whether each is drawn. hold_s: how long they stay after the halt.
+    things: objects of the scene, its first obstacles in order, or its people. scores: one row per pose, in [0, 1].
+    outlines, lidar: whether each is drawn. hold_s: how long they stay after the halt. attention: what is drawn of it,
+    beside them.
     """
 
     things: tuple[str, ...]
@@ -31,6 +49,30 @@ class ShownExplanation:
     outlines: bool
     lidar: bool
     hold_s: float = 1.0
+    attention: ShownAttention | None = None
+
+
+def is_of_people(things: Sequence[str]) -> bool:
+    """Whether people are scored, rather than obstacles."""
+    return PERSON in things
+
+
+def people_of(scene: Scene) -> tuple[str, ...]:
+    """What the scene's people are called, the person first, as in `Scene.people_at`."""
+    crowd = scene.crowd.pedestrians if scene.crowd else ()
+    return (PERSON, *(f"{PEDESTRIAN} {number}" for number in range(1, len(crowd) + 1)))
+
+
+def solids_of(scene: Scene, things: Sequence[str], at_s: float) -> tuple[Obstacle, ...]:
+    """The things as boxes on the floor, people where they are at that moment."""
+    if not is_of_people(things):
+        return scene.obstacles[: len(things)]
+    x, y, yaw = (float(value) for value in scene.person_poses([at_s])[0])
+    poses = {PERSON: Pose(x, y, yaw)}
+    for name, one in zip(people_of(scene)[1:], scene.crowd.pedestrians if scene.crowd else (), strict=True):
+        walked = one.walk.poses_at([at_s])[0] if one.walk is not None else where_on_route(one, at_s)
+        poses[name] = Pose(*(float(value) for value in walked))
+    return tuple(Obstacle(thing, poses[thing], PED_DEPTH_M, PED_WIDTH_M, PED_HEIGHT_M) for thing in things)
 
 
 def guessed_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, float]:
@@ -39,7 +81,8 @@ def guessed_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, 
     """
     x, y, yaw = (float(value) for value in trajectory.poses[-1])
     found = {}
-    for thing, obstacle in zip(things, trajectory.scene.obstacles, strict=False):
+    solids = solids_of(trajectory.scene, things, (len(trajectory.poses) - 1) * CONTROL_DT_S)
+    for thing, obstacle in zip(things, solids, strict=True):
         bearing = math.atan2(obstacle.pose.y - y, obstacle.pose.x - x) - yaw
         found[thing] = 1.0 / (0.2 + max(0.0, _clearance_m(obstacle, x, y) - AHEAD_M * math.cos(bearing)))
     return found

@@ -24,6 +24,8 @@ from backend.report.rating_findings import Measure, named
 from backend.report.study_data import ImportanceRanking, ItemText
 
 FACTORS = ("outline", "lidar")
+SHOWN = ("outline", "attention", "lidar")
+"""What may be shown: outlines of chapter 8's things, or a policy's attention to people, and the lidar of either."""
 LEVELS = ("without", "with")
 AWARENESS = ("perception", "intelligibility", "prediction")
 """How the keys of the items begin whose mean, the reversed ones inverted, is the awareness score (two of each)."""
@@ -45,6 +47,7 @@ class Trial:
         one = self.of
         return {
             "participant": one.person, "condition": one.condition, "outline": one.outline, "lidar": one.lidar,
+            "attention": one.attention,
             "query": one.query, "ranking": " > ".join(one.ranking),
             "by_score": " > ".join(sorted(one.scores, key=lambda thing: -one.scores[thing])),
             "tau_b": None if math.isnan(self.tau) else round(self.tau, 6), "tied_pairs": self.tied,
@@ -104,7 +107,7 @@ def explained(
     regular = [one for one in rankings if one.role == "regular"]
     if not regular:
         return None
-    factors = [name for name in FACTORS if len({getattr(one, name) for one in regular}) > 1]
+    factors = [name for name in SHOWN if len({getattr(one, name) for one in regular}) > 1]
     cells = list(product((False, True), repeat=len(factors)))
     cell_of = {one.condition: tuple(getattr(one, name) for name in factors) for one in regular}
     trials = trials_of(regular)

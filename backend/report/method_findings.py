@@ -27,14 +27,17 @@ Pair = tuple[str, str]
 class Methods:
     """methods: by name. won: of its comparisons, the share in which a method's robot was chosen, over people. pairs: of
     two methods' robots the share in which the first one's was chosen; look_alike: of all comparisons, how many a person
-    can hardly tell apart (they count). test: over the shares of all methods; between: of their pairs. worths: Bradley
-    and Terry's. minutes: that a way took, pauses and all, with its median; apart: distance of the weights that two ways
-    resulted in; weights: method -> objective -> mean weight. nothing: method -> people whom it taught nothing.
+    can hardly tell apart (they count); unfinished: people with fewer comparisons than others, who broke off or have not
+    come to the end yet (they count with what they answered). test: over the shares of all methods; between: of their
+    pairs. worths: Bradley and Terry's. minutes: that a way took, pauses and all, with its median; apart: distance of
+    the weights that two ways resulted in; weights: method -> objective -> mean weight. nothing: method -> people whom
+    it taught nothing.
     """
 
     methods: Sequence[str]
     comparisons: int
     look_alike: int
+    unfinished: int
     won: Mapping[str, Mean]
     pairs: Mapping[Pair, Mean]
     test: Tested | None
@@ -60,6 +63,7 @@ def methods_of(choices: Sequence[MethodChoice], taught: Sequence[Taught], plan: 
     for one in choices:
         wins[people.index(one.person), names.index(one.chosen), names.index(one.rejected)] += 1
     asked = wins + wins.transpose(0, 2, 1)
+    each = asked.sum(axis=(1, 2))
     with np.errstate(invalid="ignore"):
         shares = wins.sum(axis=2) / asked.sum(axis=2)
         of_pair = wins / asked
@@ -70,6 +74,7 @@ def methods_of(choices: Sequence[MethodChoice], taught: Sequence[Taught], plan: 
         methods=names,
         comparisons=len(choices),
         look_alike=sum(one.look_alike for one in choices),
+        unfinished=int((each < each.max()).sum()),
         won={name: clustered_share(shares[:, k], asked.sum(axis=2)[:, k]) for k, name in enumerate(names)},
         pairs={
             (names[i], names[j]): clustered_share(of_pair[:, i, j], asked[:, i, j])

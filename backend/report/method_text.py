@@ -47,6 +47,11 @@ def _remarks(ways: Methods) -> list[str]:
     said = []
     if ways.look_alike:
         said.append(f"In {ways.look_alike} of the comparisons a person can hardly tell the two apart; they count.")
+    if ways.unfinished:
+        said.append(
+            f"{ways.unfinished} of the people answered fewer comparisons than the others, because they broke off or "
+            "have not come to the end yet; what they answered counts."
+        )
     if any(ways.nothing.values()):
         who = ", ".join(f"{named(name)} {count}" for name, count in ways.nothing.items() if count)
         said.append(f"Taught nothing, so that the robot drove without preferences: {who} (people).")

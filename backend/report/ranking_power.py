@@ -15,13 +15,14 @@ from backend.report.analysis_plan import AnalysisPlan
 from backend.report.explanation_findings import FACTORS, explained
 from backend.report.made_up_rankers import TRIALS, RankerCohort, made_up_rankings
 
+STANDS_FOR = {"attention": "outline"}  # either shows the scores, so that the made-up people are the same
 FEWEST = 3  # people whom an analysis of variance can be made of
 
 
 @dataclass(frozen=True)
 class RankedDesign:
-    """What of a study its rankings' power depends on. factors: of outline and lidar those that vary, within people;
-    trials: rankings of everybody in each condition."""
+    """What of a study its rankings' power depends on. factors: of outline, attention and lidar those that vary, within
+    people; trials: rankings of everybody in each condition."""
 
     factors: tuple[str, ...] = ()
     trials: int = TRIALS
@@ -36,7 +37,7 @@ class RankedDesign:
 def assumed_cohort(design: RankedDesign, tau: float, tau_gain: float, seed: int) -> RankerCohort:
     """People whose agreement rises from `tau` by `tau_gain` where the first factor that varies is shown. Raises
     CohortError for agreements that cannot be."""
-    at = FACTORS.index(design.factors[0])
+    at = FACTORS.index(STANDS_FOR.get(design.factors[0], design.factors[0]))
     return RankerCohort(tau=tau, gain=(tau_gain * (at == 0), tau_gain * (at == 1), 0.0), seed=seed)
 
 
@@ -51,6 +52,7 @@ def ranking_found(
 ) -> Counter[str]:
     """In how many of so many made-up studies each test finds its effect after correction."""
     plan = plan or AnalysisPlan()
+    factors = tuple(STANDS_FOR.get(factor, factor) for factor in design.factors)
     found = Counter[str]()
     for k in range(cohorts):
         random = np.random.default_rng([cohort.seed, participants, k])
@@ -58,7 +60,7 @@ def ranking_found(
         if finished < FEWEST:
             continue
         data = made_up_rankings(
-            cohort, finished, first=k * participants, trials=design.trials, factors=design.factors
+            cohort, finished, first=k * participants, trials=design.trials, factors=factors
         )  # fmt: skip
         of = explained(data.importance, (), plan, intervals=False)
         tests: Sequence[bool] = [test.significant(plan.alpha) for test in of.agreement.tests] if of else []

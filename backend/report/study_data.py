@@ -131,8 +131,9 @@ class Taught:
 
 @dataclass(frozen=True)
 class ImportanceRanking:
-    """One trial of chapter 8. ranking: the scene's objects, the most important first. scores: object -> how much it
-    moved the robot where it stood, 0 to 1. outline, lidar: what of that was shown. role: `regular` counts."""
+    """One trial of chapter 8. ranking: the scene's objects, or people, the most important first. scores: of each, how
+    much it moved the robot, or was attended to, where it stood, 0 to 1. outline, lidar, attention: what of that was
+    shown. role: `regular` counts."""
 
     person: str
     condition: str
@@ -143,6 +144,7 @@ class ImportanceRanking:
     ranking: Sequence[str]
     scores: Mapping[str, float]
     decision_s: float | None = None
+    attention: bool = False
 
 
 @dataclass(frozen=True)

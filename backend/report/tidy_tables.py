@@ -233,6 +233,7 @@ def _importance(tables: Tables) -> Iterator[ImportanceRanking]:
                 role=trial["role"],
                 outline=bool(value["outline"]),
                 lidar=bool(value["lidar"]),
+                attention=bool(value.get("attention", False)),
                 ranking=tuple(value["ranking"]),
                 scores={str(thing): float(score) for thing, score in value["scores"].items()},
                 decision_s=row["decision_s"],

@@ -1,5 +1,5 @@
-"""The scenes that paths are drawn in: chapter 2's two environments with four position-orientation pairs each, and four
-scenes of the study room, where drawing is one of several ways to say what one prefers (ours).
+"""The scenes that paths are drawn in: chapter 2's two environments with four position-orientation pairs each, four
+scenes of the study room, where drawing is one of several ways to say what one prefers (ours), and four homes (ch. 3).
 
 Everything that is drawn from a seed lives in `scenes.py`; here stand the places that every participant sees.
 """
@@ -32,15 +32,21 @@ _PAIRS: dict[str, tuple[tuple[Pose, Pose, Pose], ...]] = {
     ),
 }
 PAIRS = 4
-_DRAWN_IN = {"study_room": (3_500_000_034, 3_500_000_019, 3_500_000_003, 3_500_000_011)}
-"""Setup -> seeds of its scenes: of those that figures show, the ones in which weights are changed by hand, too."""
+_DRAWN_IN = {
+    "study_room": (3_500_000_034, 3_500_000_019, 3_500_000_003, 3_500_000_011),
+    "home": (3_500_000_015, 3_500_000_032, 3_500_000_003, 3_500_000_021),
+}
+"""Setup -> seeds of its scenes: of those that figures show; the study room's are those in which weights are changed by
+hand, too, the homes' in each of the four rooms one, with the person beside the way."""
+SEEN_BY_DEPTH = ("home",)  # where a robot has a depth camera
 DRAWN_IN = (*DEMONSTRATION_SETUPS, *_DRAWN_IN)
 
 
 def demonstration_scene(setup: str, pair: int) -> Scene:
-    """The scene of that environment (`corridor`, `room`, `study_room`) and pair 0..3. Raises SceneError for any other.
+    """The scene of that environment (`corridor`, `room`, `study_room`, `home`) and pair 0..3. Raises SceneError for any
+    other.
 
-    In the study room the robot begins by looking where the goal is, so that a drawn path and a policy begin alike.
+    In study room and homes the robot begins looking where the goal is, so that a drawn path and a policy begin alike.
     """
     if setup not in DRAWN_IN:
         raise SceneError("setup", setup, f"has no demonstration pairs; known: {', '.join(DRAWN_IN)}")
@@ -61,6 +67,11 @@ def demonstration_scene(setup: str, pair: int) -> Scene:
     )
     check_scene(scene)
     return scene
+
+
+def pair_seed(setup: str, pair: int) -> int:
+    """The seed of `demonstration_scene(setup, pair)`, which is not drawn for it."""
+    return _DRAWN_IN[setup][pair] if setup in _DRAWN_IN else pair
 
 
 def demonstration_scenes(setup: str) -> list[Scene]:

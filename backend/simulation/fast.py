@@ -106,7 +106,17 @@ class FastEngine:
     they stand still, their reward 0 and their arrays unchanged. parallel: all of Numba's threads instead of one
     (equal up to rounding).
     Same seed, scenes and actions give bit-identical results on one machine.
+
+    Of a setup with pedestrians it is a `crowds.peopled_engine.PeopledEngine`: the same arrays, people who walk.
     """
+
+    def __new__(cls, setup: Setup, n_envs: int, **_: Any) -> FastEngine:
+        """The engine that moves the people of such a setup."""
+        if cls is FastEngine and setup.crowded:
+            from backend.simulation.crowds.peopled_engine import PeopledEngine  # which is one of these
+
+            return object.__new__(PeopledEngine)
+        return object.__new__(cls)
 
     def __init__(
         self,
@@ -179,11 +189,7 @@ class FastEngine:
         if scenes is None:
             self._start_from_pool(everyone)
         else:
-            if len(scenes) != self.n_envs:
-                raise ValueError(f"scenes: {len(scenes)} given for {self.n_envs} environments")
-            for scene in {id(scene): scene for scene in scenes}.values():
-                require_same(engine=self.setup.name, scene=scene.setup)
-                check_scene(scene)
+            self._check(scenes)
             rows = scenes_to_rows(scenes)
             if rows.shape[1] > self._state.rows.shape[1]:
                 self._state = self._state._replace(rows=np.zeros_like(rows))
@@ -191,6 +197,14 @@ class FastEngine:
             self._people_walk(scenes)
             self._start(everyone, rows)
         return self._begin()
+
+    def _check(self, scenes: Sequence[Scene]) -> None:
+        """Raise ValueError unless there is one for every environment, SceneError or SetupError as `reset` says."""
+        if len(scenes) != self.n_envs:
+            raise ValueError(f"scenes: {len(scenes)} given for {self.n_envs} environments")
+        for scene in {id(scene): scene for scene in scenes}.values():
+            require_same(engine=self.setup.name, scene=scene.setup)
+            check_scene(scene)
 
     def start_at(self, poses: NDArray[np.float64]) -> Floats:
         """Start every environment anew in the scene it is in, from its own pose (n_envs, 3): x, y (m), yaw (rad).
@@ -299,6 +313,10 @@ class FastEngine:
         given = self._given[i]
         return given if given is not None else row_to_scene(self.setup, int(self._seeds[i]), self._state.rows[i])
 
+    def shown(self, i: int, scene: Scene) -> Scene:
+        """The scene that environment i ran in, as its trajectory keeps it."""
+        return scene
+
     def path(self, i: int) -> NDArray[np.float64]:
         """(steps + 1, 2) positions of environment i since its start, metres."""
         return self._state.paths[i, : self._state.steps[i] + 1].copy()
@@ -354,7 +372,7 @@ def _roll_out_all(
             records[i].append((before[row], taken[row], rewards[row], after[row], dones[row]))
     return [
         Trajectory(
-            scene=scene,
+            scene=engine.shown(i, scene),
             outcome=Outcome(int(engine.outcomes[i])),
             poses=np.asarray(poses[i], dtype=np.float32),
             observations=np.asarray([r[0] for r in records[i]], dtype=np.float32).reshape(-1, setup.observation_size),
@@ -446,7 +464,7 @@ def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[S
         ceiling=np.array([s.human_distance_ceiling_m() for s in scenes], dtype=np.float32),
         social=social_metrics(
             paths,
-            scenes,
+            [engine.shown(i, scene) for i, scene in enumerate(scenes)],
             success=outcome == Outcome.SUCCESS,
             path_length=length,
             accumulated_angle=turned,
@@ -464,12 +482,12 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
         scene, row = trajectory.scene, scene_to_row(trajectory.scene)
         path = np.ascontiguousarray(trajectory.poses[:, :2], dtype=np.float64)
         turns = np.diff(trajectory.poses[:, 2].astype(np.float64))
-        people = scene.person_poses(trajectory.times)
+        people = scene.people_at(trajectory.times)
         for name, value in {
             "outcome": trajectory.outcome,
             "steps": len(trajectory.actions),
             "path_length": np.linalg.norm(np.diff(path, axis=0), axis=1).sum(),
-            "min_human_distance": np.linalg.norm(path - people[:, :2], axis=1).min(),
+            "min_human_distance": np.linalg.norm(path - people, axis=2).min(),
             "min_clearance": k.path_surface_distance(row, path) - ROBOT_RADIUS_M,
             "self_intersections": trajectory.self_intersections,
             "accumulated_angle": np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum(),

@@ -28,6 +28,11 @@ def observation_bounds(setup: Setup) -> tuple[Floats, Floats]:
     else:
         for distance, bearing in filter(None, ((0, 1), setup.person_inputs)):
             low[bearing], high[distance] = -1.0, far / setup.distance_scale_m
+        first = 2 + 2 * setup.with_person
+        motion = slice(first, first + setup.pedestrian_inputs)
+        low[motion], high[motion] = -1.0, far / setup.distance_scale_m
+        path = slice(motion.stop, motion.stop + 2 * setup.path_points)
+        low[path], high[path] = -far / setup.distance_scale_m, far / setup.distance_scale_m
         if setup.with_velocity:
             velocity = setup.polar_size - 2
             low[velocity], low[velocity + 1] = setup.limits.v_min / setup.limits.v_max, -1.0

@@ -23,7 +23,7 @@ from backend.simulation.acting import ActFunction, ActionError, EpisodicPolicy, 
 from backend.simulation.fast import EpisodeTable, Floats, rules_of, table_of
 from backend.simulation.scene import Pose, Scene
 from backend.simulation.scenes import check_scene, scene_to_row
-from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, SetupError, require_same
 from backend.simulation.trajectory import Outcome, Trajectory
 
 DriveMode = Literal["velocity", "wheels"]
@@ -65,6 +65,8 @@ class ReferenceEngine:
     def __init__(self, setup: Setup, *, drive_mode: DriveMode = "velocity", progress_weight: float = 0.0) -> None:
         if drive_mode not in TOUCH_M:
             raise ValueError(f"drive_mode = {drive_mode!r}: must be one of {', '.join(TOUCH_M)}")
+        if setup.crowded:
+            raise SetupError(f"setup {setup.name}: pedestrians walk in PyBullet by crowds.crowd_reference")
         self.setup, self.drive_mode = setup, drive_mode
         self._rules = rules_of(setup, progress_weight)
         self._p = pybullet()

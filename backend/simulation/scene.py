@@ -164,6 +164,13 @@ class Scene:
         pose = self.person.pose
         return np.tile([pose.x, pose.y, pose.yaw], (len(np.asarray(times_s)), 1))
 
+    def people_at(self, times_s: ArrayLike) -> NDArray[np.float64]:
+        """(people, n, 2) where everybody is at times (n,), m: the person first, then the crowd as it walked or, where
+        nobody avoids anybody, walks."""
+        person = self.person_poses(times_s)[:, :2]
+        crowd = self.crowd.pedestrians if self.crowd else ()
+        return np.stack([person, *(one.places_at(np.asarray(times_s, dtype=np.float64)) for one in crowd)])
+
     def digest(self) -> str:
         """sha256 of the canonical JSON, the scene's identity in the store."""
         return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()

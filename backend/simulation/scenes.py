@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,16 @@ LARGEST_SEED = 2**53 - 1  # stays exact in JSON and JavaScript
 OVERLAP_TOLERANCE_M = 1e-6  # drawn coordinates are rounded to this
 FIRST_UNIFORMS = 1024
 MOST_UNIFORMS = 2**20
+MOST_PEOPLED = 4_096  # scenes with pedestrians in a pool: they take milliseconds to draw
+PEOPLED_BOXES = 32
+PEOPLED_NUMBERS = {
+    "crowd_corridor": 41,
+    "crowd_intersection": 42,
+    "crowd_office": 43,
+    "crowd_home": 44,
+    "crowd_hall": 45,
+}
+"""By setup with pedestrians, its number in seeds."""
 
 
 Draw = Callable[[NDArray[np.float64], k.Row, k.Spacing], bool]
@@ -44,9 +55,24 @@ _RECIPES: dict[str, tuple[int, Draw, tuple[str, ...]]] = {
 
 def _setup(setup: str | Setup) -> Setup:
     name = setup.name if isinstance(setup, Setup) else setup
-    if name not in SETUPS or name not in _RECIPES:
-        raise SceneError("setup", name, f"unknown; known: {', '.join(_RECIPES)}")
+    if name not in SETUPS:
+        raise SceneError("setup", name, f"unknown; known: {', '.join(SETUPS)}")
     return SETUPS[name]
+
+
+@lru_cache(maxsize=2 * MOST_PEOPLED)
+def _among_people(name: str, seed: int) -> Scene:
+    """A scene with pedestrians, whose routes no row tells."""
+    from backend.simulation.crowds.crowd_scenes import draw_crowd_scene  # which draws its homes by this file
+
+    return draw_crowd_scene(name, seed)
+
+
+def _number_of(setup: Setup) -> int:
+    """The setup's number in the seeds of its pools."""
+    if setup.crowded:
+        return PEOPLED_NUMBERS[setup.name]
+    return _RECIPES[setup.name][0]
 
 
 def _check_seed(seed: int) -> None:
@@ -61,12 +87,16 @@ def row_columns(boxes: int = 8) -> int:
 
 def columns_of(setup: str | Setup) -> int:
     """Width of the rows that are drawn for the setup."""
+    if _setup(setup).crowded:
+        return row_columns(PEOPLED_BOXES)
     return row_columns(max(8, len(_RECIPES[_setup(setup).name][2])))
 
 
 def draw_rows(setup: str | Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
     """Draw one scene row per seed: (seeds, columns) float64. The same numbers as `draw_scene`, without the objects."""
     setup = _setup(setup)
+    if setup.crowded:
+        return _peopled_rows(setup, seeds)
     tag, draw, _ = _RECIPES[setup.name]
     rows = np.zeros((len(seeds), columns_of(setup)))
     rows[:, k.GOAL_RADIUS], rows[:, k.PERSON_RADIUS] = setup.goal_radius_m, Person(Pose(0.0, 0.0)).radius
@@ -81,9 +111,20 @@ def draw_rows(setup: str | Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k
     return rows
 
 
+def _peopled_rows(setup: Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
+    """Rows of scenes with pedestrians, without these."""
+    rows = np.zeros((len(seeds), columns_of(setup)))
+    for row, seed in zip(rows, seeds, strict=True):
+        _check_seed(int(seed))
+        row[:] = scene_to_row(_among_people(setup.name, int(seed)), len(row))
+    return rows
+
+
 def row_to_scene(setup: str | Setup, seed: int, row: k.Row) -> Scene:
     """The scene that `draw_rows` drew from that seed."""
     setup = _setup(setup)
+    if setup.crowded:
+        return _among_people(setup.name, int(seed))
     kinds = _RECIPES[setup.name][2]
     values = [float(value) for value in row]
     obstacles = []
@@ -164,28 +205,31 @@ class ScenePool:
 
     SIZE = 16_384
     BLOCK = 256
+    PEOPLED_BLOCK = 16
 
     def __init__(self, setup: str | Setup, seed: int) -> None:
         self.setup = _setup(setup)
         _check_seed(seed)
-        self._generator = np.random.Generator(np.random.PCG64([seed, _RECIPES[self.setup.name][0], 0x9001]))
-        self._seeds = self._generator.integers(2**32, LARGEST_SEED, self.SIZE)
-        self._rows = np.zeros((self.SIZE, columns_of(self.setup)))
+        self._generator = np.random.Generator(np.random.PCG64([seed, _number_of(self.setup), 0x9001]))
+        self._size = min(self.SIZE, MOST_PEOPLED) if self.setup.crowded else self.SIZE
+        self._block = self.PEOPLED_BLOCK if self.setup.crowded else self.BLOCK
+        self._seeds = self._generator.integers(2**32, LARGEST_SEED, self._size)
+        self._rows = np.zeros((self._size, columns_of(self.setup)))
         self._drawn = 0
         self._order = self._endless_order()
 
     def _endless_order(self) -> Iterator[int]:
-        yield from range(self.SIZE)
+        yield from range(self._size)
         while True:
-            yield from (int(i) for i in self._generator.permutation(self.SIZE))
+            yield from (int(i) for i in self._generator.permutation(self._size))
 
     def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
         """The next scenes: rows (count, columns) and their seeds (count,)."""
         chosen = np.fromiter(self._order, dtype=np.int64, count=count)
-        while self._drawn < self.SIZE and chosen.max(initial=-1) >= self._drawn:
-            block = slice(self._drawn, self._drawn + self.BLOCK)
+        while self._drawn < self._size and chosen.max(initial=-1) >= self._drawn:
+            block = slice(self._drawn, self._drawn + self._block)
             self._rows[block] = draw_rows(self.setup, self._seeds[block])
-            self._drawn += self.BLOCK
+            self._drawn += self._block
         return self._rows[chosen], self._seeds[chosen]
 
 
@@ -250,8 +294,10 @@ def _check_walk(scene: Scene) -> None:
 def check_scene(scene: Scene) -> None:
     """Raise SceneError naming field and value for a scene that cannot be run; return quietly otherwise."""
     setup = _setup(scene.setup)
-    if scene.crowd is not None:
-        raise SceneError("crowd", len(scene.crowd.pedestrians), "only the engine of crowds moves pedestrians")
+    if scene.crowd is not None and not setup.crowded:
+        raise SceneError("crowd", len(scene.crowd.pedestrians), f"no pedestrians walk in setup {setup.name}")
+    if scene.crowd is None and setup.crowded:
+        raise SceneError("crowd", None, f"is missing: pedestrians walk in setup {setup.name}")
     _check_seed(scene.seed)
     _check_numbers(scene)
     heights = {f"obstacles[{i}].height": obstacle.height for i, obstacle in enumerate(scene.obstacles)}

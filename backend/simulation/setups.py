@@ -6,7 +6,7 @@ A policy, buffer or query set belongs to exactly one setup; `require_same` refus
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 CONTROL_DT_S = 0.2  # 5 Hz everywhere
 ROBOT_RADIUS_M = 0.18  # Kobuki TurtleBot 2
@@ -64,6 +64,9 @@ class Setup:
 
     [goal distance / distance_scale_m, goal bearing / pi,
      (person distance / distance_scale_m, person bearing / pi if with_person),
+     (of the `pedestrians` nearest ones, the nearest being the person: motion of the nearest along and across the
+      robot's heading, m/s; of each of the others distance and bearing likewise, and motion),
+     (`path_points` next places of the path, x and y in the robot's frame / distance_scale_m),
      (v / v_max, w / w_max if with_velocity), sector ranges / lidar range ...].
 
     Where `solids` is above 0 (chapter 2), the robot knows that many walls and obstacles instead of a lidar scan:
@@ -87,13 +90,21 @@ class Setup:
     with_person: bool = True
     near: NearPenalty | None = None
     extractors: bool = True  # networks read task part and lidar by an extractor each (ch. 6), or all at once (ch. 8)
+    crowded: bool = False  # whether pedestrians walk in its scenes
+    pedestrians: int = 0
+    path_points: int = 0
 
     @property
     def polar_size(self) -> int:
         """Length of the task part of the observation (everything before lidar or solids)."""
         if self.solids:
             return 7
-        return 2 + 2 * self.with_person + 2 * self.with_velocity
+        return 2 + 2 * self.with_person + self.pedestrian_inputs + 2 * self.path_points + 2 * self.with_velocity
+
+    @property
+    def pedestrian_inputs(self) -> int:
+        """How many inputs tell of pedestrians, after distance and bearing of the nearest one."""
+        return 4 * self.pedestrians - 2 if self.pedestrians else 0
 
     @property
     def person_inputs(self) -> tuple[int, int] | None:
@@ -122,6 +133,17 @@ class Setup:
                 {"name": "person_distance", "unit": "m", "divided_by": self.distance_scale_m},
                 {"name": "person_bearing", "unit": "rad", "divided_by": math.pi},
             ]
+        for k in range(self.pedestrians):
+            if k:
+                polar += [
+                    {"name": f"pedestrian_{k}_distance", "unit": "m", "divided_by": self.distance_scale_m},
+                    {"name": f"pedestrian_{k}_bearing", "unit": "rad", "divided_by": math.pi},
+                ]
+            polar += [
+                {"name": f"pedestrian_{k}_{part}", "unit": "m/s", "divided_by": 1.0} for part in ("along", "across")
+            ]
+        for k in range(self.path_points):
+            polar += [{"name": f"path_{k}_{axis}", "unit": "m", "divided_by": self.distance_scale_m} for axis in "xy"]
         if self.with_velocity:
             polar += [
                 {"name": "linear_velocity", "unit": "m/s", "divided_by": self.limits.v_max},
@@ -236,7 +258,42 @@ HOME = Setup(
     gamma=0.99,
     with_velocity=False,
 )
-SETUPS = {setup.name: setup for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM, ADAPTABLE, HOME)}
+CROWD_CORRIDOR = Setup(
+    name="crowd_corridor",  # ch. 4, sections 4.4.3, 4.4.6, 4.5.1; its reward is `crowd_setups.CrowdReward`
+    limits=Limits(0.0, 1.0),
+    lidar=Lidar(beams=1440, sectors=180, range_m=3.5),
+    reward=CoreReward(goal=0.0, collision=-10.0, timeout=0.0, self_intersection=0.0),
+    goal_radius_m=0.2,
+    max_steps=150,
+    gamma=0.98,
+    with_velocity=False,
+    with_person=False,
+    extractors=False,
+    crowded=True,
+    path_points=5,
+)
+CROWD_INTERSECTION = replace(CROWD_CORRIDOR, name="crowd_intersection")
+CROWD_OFFICE = replace(CROWD_CORRIDOR, name="crowd_office")
+CROWD_HOME = replace(CROWD_CORRIDOR, name="crowd_home")  # never trained in: section 4.5.6
+CROWD_HALL = Setup(
+    name="crowd_hall",  # ours: the study room's robot and reward in a hall where people walk, for people to judge
+    limits=Limits(0.0, 1.0),
+    lidar=Lidar(beams=360, sectors=36, range_m=6.0),
+    reward=CoreReward(
+        goal=20.0, collision=-20.0, timeout=-20.0, self_intersection=-2.0, time_per_step=-0.02, jerk_weight=0.0
+    ),
+    goal_radius_m=0.36,
+    max_steps=200,
+    gamma=0.98,
+    with_velocity=True,
+    crowded=True,
+    pedestrians=3,
+)
+CROWD_SETUPS = (CROWD_CORRIDOR, CROWD_INTERSECTION, CROWD_OFFICE, CROWD_HOME, CROWD_HALL)
+SETUPS = {
+    setup.name: setup
+    for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM, ADAPTABLE, HOME, *CROWD_SETUPS)
+}
 PREFERENCE_SETUPS = (OPEN_FIELD.name, STUDY_ROOM.name)
 DEMONSTRATION_SETUPS = (CORRIDOR.name, ROOM.name)
 

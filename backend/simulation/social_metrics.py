@@ -68,7 +68,10 @@ def social_metrics(
     steps_s = np.broadcast_to(np.asarray(dt, dtype=np.float64), len(scenes))
     for row, path, scene, step_s in zip(found, paths, scenes, steps_s, strict=True):
         contact = ROBOT_RADIUS_M + scene.person.radius
-        _of_path(np.ascontiguousarray(path), _people(scene, len(path), step_s), contact, step_s, row)
+        if scene.crowd is None:
+            _of_path(np.ascontiguousarray(path), _people(scene, len(path), step_s), contact, step_s, row)
+        else:
+            _among_people(np.ascontiguousarray(path), scene, contact, step_s, row)
     for k, scene in enumerate(scenes):
         dx, dy = scene.goal.x - scene.start.x, scene.goal.y - scene.start.y
         straight[k] = math.hypot(dx, dy)
@@ -92,6 +95,16 @@ def joined(parts: Sequence[SocialMetrics]) -> SocialMetrics:
     """The rollouts of all parts, in order."""
     names = [field.name for field in fields(SocialMetrics)]
     return SocialMetrics(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _among_people(path: Doubles, scene: Scene, contact: float, dt: float, out: Doubles) -> None:
+    """Fill out (5,): violations of everybody's space together, time in anybody's, the soonest collision with any."""
+    people = scene.people_at(np.arange(len(path)) * dt)
+    each = np.zeros((len(people), _COUNT))
+    for row, places in zip(each, people, strict=True):
+        _of_path(path, np.ascontiguousarray(places), contact, dt, row)
+    inside = (np.linalg.norm(people - path, axis=2) < PERSONAL_SPACE_M).any(axis=0)[1:].sum() * dt
+    out[:] = each[:, 0].sum(), inside, each[:, 2].min(), *each[0, 3:]
 
 
 def _people(scene: Scene, points: int, dt: float) -> Doubles:

@@ -119,7 +119,7 @@ def coders_of(s: DatabaseSession, study: Study, item: str) -> dict[str, str]:
     query = select(Coding.role, Coding.coder).where(
         Coding.study_id == study.id, Coding.item == item, Coding.role.in_(CODERS)
     )
-    return dict(s.execute(query.distinct()).tuples().all())
+    return {role: coder for role, coder in s.execute(query.distinct())}  # noqa: C416 - rows are no pairs to mypy
 
 
 def role_for(coders: dict[str, str], name: str) -> str | None:

@@ -12,6 +12,7 @@ from backend.store.events import log_event
 from backend.store.models import Artefact, Study, new_id
 from backend.store.query_sets import StoredQuery, import_query_set, queries_of
 from backend.study.kinds.demonstration import DemonstrationsStage
+from backend.study.kinds.importance_ranking import ImportanceRankingStage
 from backend.study.kinds.method_comparison import TaughtByMethods
 from backend.study.plan.asked_queries import Needs
 from backend.study.protocol.freezing import FrozenProtocol
@@ -77,6 +78,7 @@ def materials_of(
     try:
         artefact = query_set or import_query_set(s, files, wanted or "")
         _require_kind(artefact, frozen.protocol.needs)
+        _require_shown(artefact, frozen)
         queries = queries_of(s, files, artefact.id)
     except ValueError as problem:
         raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
@@ -96,6 +98,20 @@ def _require_kind(artefact: Artefact, needs: Needs) -> None:
     if (artefact.kind == "ranking_set") != ranks:
         holds, needed = ("rankings", "queries") if chooses or not ranks else ("queries", "a ranking set")
         raise ArtefactError(f"{artefact.name} holds {holds}; this protocol needs {needed}")
+
+
+def _require_shown(artefact: Artefact, frozen: FrozenProtocol) -> None:
+    """Raise ArtefactError where a factor says to show what the ranking set does not have."""
+    stage = frozen.protocol.stage_of(ImportanceRankingStage)
+    factors = {*(stage.each or ()), *(stage.one_of or ())} if stage is not None else set()
+    attended = any("attention" in one for one in artefact.card["stored_queries"])
+    if "attention" in factors and not attended:
+        raise ArtefactError(
+            f"the factor attention needs a policy's attention, {artefact.name} has none; use a set such as "
+            "crowd_corridor/scenarios_24 (`python -m backend.experiments.ship ranking-set crowd_corridor`)"
+        )
+    if "outline" in factors and attended:
+        raise ArtefactError(f"the factor outline is of things, {artefact.name} ranks people; use the factor attention")
 
 
 def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:

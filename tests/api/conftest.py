@@ -1,5 +1,13 @@
 """Fixtures that tests of this room share; they are made in `analyst_`, `lab_` and `participant_services.py`."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from argon2 import PasswordHasher
+
+from backend.api.core import auth
 from tests.api.analyst_services import worked_data
 from tests.api.lab_services import (
     as_role,
@@ -31,3 +39,13 @@ __all__ = [
     "walked_services",
     "worked_data",
 ]
+
+
+@pytest.fixture(scope="package", autouse=True)
+def cheap_passwords() -> Iterator[PasswordHasher]:
+    """Real argon2id at the least cost: hundreds of tests sign in, a fifth of a second of a core each. Yields the
+    product's own hasher, which servers in processes of their own use, too."""
+    of_the_product = auth._hasher
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(auth, "_hasher", PasswordHasher(time_cost=1, memory_cost=8, parallelism=1))
+        yield of_the_product

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
+import httpx
 import numpy as np
 import onnxruntime
 import pytest
@@ -30,10 +31,12 @@ from backend.learning.policies.policy import Policy
 from backend.settings import Settings
 from backend.simulation.fast import FastEngine
 from backend.simulation.setups import get_setup
+from backend.store.artefacts import ArtefactStore
 from backend.store.models import Artefact, Job, Response, Study, utc_now
 from backend.store.shipped_policies import policy_artefact
 from tests.answered_study import add_answered_study
 from tests.api.lab_services import PASSWORD, csrf, sign_in
+from tests.s3 import s3_store
 
 LANGUAGES = ("en", "de")
 
@@ -278,6 +281,18 @@ def test_downloaded_policies_act_like_ours(analyst, worked, known, tmp_path):
     assert analyst.get(f"/lab/artefacts/{known.base}/content").content == worked.files.get(known.base)
 
 
+def test_a_file_comes_from_the_store_by_a_signed_link_where_browsers_reach_it(analyst, worked, known):
+    content = worked.files.get(known.base)
+    with s3_store() as store:
+        worked.files, worked.settings.links_to_store = ArtefactStore(store.url), True
+        worked.files.put(content)
+        led = analyst.get(f"/lab/artefacts/{known.base}/content")
+        assert (led.status_code, led.headers["cache-control"]) == (307, "no-store")
+        assert httpx.get(led.headers["location"]).content == content
+        worked.settings.links_to_store = False
+        assert analyst.get(f"/lab/artefacts/{known.base}/content").content == content
+
+
 def test_card_walks_back_to_every_answer(analyst, worked, known):
     card = analyst.get(f"/lab/artefacts/{known.reward_model}/card.json").json()
     with worked.database.session() as s:
@@ -330,6 +345,15 @@ def test_a_comparison_shows_social_metrics_and_one_made_before_them_still_opens(
     assert "Minimum time to collision (s)" not in page
     assert "Self-intersections" in page
     assert analyst.get(f"{here}?measure=spl").status_code == 404
+
+
+def test_a_policys_page_shows_the_social_metrics_of_its_evaluation(analyst, known):
+    page = analyst.get(f"/lab/policies/{known.base}").text
+    assert "Social metrics" in page
+    for name in ("Minimum time to collision (s)", "Personal-space violations (1.2 m)"):
+        assert name in page
+    assert "Soziale Metriken" in analyst.get(f"/lab/policies/{known.base}", headers={"Accept-Language": "de"}).text
+    assert "Its card is older than they are" in analyst.get(f"/lab/policies/{known.field}").text
 
 
 def _listed(page: str) -> list[str]:

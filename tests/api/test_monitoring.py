@@ -14,6 +14,7 @@ from sqlalchemy.exc import OperationalError
 
 from backend.api.core import health
 from backend.jobs import heartbeat
+from backend.jobs.leases import WorkerName, say_alive
 from backend.store.models import Job, utc_now
 from backend.store.outbox import enqueue_job
 
@@ -90,6 +91,30 @@ def test_health_names_everything_that_is_wrong_for_programs_and_for_people(clien
     page = client.get("/health", headers={"Accept": "text/html"}).text
     assert "The artefact store does not answer" in page
     assert "No worker works" in page
+
+
+def test_who_replaces_a_server_waits_until_its_first_visitors_need_not(client, services):
+    assert client.get("/health").status_code == 200
+    found = client.get("/health?prepared=1")
+    assert (found.status_code, found.json()["status"], found.json()["problems"]) == (503, "loading", ["loading"])
+    page = client.get("/health?prepared=1", headers={"Accept": "text/html", "Accept-Language": "de"})
+    assert (page.status_code, "Der Server lädt noch" in page.text) == (503, True)
+    services.prepared.set()
+    assert (client.get("/health?prepared=1").status_code, client.get("/health").json()["problems"]) == (200, [])
+
+
+def test_a_worker_on_another_machine_counts_though_the_one_of_this_folder_is_gone(client, here, services):
+    heartbeat.beat(services.settings.data)
+    long_ago = time.time() - 1000
+    os.utime(services.settings.data / heartbeat.FILE, (long_ago, long_ago))
+    assert client.get("/health").json()["problems"] == ["no_worker"]
+    with services.database.transaction() as s:
+        say_alive(s, WorkerName("there-0-bbbbbbbb", "there"), trainings=1)
+    found = client.get("/health").json()
+    assert (found["problems"], found["worker_silent_s"] < 60) == ([], True)
+    metrics = numbers(here.get("/metrics").text)
+    assert metrics["desirepath_workers", frozenset()] == 1
+    assert metrics["desirepath_worker_silent_seconds", frozenset()] < 60
 
 
 def test_a_store_that_hangs_is_named_and_holds_no_balancer(client, services, monkeypatch):

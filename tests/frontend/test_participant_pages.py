@@ -301,6 +301,7 @@ def test_a_page_with_a_time_limit_says_what_is_left_and_sends_what_there_is(chro
     page.clock.install()
     page.goto(f"{pages}/step/comprehension")
     assert page.get_by_text("There are 1.5 minutes for this page.").or_(page.get_by_text("Time left")).is_visible()
+    expect(page.get_by_role("button", name="Continue")).to_be_enabled()  # from here on the page counts
     page.get_by_label("Badly").check()
     page.clock.run_for(40_000)
     assert page.get_by_text("Time left for this page: 0 min").is_visible()

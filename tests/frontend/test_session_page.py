@@ -108,6 +108,7 @@ class Visit:
 
     def watch(self, letter: str) -> None:
         """The drive that plays is played to its end."""
+        expect(self.page.locator("#playing-letter")).to_be_visible()  # hidden, it may still have the letter of before
         expect(self.page.locator("#playing-letter")).to_have_text(letter)
         self.room_says("playing", playback_id=self.step["trial"]["playback_id"])
         self.room_says("played", playback_id=self.step["trial"]["playback_id"])
@@ -150,6 +151,25 @@ def test_while_the_database_is_busy_the_page_says_so_and_the_answer_counts_once(
     expect(visit.page.locator("#banner")).to_be_hidden(timeout=15_000)
     expect(visit.page.locator(f".step-body[data-key='{key}']")).to_have_count(0)
     assert visit.answers(key) == [{"choice": "a"}]
+
+
+TWO_THAT_WAIT = """async () => {
+  const [told, gone, tried] = [[], [], {}];
+  window.fetch = async (url) => {
+    tried[url] = (tried[url] ?? 0) + 1;
+    if (tried[url] > (url === "/short" ? 1 : 2)) return new Response("{}", { status: 200 });
+    throw new TypeError("no connection");
+  };
+  const page = document.querySelector("script[src*='session']").src;
+  const send = await import(`${page.replace("session.js", "send.js")}#alone`);
+  send.watchConnection((waiting) => told.push(waiting));
+  await Promise.all(["/short", "/long"].map((url) => send.ask(url).then(() => gone.push(`${url}: ${told.at(-1)}`))));
+  return gone;
+}"""
+
+
+def test_the_notice_stays_while_another_request_still_waits(visit: Visit) -> None:
+    assert visit.page.evaluate(TWO_THAT_WAIT) == ["/short: connection", "/long: null"]
 
 
 def test_a_pair_is_watched_and_answered_by_keyboard_alone(visit: Visit) -> None:

@@ -149,7 +149,7 @@ class Keyboard:
 
     def press_main(self) -> None:
         """The one main button of the step."""
-        expect(self.page.locator(".bottombar .main")).to_be_enabled()
+        expect(self.page.locator(".bottombar .main")).to_be_enabled(timeout=20_000)  # measuring frames takes a while
         self.to("focused.matches('.bottombar .main')")
         self.page.keyboard.press("Enter")
 

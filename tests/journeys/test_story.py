@@ -366,10 +366,12 @@ def test_a_bot_in_a_browser_and_one_over_http_leave_the_same(installation: Insta
             s, ArtefactStore(settings.artefacts), freeze_text(one_pair(tmp_path)), name="One pair", created_by=None
         )
         study_id, token = study.id, study.recruiting_token
-    pictures = tmp_path / "pictures"
+    pictures, lines = tmp_path / "pictures", list[str]()
     with ThreadPoolExecutor(1) as elsewhere:  # playwright keeps a loop on this thread already
-        walk = elsewhere.submit(walk_with_browser, installation.url, token, 2, 1, Character(), "de", pictures)
-        assert walk.result()["completed"] == 2
+        asked = (installation.url, token, 2, 1, Character(), "de", pictures, lines.append)
+        walk = elsewhere.submit(walk_with_browser, *asked).result()
+        assert walk["completed"] == 2
+    assert len(lines) == walk["responses"], "somebody who waits for minutes sees it go on"
     names = {path.stem.partition("_")[2] for path in pictures.glob("*.png")}
     assert names >= {"join", "consent_consent", "ready_immersive", "playing_immersive", "choosing_immersive", "end"}
     with database.session() as s:

@@ -62,6 +62,15 @@ def test_one_person_is_described_and_not_tested():
     assert (found.test, found.between, found.comparisons) == (None, [], 12)
 
 
+def test_who_broke_off_counts_with_what_they_answered_and_the_report_says_so():
+    choices, taught = cohort(3, lambda k, pair: pair[0])
+    found = methods_of(choices[:-5], taught, AnalysisPlan())
+    assert (found.comparisons, found.unfinished) == (31, 1)
+    said = " ".join(methods_section(SimpleNamespace(ways=found, plan=AnalysisPlan())).sentences)
+    assert "1 of the people answered fewer comparisons than the others" in said
+    assert methods_of(choices, taught, AnalysisPlan()).unfinished == 0
+
+
 def test_other_studies_have_no_such_part():
     assert methods_of([], [], AnalysisPlan()) is None
 

@@ -27,6 +27,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, right
 from backend.api.core.media import answers_with, media_of
 from backend.api.core.permits import in_studies, may_with, seen_artefacts
 from backend.api.core.roles import Right
+from backend.learning.cards import SOCIAL
 from backend.learning.policies.policy import Policy
 from backend.store.artefacts import Lineage, lineage, load_trajectory
 from backend.store.events import log_event
@@ -127,7 +128,8 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 @router.get("/lab/policies")
 def policies(request: Request, database: Db, archived: bool = False) -> Response:
     with database.session() as s:
-        kinds = ("policy", "conditioned_policy", "adaptable_policy", "reward_model", "query_set")
+        policies = ("policy", "conditioned_policy", "adaptable_policy", "attention_policy", "depth_controller")
+        kinds = (*policies, "reward_model", "query_set")
         seen = seen_artefacts(rights_in(request))
         chosen = select(Artefact).where(Artefact.kind.in_(kinds), seen).order_by(Artefact.created_at.desc())
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}
@@ -285,6 +287,7 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         measured=measured,
         children=children,
         on_card=measured_of(artefact),
+        social_measures=SOCIAL,
         held_out=_held_out(artefact),
         held_out_figure=_held_out_figure(request, artefact),
     )

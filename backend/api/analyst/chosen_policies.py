@@ -110,22 +110,26 @@ def form_of(request: Request, database: Database) -> dict[str, Any]:
         choices = choices_of(s, rights_in(request))
     given = request.query_params
     chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
-    kind_of = {one.id: one.kind for one in choices}
+    chosen_of = {one.id: one for one in choices}
     return {
         "choices": choices,
         "chosen": chosen,
         "scene": given.get("scene") or str(first_scene()),
-        "weighed": {side: objectives_of(kind) for side in SIDES if (kind := kind_of.get(chosen[side], "")) in WEIGHED},
+        "weighed": {
+            side: objectives_of(one.kind, one.setup)
+            for side in SIDES
+            if (one := chosen_of.get(chosen[side])) is not None and one.kind in WEIGHED
+        },
         "given": given,
     }
 
 
-def objectives_of(kind: str) -> tuple[str, ...]:
-    """What a policy of that kind is conditioned on: nine objectives, chapter 5's three, or nothing."""
+def objectives_of(kind: str, setup: str | None = None) -> tuple[str, ...]:
+    """What a policy of that kind is conditioned on: nine objectives, of the setup's, chapter 5's three, or nothing."""
     from backend.learning.adaptable.objectives import NAMES as THREE
-    from backend.learning.preferences.objectives import NAMES
+    from backend.learning.preferences.objectives import NAMES, names_of
 
-    return {CONDITIONED: NAMES, ADAPTABLE: THREE}.get(kind, ())
+    return {CONDITIONED: names_of(setup) if setup else NAMES, ADAPTABLE: THREE}.get(kind, ())
 
 
 def first_scene() -> int:
@@ -168,7 +172,9 @@ def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Right
         raise LabRefusal(404, "no_artefact")
     if artefact.quarantined_at is not None:
         raise LabRefusal(410, "quarantined")
-    weights = {name: _weight(given.get(f"{side}_{name}") or "0", name) for name in objectives_of(artefact.kind)}
+    weights = {
+        name: _weight(given.get(f"{side}_{name}") or "0", name) for name in objectives_of(artefact.kind, artefact.setup)
+    }
     return Side(artefact, {name: weight for name, weight in weights.items() if weight})
 
 
@@ -183,7 +189,9 @@ def _weight(value: str, name: str) -> float:
 
 
 def query_of(given: Mapping[str, str], **changed: str) -> str:
-    names = [name for kind in WEIGHED for name in objectives_of(kind)]
+    from backend.learning.preferences.objectives import CROWD_NAMES
+
+    names = dict.fromkeys([*(name for kind in WEIGHED for name in objectives_of(kind)), *CROWD_NAMES])
     known = ["policy_a", "policy_b", "scene", *(f"{side}_{name}" for side in SIDES for name in names)]
     said = {name: changed.get(name) or given.get(name) for name in known}
     return urlencode({name: value for name, value in said.items() if value})

@@ -33,6 +33,7 @@ from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from backend.api.core.permits import seen_artefacts
 from backend.api.lab.study_rows import cut
+from backend.api.stage.camera_views import camera_views
 from backend.api.stage.replay_stages import Replay
 from backend.jobs.kinds import KINDS
 from backend.simulation.trajectory import Trajectory
@@ -145,7 +146,9 @@ def comparison(
         title = t("analyst.compare.plan", scene=str(seeds[number]))
         plan = Markup(svg_figures.rollouts(pair[0].scene, pair, names=names, title=title))  # noqa: S704
         if stage:
-            replay = services_of(request).replays.grant(Replay(pair, tuple(names)))
+            replay = services_of(request).replays.grant(
+                Replay(pair, tuple(names), pictures=camera_views(t, pair, names))
+            )
     return lab_page(
         request,
         "analyst/comparison.html",

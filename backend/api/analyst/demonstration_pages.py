@@ -39,6 +39,7 @@ from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
+from backend.api.stage.camera_views import camera_views
 from backend.api.stage.replay_stages import Replay
 from backend.jobs.kinds import get_kind
 from backend.simulation.setups import DEMONSTRATION_SETUPS
@@ -116,7 +117,8 @@ class Place:
         if own is not None:
             shown[t("paths.robot_learned")] = own
         beside = tuple(Beside(name, _rgb(colour), laid[name]) for name, (colour, _) in colours)
-        return Replay(tuple(shown.values()), tuple(shown), beside)
+        rollouts, names = tuple(shown.values()), tuple(shown)
+        return Replay(rollouts, names, beside, camera_views(t, rollouts, names))
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:

@@ -9,6 +9,7 @@ from fastapi import APIRouter
 
 from backend.api.analyst import (
     artefact_pages,
+    attention_pages,
     compare_pages,
     demonstration_pages,
     explanation_pages,
@@ -29,6 +30,7 @@ for part in (
     flow_pages,
     explanation_pages,
     live_pages,
+    attention_pages,
     demonstration_pages,
     reward_files,
     upkeep_pages,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import threading
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import urlsplit
 
@@ -55,6 +56,7 @@ class Services:
     presenter: Presenter
     listeners: Listeners
     admission: Admission
+    prepared: threading.Event = field(default_factory=threading.Event)  # all is loaded that visitors wait for
 
 
 class Application(FastAPI):

@@ -23,32 +23,36 @@ from backend.api.core.contract import Reply
 from backend.api.core.dependencies import Services
 from backend.api.core.disk import room_left
 from backend.jobs.heartbeat import SILENT_S, silent_s
+from backend.jobs.leases import newest_sign_s
+from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import StorageError
 from backend.store.models import Job, utc_now
 
-Problem = Literal["database_away", "disk_full", "disk_low", "store_away", "no_worker"]
+Problem = Literal["database_away", "disk_full", "disk_low", "store_away", "no_worker", "loading"]
 WAITS_TOO_LONG = timedelta(minutes=2)  # ours: a job that is queued so long while none runs has no worker
 LOOKS_EVERY_S = 10.0  # ours: at a store that is no folder of this machine
 WAITS_FOR_STORE_S = 1.0  # ours: balancers give up after a few seconds
 NOWHERE = "0" * 64  # a content address that nothing has
-CODES: dict[str, int] = {"disk_full": 507, "no_database": 503}
+Status = Literal["ok", "disk_low", "disk_full", "no_database", "loading"]
+CODES: dict[str, int] = {"disk_full": 507, "no_database": 503, "loading": 503}
 log = structlog.get_logger("desirepath.web")
 
 
 class Health(Reply):
     """How the server is. `status`: the worst of what concerns answers; `problems`: everything that is wrong, by name;
-    `free_mb`: on the fullest disk of those that it writes on; `worker_silent_s`: since a worker of this data folder
-    said that it lives, null where none ever did."""
+    `free_mb`: on the fullest disk of those that it writes on; `worker_silent_s`: since any worker, on any machine, said
+    that it lives, null where none ever did."""
 
-    status: Literal["ok", "disk_low", "disk_full", "no_database"]
+    status: Status
     problems: list[Problem]
     free_mb: int
     worker_silent_s: float | None
 
 
-def health_of(services: Services) -> Health:
-    """Look at everything that the server needs."""
+def health_of(services: Services, *, prepared: bool = False) -> Health:
+    """Look at everything that the server needs. prepared: a server that is still loading what its first visitors would
+    wait for is not well either."""
     room, silent = room_left(services.settings), silent_s(services.settings.data)
     problems: list[Problem] = []
     waiting = False
@@ -56,6 +60,7 @@ def health_of(services: Services) -> Health:
         with services.database.session() as s:
             s.connection().exec_driver_sql("SELECT 1")
             waiting = _nobody_works(s)
+            silent = workers_silent_s(services.settings, s)
     except (SQLAlchemyError, StorageError) as problem:
         log.error("the database does not answer", problem=str(problem)[:300])
         problems.append("database_away")
@@ -65,10 +70,20 @@ def health_of(services: Services) -> Health:
         problems.append("store_away")
     if waiting or (silent is not None and silent > SILENT_S):
         problems.append("no_worker")
-    away = "database_away" in problems and room.state != "disk_full"
-    return Health(
-        status="no_database" if away else room.state, problems=problems, free_mb=room.free_mb, worker_silent_s=silent
-    )
+    status: Status = room.state
+    if "database_away" in problems and room.state != "disk_full":
+        status = "no_database"
+    elif prepared and not services.prepared.is_set():
+        problems.append("loading")
+        status = "loading"
+    return Health(status=status, problems=problems, free_mb=room.free_mb, worker_silent_s=silent)
+
+
+def workers_silent_s(settings: Settings, s: DatabaseSession) -> float | None:
+    """Seconds since any worker said that it lives: in the database, or by its file in this data folder, which one whose
+    database is busy goes on touching. None where none ever did."""
+    signs = (newest_sign_s(s), silent_s(settings.data))
+    return min((one for one in signs if one is not None), default=None)
 
 
 def _nobody_works(s: DatabaseSession) -> bool:

@@ -6,12 +6,14 @@ For this machine, or for who has `DESIREPATH_METRICS_TOKEN`. Whether the server 
 from __future__ import annotations
 
 import hmac
+import os
 from collections.abc import Iterator
 from datetime import timedelta
 
 from fastapi import APIRouter, Request
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 from sqlalchemy import func, select
 from starlette.responses import Response
@@ -19,22 +21,28 @@ from starlette.responses import Response
 from backend.api.core.addresses import is_from_here
 from backend.api.core.dependencies import Services, services_of
 from backend.api.core.disk import room_left
-from backend.jobs.heartbeat import silent_s
-from backend.store.models import Job, Session, utc_now
+from backend.api.core.health import workers_silent_s
+from backend.jobs.heartbeat import SILENT_S
+from backend.store.database import shared_now
+from backend.store.models import Job, Session, WorkerProcess, utc_now
 from backend.store.models import Response as Answer
 from backend.study.refusals import Refused
 
 BUCKETS_S = (0.01, 0.025, 0.05, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
+COUNTED_TOGETHER = "PROMETHEUS_MULTIPROC_DIR"  # the library's own name: it reads it when it is loaded
 PRESENT_S = 60  # ours: whose page said something within this is here
 
 router = APIRouter(tags=["server"])
 
 
 class Monitoring:
-    """The numbers of one server process; requests are counted as they end, everything else when it is asked for."""
+    """Requests are counted as they end, everything else when it is asked for. Of several server processes of one
+    machine each counts into the folder that their supervisor has named, and any of them tells the sum, with what those
+    counted that were killed meanwhile."""
 
     def __init__(self) -> None:
+        self._counted_together = os.environ.get(COUNTED_TOGETHER)
         self.registry = CollectorRegistry()
         self._requests = Histogram(
             "desirepath_request_seconds",
@@ -51,7 +59,11 @@ class Monitoring:
 
     def text(self, services: Services) -> bytes:
         """Everything, in Prometheus' text format."""
-        return generate_latest(self.registry) + generate_latest(_once(_Standing(services)))
+        requests = self.registry
+        if self._counted_together:
+            requests = CollectorRegistry()
+            MultiProcessCollector(requests, self._counted_together)  # type: ignore[no-untyped-call]
+        return generate_latest(requests) + generate_latest(_once(_Standing(services)))
 
 
 @router.get("/metrics", include_in_schema=False)
@@ -94,6 +106,9 @@ class _Standing(Collector):
             present = s.scalar(select(func.count()).where(recent, Session.state == "active"))
             answers = s.scalar(select(func.count()).select_from(Answer))
             jobs = s.execute(select(Job.kind, Job.state, func.count()).group_by(Job.kind, Job.state)).all()
+            silent = workers_silent_s(self._services.settings, s)
+            heard_of = WorkerProcess.seen_at > shared_now(s) - timedelta(seconds=SILENT_S)
+            workers = s.scalar(select(func.count()).select_from(WorkerProcess).where(heard_of))
         sessions = GaugeMetricFamily("desirepath_sessions", "Sessions by state", labels=["state", "simulated"])
         for state, simulated, count in by_state:
             sessions.add_metric([state, str(simulated).lower()], count)
@@ -108,10 +123,14 @@ class _Standing(Collector):
         yield GaugeMetricFamily(
             "desirepath_free_bytes", "Free on the fullest disk that is written on", value=room.free_mb * 2**20
         )
-        silent = silent_s(self._services.settings.data)
+        yield GaugeMetricFamily(
+            "desirepath_workers",
+            f"Workers on all machines, heard of within {SILENT_S:.0f} s",
+            value=workers or 0,
+        )
         if silent is not None:
             yield GaugeMetricFamily(
                 "desirepath_worker_silent_seconds",
-                "Since a worker of this data folder said that it lives",
+                "Since any worker, on whichever machine, said that it lives",
                 value=silent,
             )

@@ -5,6 +5,8 @@ The limits keep a flood from filling the event log, a study or the memory. Whole
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from fastapi import Request
 from limits import RateLimitItem, parse
 from limits.storage import MemoryStorage
@@ -13,6 +15,7 @@ from starlette.exceptions import HTTPException
 
 from backend.api.core.dependencies import services_of
 from backend.api.replicas.shared_limits import SharedCounts
+from backend.store.models import utc_now
 
 REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no session or join form is known for
 JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
@@ -41,6 +44,20 @@ def count(request: Request, limit: RateLimitItem, *key: str) -> bool:
 def exhausted(request: Request, limit: RateLimitItem, *key: str) -> bool:
     """Whether the next request would be one too many; counts nothing."""
     return not services_of(request).limiter.test(limit, *key)
+
+
+def seconds_to_wait(request: Request, windows: Iterable[tuple[RateLimitItem, str]]) -> int | None:
+    """Count one request towards each of these; where it is one too many for one, the seconds until it is not."""
+    for limit, key in windows:
+        if not count(request, limit, key):
+            reset_at = services_of(request).limiter.get_window_stats(limit, key).reset_time
+            return max(1, round(reset_at - utc_now().timestamp()))
+    return None
+
+
+def wait_in_words(seconds: int) -> str:
+    """Minutes, from two hours on hours; the same in every language."""
+    return f"{-(-seconds // 60)} min" if seconds < 7_200 else f"{-(-seconds // 3_600)} h"
 
 
 class TooLarge(HTTPException):

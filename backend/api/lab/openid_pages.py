@@ -38,7 +38,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.openid import OpenId, OpenIdError, Someone
 from backend.api.core.sign_ins import begin_under_way, keep_under_way_cookie, under_way
 from backend.api.core.throttle import address_of, count
-from backend.api.lab.account_pages import counted
+from backend.api.lab.account_pages import Counted
 from backend.api.lab.settings_pages import settings_page
 from backend.api.lab.sign_in_pages import let_in
 from backend.store.audit import record
@@ -106,19 +106,17 @@ def linking_page(request: Request, database: Db, user: CheckedCsrf) -> Response:
         return _linking_page(request, user, found)
 
 
-@behind.post("/lab/account/identity/link")
+@behind.post("/lab/account/identity/link", dependencies=[Counted])
 def link_identity(request: Request, database: Db, user: CheckedCsrf, password: Annotated[str, Form()] = "") -> Response:
     """Link what the browser brought back. Needs the password where there is one: a browser left open shall not become
     a way in that stays. What opens another account already is refused."""
-    in_time = counted(request, user)
-    proven = in_time and (not user.password_hash or verified(user.password_hash, password))
+    proven = not user.password_hash or verified(user.password_hash, password)
     with database.transaction() as s:
         found = _waiting(s, request, user)
         if found is None:
             raise LabRefusal(422, "no_identity")
         if not proven:
-            problem, status = ("password", 422) if in_time else ("too_many", 429)
-            return _linking_page(request, user, found, status=status, problem=problem)
+            return _linking_page(request, user, found, status=422, problem="password")
         known = found.data
         someone = Someone(known["issuer"], known["subject"], known["email"], False, "")
         if account_of(s, someone) is not None:

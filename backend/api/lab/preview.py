@@ -17,7 +17,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language
 from backend.api.core.roles import Right
 from backend.api.lab.drafts import find_draft
 from backend.api.participant.session_view import leads_to, next_kind
-from backend.explain.shown_explanation import Scores, ShownExplanation
+from backend.explain.shown_explanation import Scores, ShownAttention, ShownExplanation, is_of_people
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
@@ -77,13 +77,15 @@ class Example:
     b: Trajectory
     things: tuple[str, ...] = ()
     scores: Scores = ()
+    attention: ShownAttention | None = None
 
     def explained(self, step: Step) -> ShownExplanation | None:
         """As much of the scores as the step shows."""
         if not self.things:
             return None
-        outline, lidar = (bool(getattr(step, name, False)) for name in ("outline", "lidar"))
-        return ShownExplanation(self.things, self.scores, outline, lidar)
+        outline, lidar, looked = (bool(getattr(step, name, False)) for name in ("outline", "lidar", "attention"))
+        outline = outline and not is_of_people(self.things)
+        return ShownExplanation(self.things, self.scores, outline, lidar, attention=self.attention if looked else None)
 
 
 def preview_steps(frozen: FrozenProtocol) -> list[Step]:
@@ -118,7 +120,10 @@ def example_query(files: ArtefactStore, query_set: str) -> Example | None:
         if is_ranking_set(content):
             one = RankingSet.from_bytes(content).rollouts[0]
             scores = tuple(tuple(float(score) for score in moment) for moment in one.scores)
-            return Example(one.trajectory, one.trajectory, one.things, scores)
+            looked = [tuple(tuple(float(weight) for weight in row) for row in part) for part in one.attention or ()]
+            return Example(
+                one.trajectory, one.trajectory, one.things, scores, ShownAttention(*looked) if looked else None
+            )
         queries = QuerySet.from_bytes(content).queries
     except (AttributionError, LearningError, ArtefactError, OSError):
         return None

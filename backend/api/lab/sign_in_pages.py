@@ -41,11 +41,11 @@ from backend.api.core.sign_ins import (
     open_sign_in,
     under_way,
 )
-from backend.api.core.throttle import address_of, count
+from backend.api.core.throttle import address_of, seconds_to_wait, wait_in_words
 from backend.store.audit import record
 from backend.store.database import Database
 from backend.store.events import log_event
-from backend.store.models import SignIn, SignInUnderWay, User, utc_now
+from backend.store.models import SignIn, SignInUnderWay, User
 
 # All ours. Counted before the password is looked at, so that many at once are no more than one after the other.
 ATTEMPTS_PER_NAME_AND_ADDRESS = parse("10 per 5 minutes")
@@ -107,8 +107,8 @@ def sign_in(
             values=values,
         )
 
-    if (seconds := _too_many(request, windows)) is not None:
-        refused = again(429, "too_many", minutes=-(-seconds // 60))
+    if (seconds := seconds_to_wait(request, windows)) is not None:
+        refused = again(429, "too_many", wait=wait_in_words(seconds))
         refused.headers["Retry-After"] = str(seconds)
         return refused
     if not verified(known, password[:LONGEST_PASSWORD]) or user is None or user_id is None:
@@ -157,8 +157,8 @@ def enter_code(request: Request, database: Db, code: Annotated[str, Form()] = ""
             return RedirectResponse("/lab/sign-in", status_code=303)
     device = known_device(request, user.name, known_hash(user))
     whose = f"code device:{device}" if device else f"code user:{user.id}"
-    if (seconds := _too_many(request, [(CODES, whose), (CODES_A_DAY, whose)])) is not None:
-        values = {"minutes": -(-seconds // 60)}
+    if (seconds := seconds_to_wait(request, [(CODES, whose), (CODES_A_DAY, whose)])) is not None:
+        values = {"wait": wait_in_words(seconds)}
         refused = lab_page(request, "lab/sign_in_code.html", status=429, problem="too_many", values=values)
         refused.headers["Retry-After"] = str(seconds)
         return refused
@@ -183,20 +183,11 @@ def _enter(request: Request, database: Database, user: User, *, method: str, nex
     audit_details(request, method=method, **details)
     with database.transaction() as s:
         token = open_sign_in(s, request, user.id, method)
+        known = known_hash(s.get_one(User, user.id))  # which signing in may just have renewed
     response, secure = RedirectResponse(safe_next(next), status_code=303), served_securely(request)
     keep_cookie(response, token, secure=secure)
-    known = known_hash(user)
     know_device(response, user.name, known, known_device(request, user.name, known), secure=secure)
     return response
-
-
-def _too_many(request: Request, windows: list[tuple[RateLimitItem, str]]) -> int | None:
-    """Count an attempt; seconds to wait where it is one too many."""
-    for limit, key in windows:
-        if not count(request, limit, key):
-            reset_at = services_of(request).limiter.get_window_stats(limit, key).reset_time
-            return max(1, round(reset_at - utc_now().timestamp()))
-    return None
 
 
 def _windows(request: Request, name: str, device: str | None) -> list[tuple[RateLimitItem, str]]:

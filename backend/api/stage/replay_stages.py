@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import secrets
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from app.beside import Beside
+from app.camera_pictures import CameraPictures
+from app.views import View
 from backend.api.replicas.peers import Peers
+from backend.explain.shown_explanation import ShownExplanation
 from backend.simulation.trajectory import Trajectory
 from backend.store.sides import Side
 
@@ -39,14 +43,27 @@ class Played(Shown, Protocol):
 
 @dataclass(frozen=True)
 class Replay:
-    """One rollout, or two in one scene, with the names of their policies, and other paths beside them."""
+    """One rollout, or two in one scene, with the names of their policies, and other paths beside them.
+
+    pictures: what their cameras see, looked for when it is shown. explained: what is shown of the first one's reasons.
+    """
 
     rollouts: tuple[Trajectory, ...]
     names: tuple[str, ...]
     beside: tuple[Beside, ...] = ()
+    pictures: Callable[[], Sequence[CameraPictures]] = tuple
+    explained: ShownExplanation | None = None
+    view: View = "top_down"
 
     def show(self, stage: Stage) -> None:
-        stage.replay(self.rollouts, names=self.names, beside=self.beside)
+        stage.replay(
+            self.rollouts,
+            names=self.names,
+            beside=self.beside,
+            pictures=self.pictures(),
+            explained=self.explained,
+            view=self.view,
+        )
 
 
 class ReplayStages:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.benchmark.group import commands, write_result
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.benchmark.group import commands, say_and_write
+from backend.commands.output import JsonFlag, plain_errors
 
 
 @commands.command("null-cohorts")
@@ -43,9 +43,7 @@ def null_cohorts_command(
         "correction": plan.correction,
         "rates": [asdict(rate) for rate in rates],
     }
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command("design-cohorts")
@@ -66,9 +64,7 @@ def design_cohorts_command(
     sizes = [int(number) for number in participants.split(",") if number.strip().isdecimal()]
     rates = design_cohorts(cohorts, sizes, effect=effect, seed=seed)
     result = {"simulated": True, "cohorts": cohorts, "effect": effect, "seed": seed, "alpha": 0.05, "rates": rates}
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command("further-cohorts")
@@ -85,9 +81,7 @@ def further_cohorts_command(
 
     sizes = [int(number) for number in participants.split(",") if number.strip().isdecimal()]
     result = {"simulated": True, "seed": seed, "alpha": 0.05, "rates": further_cohorts(cohorts, sizes, seed=seed)}
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command("ranking-cohorts")
@@ -120,9 +114,7 @@ def ranking_cohorts_command(
         "mean_tau": taus,
         "rates": [asdict(rate) for rate in rates],
     }
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command("known-cohorts")
@@ -156,6 +148,4 @@ def known_cohorts_command(
         "cohort": made_of.as_dict(),
         "rates": [asdict(rate) for rate in known_cohorts(made_of, cohorts, participants, plan=plan)],
     }
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.benchmark.group import commands, write_result
+from backend.commands.benchmark.group import OutOption, commands, say_and_write, seed_range, tell
 from backend.commands.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
 
 
@@ -40,7 +40,7 @@ def train(
     beside: Annotated[
         str, typer.Option(help="With --instructions: numbers of processes that multiply matrices meanwhile.")
     ] = "0,1",
-    out: Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")] = None,
+    out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
@@ -52,20 +52,16 @@ def train(
             seeds=seeds,
             instructions=instructions.split(","),
             beside=[int(number) for number in beside.split(",") if number.strip().isdecimal()],
-            tell=lambda words: typer.echo(words, err=True),
+            tell=tell,
         )
-        if out is not None:
-            write_result(out, cases)
-        say(cases, as_json)
+        say_and_write(cases, out, as_json)
         return
     from backend.experiments.benchmarks.base_training import benchmark_train
 
     result = benchmark_train(
         setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep, ablation_seeds=ablation_seeds
     )
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
@@ -120,6 +116,21 @@ def depth(
     from backend.experiments.benchmarks.depth_camera import benchmark_depth
 
     say(benchmark_depth(setup, frames=frames, seconds=seconds, wide=wide, seed=seed), as_json)
+
+
+@commands.command()
+@plain_errors
+def walking(
+    out: Annotated[Path, typer.Option(help="Folder of finished trainings; started again, it goes on.")],
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each in both environments of chapter 2.")] = "0-5",
+    updates: Annotated[int, typer.Option(min=16)] = 8_000,
+    processes: Annotated[int, typer.Option(min=1)] = 1,
+    as_json: JsonFlag = False,
+) -> None:
+    """Chapter 2's controllers with walking against standing people in exploration: paired differences."""
+    from backend.experiments.benchmarks.walking_people import benchmark_walking
+
+    say(benchmark_walking(out, seeds=seed_range(seeds), updates=updates, processes=processes), as_json)
 
 
 @commands.command()

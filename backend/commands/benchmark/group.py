@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
+
+from backend.commands.output import say
 
 commands = typer.Typer(help="Measure speed; every ratio comes from one run on this machine.", no_args_is_help=True)
 
@@ -18,6 +20,21 @@ def seed_range(seeds: str) -> tuple[int, ...]:
     if not first.isdigit() or not (last or first).isdigit():
         raise typer.BadParameter(f"seeds = {seeds}: such as 0-4")
     return tuple(range(int(first), int(last or first) + 1))
+
+
+OutOption = Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")]
+
+
+def tell(words: str) -> None:
+    """How far it is, for who waits at the terminal; no part of the result."""
+    typer.echo(words, err=True)
+
+
+def say_and_write(result: dict[str, Any], out: Path | None, as_json: bool) -> None:
+    """Print a result, and write it where a file is named."""
+    if out is not None:
+        write_result(out, result)
+    say(result, as_json)
 
 
 def write_result(out: Path, result: dict[str, Any]) -> None:

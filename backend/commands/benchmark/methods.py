@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from backend.commands.benchmark.group import commands, seed_range, write_result
+from backend.commands.benchmark.group import commands, say_and_write, seed_range, write_result
 from backend.commands.output import JsonFlag, plain_errors, say
 
 
@@ -25,9 +25,7 @@ def words(
         raise typer.BadParameter(f"part = {part}: test or development")
     chosen: Literal["test", "development"] = "test" if part == "test" else "development"
     result = benchmark_words(chosen)
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from backend.commands.benchmark.group import commands, seed_range, write_result
+from backend.commands.benchmark.group import commands, say_and_write, seed_range, write_result
 from backend.commands.output import JsonFlag, plain_errors, say
 
 
@@ -89,12 +89,15 @@ def people(
     policies: Annotated[
         bool, typer.Option("--policies", help="Also share_at_once of the library's best, as `people-policies` does.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Also write everything to this file, as JSON.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Also write everything to this file, as JSON, after every person; a stopped run goes on."),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Simulated people outside the nine objectives: foretold how well, claimed how surely, and what their robot
     gains."""
-    from backend.learning.people.asked_people import PeopleConfig, benchmark_people
+    from backend.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
     from backend.learning.people.card import people_card
     from backend.learning.people.reward_file import read_reward
 
@@ -135,7 +138,16 @@ def people(
         choose=choose,
         queries=queries,
     )
-    result = benchmark_people(setup, config, more, lambda done: typer.echo(f"{done:.0%}", err=True))
+    persons = known_people(out, setup, config) if out is not None else []
+
+    def keep(one: dict[str, Any]) -> None:
+        persons.append(one)
+        if out is not None:
+            write_result(out, result_of(setup, config, persons))
+
+    result = benchmark_people(
+        setup, config, more, lambda done: typer.echo(f"{done:.0%}", err=True), tuple(persons), keep
+    )
     if policies:
         from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
 
@@ -152,9 +164,7 @@ def people(
             ),
             more,
         )
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
@@ -229,9 +239,7 @@ def people_policies(
             write_result(out, result_of(setup, config, persons))
 
     result = benchmark_seeds(setup, config, keep, tuple(persons), more)
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)
 
 
 @commands.command()
@@ -377,6 +385,4 @@ def explanations(
     from backend.experiments.benchmarks.explanations import benchmark_explanations
 
     result = benchmark_explanations(find_policy(policy), policy, scenes=scenes, seed=seed)
-    if out is not None:
-        write_result(out, result)
-    say(result, as_json)
+    say_and_write(result, out, as_json)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from backend.learning.policies.steerability import Course, MeasuredRollouts
 from backend.learning.preferences.measures import typical_differences
-from backend.learning.preferences.objectives import NAMES, gains
+from backend.learning.preferences.objectives import gains, names_of
 from backend.simulation.fast import FastEngine
 from backend.simulation.scene import Scene
 from backend.simulation.setups import CONTROL_DT_S, get_setup
@@ -97,7 +97,8 @@ class _Curves:
             error = np.arctan2(offset[:, 1], offset[:, 0]) - poses[:, 2]
             error = (error + np.pi) % (2 * np.pi) - np.pi
             turn = np.clip(gain[running] * error / (w_max * CONTROL_DT_S), -1, 1)
-            beside = np.linalg.norm(poses[:, :2] - self.people[running], axis=1) < NEAR_M
+            apart = np.linalg.norm(poses[:, :2] - self.people[running], axis=1)
+            beside = (engine.human_distance[running] if engine.setup.crowded else apart) < NEAR_M
             speed = np.where(beside, near[running], far[running])
             speed = np.where(np.abs(error) > in_place[running], 0.0, speed)
             return np.stack([2 * speed - 1, turn], axis=1).astype(np.float32)
@@ -141,7 +142,8 @@ def attained(
     people = np.array([(s.person.pose.x, s.person.pose.y) for s in repeated])
     typical = typical_differences(setup.name)
     straight = np.linalg.norm(goals - starts[:, :2], axis=1).max() / setup.limits.v_max / CONTROL_DT_S
-    most = None if weights[NAMES.index("slower_near_person")] else round(PATIENCE * straight)
+    waits = [k for k, name in enumerate(names_of(setup.name)) if name in ("slower_near_person", "waits")]
+    most = None if weights[waits].any() else round(PATIENCE * straight)
     random = np.random.default_rng([config.seed, 72])
     mean = np.zeros((n, 1, SIZE))
     mean[..., [NEAR, FAR]] = 1.0  # full speed, to begin with

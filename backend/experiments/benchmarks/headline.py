@@ -8,7 +8,7 @@ simulated.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import product
 from typing import Any
 
@@ -23,8 +23,8 @@ from backend.learning.policies.conditioned import ConditionedPolicy
 from backend.learning.policies.shipped import load_conditioned, load_policy
 from backend.learning.policies.steerability import Course, MeasuredRollouts
 from backend.learning.preferences.measures import typical_differences
-from backend.learning.preferences.objectives import NAMES, gains
-from backend.learning.preferences.oracles import ORACLE_PREFERENCES, make_oracle
+from backend.learning.preferences.objectives import gains
+from backend.learning.preferences.oracles import JUDGING_CROWDS, ORACLE_PREFERENCES, make_oracle, preference_of
 from backend.learning.queries.queries import Query, QueryConfig
 from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
 from backend.learning.rewards.preference_weights import fit_weights
@@ -80,11 +80,14 @@ def benchmark_headline(
     the policy was conditioned on. Raises LearningError for preferences that are not made of objectives, or no seeds.
     """
     config = config or HeadlineConfig()
-    unknown = [name for name in config.preferences if name not in MADE_OF_OBJECTIVES]
+    known = JUDGING_CROWDS if get_setup(setup).pedestrians else MADE_OF_OBJECTIVES
+    if config.preferences == MADE_OF_OBJECTIVES:
+        config = replace(config, preferences=known)
+    unknown = [name for name in config.preferences if name not in known]
     if unknown or not config.seeds or not config.preferences or not 0 < config.planned <= config.scenes:
         raise LearningError(
             f"preferences = {list(config.preferences)}, seeds = {list(config.seeds)}, planned = {config.planned} of "
-            f"{config.scenes} scenes: known are {', '.join(MADE_OF_OBJECTIVES)}; at least 1 seed and planned scene"
+            f"{config.scenes} scenes: known are {', '.join(known)}; at least 1 seed and planned scene"
         )
     policy = conditioned or load_conditioned(f"{setup}/conditioned")
     base = load_policy(f"{setup}/base")
@@ -113,7 +116,7 @@ def benchmark_headline(
 
 def true_weights(name: str) -> Doubles:
     """(9,) what the preference of that name weighs, summing to 1."""
-    weights = ORACLE_PREFERENCES[name].weights
+    weights = preference_of(name).weights
     if weights is None:
         raise LearningError(f"preference {name!r} is not made of objectives; those are {', '.join(MADE_OF_OBJECTIVES)}")
     return weights
@@ -145,8 +148,8 @@ def _rows(
                 "preference": name,
                 "lapse_rate": lapse_rate,
                 "seed": seed,
-                "conditioned_on": {k: float(w) for k, w in zip(NAMES, weights, strict=True) if w > 0},
-                "foremost_found": NAMES[int(weights.argmax())] == NAMES[int(true.argmax())],
+                "conditioned_on": {k: float(w) for k, w in zip(policy.objectives, weights, strict=True) if w > 0},
+                "foremost_found": int(weights.argmax()) == int(true.argmax()),
                 **compared_with_attained(own, given, reported.base, reported.attained[name], true, policy.setup),
             }
         )

@@ -45,6 +45,16 @@ def family_s(pid: int) -> float:
     return sum(_of_living(processor_s, one) for one in family(pid))
 
 
+def family_ever_s(pid: int) -> float:
+    """Processor time of a process and all that it started, those that have ended and were waited for among them."""
+
+    def with_ended(one: int) -> float:
+        fields = Path(f"/proc/{one}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        return sum(int(field) for field in fields[11:15]) / os.sysconf("SC_CLK_TCK")
+
+    return sum(_of_living(with_ended, one) for one in family(pid))
+
+
 def open_files(pid: int) -> int:
     """How many file descriptors a process has open; 0 when it has ended."""
     try:

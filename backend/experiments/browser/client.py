@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -59,8 +59,10 @@ def walk_with_browser(
     character: Character,
     language: str = "en",
     pictures: Path | None = None,
+    tell: Callable[[str], None] = lambda words: None,
 ) -> dict[str, Any]:
-    """As `bots.simulate_study`, the first `in_browser` participants in a browser and the others over HTTP alone."""
+    """As `http.simulate_study`, the first `in_browser` participants in a browser and the others over HTTP alone. A
+    session takes minutes, so `tell` gets a line after every step."""
     with httpx.Client(base_url=base_url, timeout=60.0) as client, chromium() as browser:
         seeing = (
             BrowserSessionClient(
@@ -69,7 +71,7 @@ def walk_with_browser(
             for number in range(in_browser)
         )
         others = (HttpSessionClient(client, recruiting_token) for _ in range(participants - in_browser))
-        return walk_all(chain(seeing, others), character)
+        return walk_all(chain(seeing, others), character, tell)
 
 
 CHOSEN = ("trial", "comparison", "method_comparison")  # kinds of step at which A or B is chosen
@@ -197,7 +199,7 @@ class BrowserSessionClient:
         elif kind == "tuning":
             self._tune(value["weights"])
             self._picture(f"{kind}_{self._view()}")
-            self._page.locator("[data-done]").click()
+            self._page.locator("[data-done][aria-disabled=false]").click()
         elif kind == "words":
             self._say(value)
             self._picture(f"{kind}_corrected")

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from backend.experiments.reproduction.on_workers import Queue
 
-TEMPLATES = __package__
 Tell = Callable[[str], None]
 ELSEWHERE: ContextVar[Queue | None] = ContextVar(
     "where a run's tasks are computed, if not by this machine", default=None

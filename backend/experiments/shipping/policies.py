@@ -25,6 +25,7 @@ from backend.learning.through_simulation.uphill import SHARPENING
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)
+WITHOUT_CRITIC = ("crowd_hall",)  # two thirds of a conditioned policy's file, and nothing goes on from this one
 FIRST_CONDITIONED_REPORT_SEED = 320  # reporting scenes that nothing else uses and no setting was chosen on
 
 
@@ -112,6 +113,8 @@ def ship_conditioned(setup: str, seed: int = 0, folder: Path = DATASETS, on_prog
     base = Policy.load(base_path)
     config = replace(CONFIGS[setup], seed=seed)
     result = train_conditioned(base, config, on_progress)
+    if setup in WITHOUT_CRITIC:
+        result = replace(result, policy=replace(result.policy, critic=()))
     card = store_conditioned(result, config, base_path, folder)
     return ship_added(setup, seed, folder, on_progress) if setup in ADDED else card
 
@@ -129,7 +132,7 @@ def ship_added(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: 
     on_progress(0.8, {"strength": max(added.policy.strengths.values(), default=1.0)})
     added.policy.save(path)
     scenes = scene_set(setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=FIRST_CONDITIONED_REPORT_SEED + card.seed)
-    conditioned = {name: added.policy.at(weights) for name, weights in settings().items()}
+    conditioned = {name: added.policy.at(weights) for name, weights in settings(setup=setup).items()}
     of_training = {key: value for key, value in card.results.items() if key in ("selection", "strength")}
     command = f"python -m backend.experiments.ship added {setup} --seed {seed}"
     notes = [
@@ -159,7 +162,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
     result.policy.save(path)
     reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed
     scenes = scene_set(config.setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
-    conditioned = {name: result.policy.at(weights) for name, weights in settings().items()}
+    conditioned = {name: result.policy.at(weights) for name, weights in settings(setup=config.setup).items()}
     card = Card(
         kind="conditioned_policy",
         name=f"{config.setup}/conditioned",
@@ -198,7 +201,7 @@ def ship_sharpened(setup: str, seed: int = 0, folder: Path = DATASETS, on_progre
     made.policy.save(path)
     reporting = FIRST_CONDITIONED_REPORT_SEED + seed  # the same scenes as on the card of the one it began with
     scenes = scene_set(setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=reporting)
-    conditioned = {name: made.policy.at(weights) for name, weights in settings().items()}
+    conditioned = {name: made.policy.at(weights) for name, weights in settings(setup=setup).items()}
     card = Card(
         kind="conditioned_policy",
         name=f"{setup}/sharpened",

@@ -25,7 +25,8 @@ SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, our
 
 
 class DemonstrationsStage(Stage):
-    """Paths are drawn in `pairs` situations of an environment (ch. 2), `per_pair` in each and up to `up_to`.
+    """Paths are drawn in `pairs` situations of an environment (ch. 2; `home`: ch. 3, whose controllers go by a depth
+    camera), `per_pair` in each and up to `up_to`.
 
     Situations come in an order drawn by lot, the first `pairs` of the environment's four.
     """
@@ -34,7 +35,7 @@ class DemonstrationsStage(Stage):
     teaches = "demonstrations"
     sets_view = True
 
-    environment: Literal["corridor", "room"]
+    environment: Literal["corridor", "room", "home"]
     pairs: int = Field(4, ge=1, le=4)
     per_pair: int = Field(3, ge=1, le=10)  # ch. 2: three to five
     up_to: int | None = Field(None, ge=1, le=10, description="default: per_pair, so that nothing is left open")

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from backend.explain.shown_explanation import ShownExplanation, simulated_ranking
+from backend.explain.shown_explanation import ShownExplanation, is_of_people, simulated_ranking
 from backend.store.ranking_sets import StoredScores, scores_of
 from backend.study.grammar.conditions import Condition, Crossed
 from backend.study.grammar.parts import FileName, Slug
@@ -28,8 +28,8 @@ from backend.study.protocol_rows import row_of
 
 RANKING_S = 15.0  # ours: until five objects are ranked
 HOLD_S = 1.0  # ch. 8: what is shown stays so long after the halt
-SHOWN = {"outline": ("outline", "plain"), "lidar": ("lidar", "bare")}
-"""Factor -> its levels, shown first."""
+SHOWN = {"outline": ("outline", "plain"), "lidar": ("lidar", "bare"), "attention": ("attention", "hidden")}
+"""Factor -> its levels, shown first. Things have outlines, a policy's attention is given to people."""
 
 # ---- in the protocol -------------------------------------------------------------------------------------------------
 
@@ -37,8 +37,9 @@ SHOWN = {"outline": ("outline", "plain"), "lidar": ("lidar", "bare")}
 class ImportanceRankingStage(Crossed, Stage):
     """`trials` rollouts per condition, each ranked once; the query set must be a ranking set.
 
-    each, one_of: the factors `outline` (levels outline, plain) and `lidar` (levels lidar, bare) say what is shown of
-    the robot's reasons; a factor that is left out is shown. practice: so many before the first condition, with
+    each, one_of: the factors `outline` (levels outline, plain) of things, `attention` (levels attention, hidden) given
+    to people, and `lidar` (levels lidar, bare) say what is shown of the robot's reasons; a factor that is left out is
+    shown. practice: so many before the first condition, with
     everything shown, never analysed. No rollout is shown twice. before: a text before each condition, which may hold
     the factors in braces; questionnaire: after each; between: a text for a rest between two of at least
     `between_at_least_s`. hold_s: how long what is shown stays after the halt.
@@ -142,7 +143,8 @@ class ImportanceRankingStage(Crossed, Stage):
 
 
 class ImportanceRankingStep(Step):
-    """One rollout. query: of the ranking set; outline, lidar: what of the reasons is shown; number, of: its place."""
+    """One rollout. query: of the ranking set; outline, lidar, attention: what of the reasons is shown, where the set
+    has it; number, of: its place."""
 
     kind: Literal["importance_ranking"]
     role: Literal["practice", "regular"]
@@ -150,6 +152,7 @@ class ImportanceRankingStep(Step):
     trajectory: str
     outline: bool
     lidar: bool
+    attention: bool = True
     number: int
     of: int
     hold_s: float = HOLD_S
@@ -171,7 +174,7 @@ class ImportanceRankingAnswer(Answer):
 
 
 class AboutRanking(Besides):
-    """scores: at the halt; only where outlines told them."""
+    """scores: at the halt; only where outlines or attention told them."""
 
     role: str | None = None
     query: str | None = None
@@ -192,13 +195,16 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
         "undone": "how often a place was taken back",
         "outline": "whether outlines showed the scores",
         "lidar": "whether the lidar's rays were shown",
+        "attention": "whether what the policy attends to was shown; only where people are ranked",
     }
     shows = "trajectories"
     trajectories = 1
     previewed = True
 
     def payload(self, step: ImportanceRankingStep, page: Page) -> dict[str, Any]:
-        shown = {name: getattr(step, name) for name in ("role", "view", "number", "of", "outline", "lidar")}
+        shown = {
+            name: getattr(step, name) for name in ("role", "view", "number", "of", "outline", "lidar", "attention")
+        }
         return shown | {"things": []}
 
     def payload_now(self, step: ImportanceRankingStep, moment: Moment) -> dict[str, Any]:
@@ -208,7 +214,10 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
 
     def explains(self, step: ImportanceRankingStep, moment: Moment) -> ShownExplanation:
         found = _scores(step, moment)
-        return ShownExplanation(found.things, found.scores, step.outline, step.lidar, step.hold_s)
+        outlines, attention = _shows(step, found)
+        return ShownExplanation(
+            found.things, found.scores, outlines, step.lidar, step.hold_s, found.attention if attention else None
+        )
 
     def arrive(self, step: ImportanceRankingStep, acting: Acting) -> None:
         """Both trajectories of the trial are the one that is shown."""
@@ -231,14 +240,16 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
         if sorted(stored["ranking"]) != sorted(found.things):
             message = f"must have each of {', '.join(found.things)} once"
             raise acting.refused("bad_value", message, status=422, field="value.ranking", value=stored["ranking"])
-        return {"scores": found.at_halt, "outline": step.outline, "lidar": step.lidar}
+        outlines, attention = _shows(step, found)
+        of_people = {"attention": attention} if found.attention is not None else {}
+        return {"scores": found.at_halt, "outline": outlines, "lidar": step.lidar, **of_people}
 
     def known_to_simulated(
         self, step: ImportanceRankingStep, moment: Moment, payload: Mapping[str, Any]
     ) -> dict[str, Any]:
         found = _scores(step, moment)
         about = {"role": step.role, "query": step.query, "things": list(found.things)}
-        return about | ({"scores": found.at_halt} if step.outline else {})
+        return about | ({"scores": found.at_halt} if any(_shows(step, found)) else {})
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         trajectory = participant.watch(step, "a")[0]
@@ -248,6 +259,11 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
 def _scores(step: ImportanceRankingStep, moment: Moment) -> StoredScores:
     ranking_set: str = row_of(moment.s, moment.session).protocol["materials"]["query_set"]
     return scores_of(moment.s, ranking_set, step.query)
+
+
+def _shows(step: ImportanceRankingStep, found: StoredScores) -> tuple[bool, bool]:
+    """Whether outlines tell the scores, and whether attention does: as the step says, where the set has them."""
+    return step.outline and not is_of_people(found.things), step.attention and found.attention is not None
 
 
 KIND = ImportanceRanking()

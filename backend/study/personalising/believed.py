@@ -59,22 +59,24 @@ def believed_of(
         return None
     import numpy as np
 
-    from backend.learning.preferences.objectives import NAMES, OBJECTIVES
+    from backend.learning.preferences.objectives import objectives_of
 
     posterior = next_query.posterior_of(s, files, session)
+    objectives = objectives_of(posterior.setup)
+    names = [objective.name for objective in objectives]
     foremost = int(posterior.foremost().argmax())
     importance = posterior.shares()
-    others = [k for k in range(len(NAMES)) if k != foremost and NAMES[k] != OBJECTIVES[foremost].opposite]
+    others = [k for k in range(len(names)) if k != foremost and names[k] != objectives[foremost].opposite]
     least = min(others, key=lambda k: float(importance[k]))
     apart = np.sign(posterior.weights[:, foremost] - posterior.weights[:, least])  # where neither counts: even chances
     weights = _weights_of(s, shown)
     if weights is None:
-        weights = {name: float(w) for name, w in zip(NAMES, posterior.mean_weights(), strict=True)}
+        weights = {name: float(w) for name, w in zip(names, posterior.mean_weights(), strict=True)}
     return Believed(
         weights={name: round(weight, 3) for name, weight in weights.items() if weight > 0},
-        foremost=NAMES[foremost],
+        foremost=names[foremost],
         sure=round(float(posterior.foremost()[foremost]), 3),
-        rather_than=NAMES[least],
+        rather_than=names[least],
         rather_sure=round(float(np.sum(posterior.masses() * (1 + apart) / 2)), 3),
         answers=len(answers),
         beyond=beyond_nine(alignment_jobs.check_of(s, session), (shown.result or {}) if shown is not None else {}),

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.simulation.demonstration_scenes import pair_seed
 from backend.store.models import Artefact, Session
 from backend.study.personalising.alignment_jobs import jobs_of
 
@@ -35,6 +36,6 @@ def rollouts_for(
         return [
             Rollout(made[ARMS[controller]], made_by)
             for made in result.get("situations", result["comparisons"])  # jobs of older versions have these alone
-            if pair is None or made["scene_seed"] == pair
+            if pair is None or made["scene_seed"] == pair_seed(environment, pair)
         ]
     return []

@@ -53,13 +53,13 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     if key in known_so_far:
         known_so_far.move_to_end(key)
         return known_so_far[key]
-    from backend.learning.preferences.objectives import NAMES, SIZE
+    from backend.learning.preferences.objectives import SIZE, names_of
 
     after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
     weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
     known_so_far[key] = learnt = Learnt(
         shares=tuple(posterior.importance() for posterior in after[1:]),
-        weights={name: float(weight) for name, weight in zip(NAMES, weights, strict=True) if weight},
+        weights={name: float(weight) for name, weight in zip(names_of(measured.setup), weights, strict=True) if weight},
         entropy_bits=after[-1].entropy_bits(),
         pairs=_trajectories(measured.setup, weights),
     )

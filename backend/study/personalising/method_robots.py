@@ -41,10 +41,10 @@ def weights_by_method(acting: Acting, setup: str, methods: Sequence[str]) -> dic
 def _by_choices(acting: Acting, setup: str, method: str) -> Weights:
     if not next_query.answers_of(acting.s, acting.session):
         return {}
-    from backend.learning.preferences.objectives import NAMES
+    from backend.learning.preferences.objectives import names_of
 
     weights = next_query.posterior_of(acting.s, acting.files, acting.session).mean_weights()
-    return {name: round(float(weight), 3) for name, weight in zip(NAMES, weights, strict=True) if weight > 0}
+    return {name: round(float(weight), 3) for name, weight in zip(names_of(setup), weights, strict=True) if weight > 0}
 
 
 def _by_drawing(acting: Acting, setup: str, method: str) -> Weights:

@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import chain
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from backend.study.grammar.conditions import Condition, Crossed
-from backend.study.grammar.one_of import OneOf, with_keys
 from backend.study.grammar.source import Path, Problem, Source
-from backend.study.kinds import BlockPart, Stage, Step, block_parts
+from backend.study.kinds import Stage, Step
 from backend.study.kinds.attention import AttentionStep
 from backend.study.kinds.base import Pace, Planning
 from backend.study.kinds.feedback import TAKES_S, Feedback, mixed_with_blind
 from backend.study.kinds.trial import Queries, Trials, TrialStep, Viewing, plan_trials
 from backend.study.plan.asked_queries import Needs
+from backend.study.protocol.pages_around import BlockEntry, PagesAround
 
 
-class BlockEntryBase(OneOf):
-    """One entry of a block's `before`, `after` or `between`: exactly one of these keys."""
-
-    @property
-    def part(self) -> BlockPart:
-        part: BlockPart = self.said
-        return part
-
-
-if TYPE_CHECKING:
-    BlockEntry = BlockEntryBase
-else:
-    BlockEntry = with_keys(BlockEntryBase, "BlockEntry", block_parts())
-
-PLACES = ("before", "after", "between")
-
-
-class BlockStage(Crossed, Stage):
+class BlockStage(Crossed, PagesAround):
     """Trials in one view, or the same trials once per condition.
 
     view: of a block without conditions. each: factors that every participant meets in all combinations, in the order of
@@ -82,10 +64,9 @@ class BlockStage(Crossed, Stage):
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         conditions = len(self.conditions(0))
         trials = conditions * sum(one.queries.count + one.queries.probes.trials for one in self.trials)
-        pages = conditions * len(self.before + self.after) + (conditions - 1) * len(self.between)
         regular = sum(one.queries.count for one in self.trials if one.queries.role == "regular")
         shown_s = conditions * regular * TAKES_S if self.feedback else 0.0
-        return trials * pace.trial_s + pages * pace.page_s + shown_s
+        return trials * pace.trial_s + self.pages() * pace.page_s + shown_s
 
     def numbers(self) -> dict[str, int]:
         conditions = len(self.conditions(0))
@@ -99,44 +80,15 @@ class BlockStage(Crossed, Stage):
             "practice_pairs": here["practice"] * conditions,
         }
 
-    def texts(self) -> Iterator[tuple[str, Path]]:
-        conditions = list(chain.from_iterable(self.conditions(group) for group in range(len(self.groups))))
-        for place, n, entry in self._entries():
-            for name, field in entry.part.texts(conditions):
-                yield name, (place, n, entry.kind, field)
-
-    def questionnaires(self) -> Iterator[tuple[str, Path]]:
-        for place, n, entry in self._entries():
-            for name, field in entry.part.questionnaires():
-                yield name, (place, n, entry.kind, field)
-
-    def _entries(self) -> Iterator[tuple[str, int, BlockEntry]]:
-        for place in PLACES:
-            for n, entry in enumerate(getattr(self, place)):
-                yield place, n, entry
-
     # ---- its steps
 
-    def plan(self, at: Planning) -> list[Step]:
-        """Condition by condition; a block without `each` or `one_of` is called as its stage."""
-        steps: list[Step] = []
-        for turn, condition in enumerate(at.conditions):
-            prefix = f"{at.key}.{condition.name}" if condition.name else at.key
-            where = {"stage": at.key, "block": condition.name or at.key, "view": condition.view}
-            for place in ("between", "before") if turn else ("before",):
-                steps += self._pages(place, prefix, condition, where)
-            asked = sum(entry.queries.count for entry in self.trials)
-            pairs = iter(at.drawn.pairs(asked, shared=self.same_queries))
-            triads = iter(at.drawn.triads)
-            trials = plan_trials(prefix, where, self.trials, self.viewing, pairs, triads, at.random)
-            asked_here = _with_attention(prefix, trials, self.attention_checks, where, at.random)
-            steps += self.feedback.after_each(prefix, where, asked_here) if self.feedback else asked_here
-            steps += self._pages("after", prefix, condition, where)
-        return steps
-
-    def _pages(self, place: str, prefix: str, condition: Condition, where: Mapping[str, Any]) -> Iterator[Step]:
-        for n, entry in enumerate(getattr(self, place), 1):
-            yield entry.part.step(prefix, f"{place}_{n}", condition, where)
+    def asked(self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning) -> Iterable[Step]:
+        asked = sum(entry.queries.count for entry in self.trials)
+        pairs = iter(at.drawn.pairs(asked, shared=self.same_queries))
+        triads = iter(at.drawn.triads)
+        trials = plan_trials(prefix, where, self.trials, self.viewing, pairs, triads, at.random)
+        steps = _with_attention(prefix, trials, self.attention_checks, where, at.random)
+        return self.feedback.after_each(prefix, where, steps) if self.feedback else steps
 
     # ---- what its numbers cannot be
 

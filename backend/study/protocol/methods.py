@@ -28,7 +28,7 @@ from backend.study.kinds.words import WordsStep
 from backend.study.personalising.live_rollouts import MOST_PLACES
 from backend.study.personalising.method_robots import METHODS, Method
 from backend.study.plan.asked_queries import Needs
-from backend.study.protocol.block import PLACES, BlockEntry
+from backend.study.protocol.pages_around import BlockEntry, PagesAround
 
 MOST_PATHS = 4  # of the setup's scenes
 
@@ -39,7 +39,7 @@ class Drawing(Part):
     paths: int = Field(MOST_PATHS, ge=1, le=MOST_PATHS)
 
 
-class MethodsStage(TaughtByMethods, Stage):
+class MethodsStage(TaughtByMethods, PagesAround):
     """Ways to say how the robot should drive, each resulting in a robot of the participant's own.
 
     methods: which, in the order of the assignment. `choices` are queries of the query set; `drawing` a path in each of
@@ -105,47 +105,16 @@ class MethodsStage(TaughtByMethods, Stage):
             "words": TAKES_S,
             "sliders": TAKES_S,
         }
-        pages = len(self.methods) * len(self.before + self.after) + (len(self.methods) - 1) * len(self.between)
-        return sum(of_method[name] for name in self.methods) + pages * pace.page_s
+        return sum(of_method[name] for name in self.methods) + self.pages() * pace.page_s
 
     def numbers(self) -> dict[str, int]:
         regular = sum(one.queries.count for one in self.choices if one.queries.role == "regular")
         return {"pairs": regular, "paths": self.drawing.paths, "methods": len(self.methods)}
 
-    def texts(self) -> Iterator[tuple[str, Path]]:
-        for place, n, entry in self._entries():
-            for name, field in entry.part.texts(self.conditions(0)):
-                yield name, (place, n, entry.kind, field)
-
-    def questionnaires(self) -> Iterator[tuple[str, Path]]:
-        for place, n, entry in self._entries():
-            for name, field in entry.part.questionnaires():
-                yield name, (place, n, entry.kind, field)
-
-    def _entries(self) -> Iterator[tuple[str, int, BlockEntry]]:
-        for place in PLACES:
-            for n, entry in enumerate(getattr(self, place)):
-                yield place, n, entry
-
     # ---- its steps
 
-    def plan(self, at: Planning) -> list[Step]:
-        """Method by method, in the order of the assignment."""
-        steps: list[Step] = []
-        for turn, condition in enumerate(at.conditions):
-            prefix = f"{at.key}.{condition.name}"
-            where = {"stage": at.key, "block": condition.name, "view": self.view}
-            for place in ("between", "before") if turn else ("before",):
-                steps += self._pages(place, prefix, condition, where)
-            steps += self._steps_of(condition.name, prefix, where, at)
-            steps += self._pages("after", prefix, condition, where)
-        return steps
-
-    def _pages(self, place: str, prefix: str, condition: Condition, where: Mapping[str, Any]) -> Iterator[Step]:
-        for n, entry in enumerate(getattr(self, place), 1):
-            yield entry.part.step(prefix, f"{place}_{n}", condition, where)
-
-    def _steps_of(self, method: str, prefix: str, where: Mapping[str, Any], at: Planning) -> list[Step]:
+    def asked(self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning) -> Sequence[Step]:
+        method = condition.name
         if method == "choices":
             pairs = at.drawn.pairs(sum(one.queries.count for one in self.choices), shared=False)
             return [*plan_trials(prefix, where, self.choices, Viewing(), iter(pairs), iter(()), at.random)]

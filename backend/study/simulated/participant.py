@@ -9,14 +9,13 @@ so all ways leave the same data.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
 from backend.learning.people.card import FAMILIES
-from backend.learning.preferences.objectives import NAMES
 from backend.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
 from backend.learning.queries.queries import Query
 from backend.report.made_up_cohorts import Cohort, MadeUpPerson
@@ -109,14 +108,16 @@ class Character:
         return {**own, **cohort, **style}
 
 
-def walk_all(clients: Iterable[SessionClient], character: Character) -> dict[str, Any]:
-    """One simulated participant per client, one after another.
+def walk_all(
+    clients: Iterable[SessionClient], character: Character, tell: Callable[[str], None] = lambda words: None
+) -> dict[str, Any]:
+    """One simulated participant per client, one after another. tell: gets a line after every step.
 
     Returns {"participants", "completed", "responses", "comparisons", "codes", "seconds"}. Raises as `simulate_study`.
     """
     character.check()  # before anybody joins
     began = time.monotonic()
-    walks = [SimulatedParticipant(client, character, number).walk() for number, client in enumerate(clients)]
+    walks = [SimulatedParticipant(client, character, number, tell).walk() for number, client in enumerate(clients)]
     return {
         "participants": len(walks),
         "completed": sum(walk.completed for walk in walks),
@@ -130,8 +131,14 @@ def walk_all(clients: Iterable[SessionClient], character: Character) -> dict[str
 class SimulatedParticipant:
     """One simulated participant. random, person: what kinds of step make its answers of."""
 
-    def __init__(self, client: SessionClient, character: Character, number: int) -> None:
-        self._client, self._cohort = client, character.cohort
+    def __init__(
+        self,
+        client: SessionClient,
+        character: Character,
+        number: int,
+        tell: Callable[[str], None] = lambda words: None,
+    ) -> None:
+        self._client, self._cohort, self._tell = client, character.cohort, tell
         self.random = np.random.default_rng([character.seed, number, 11])
         self.person = character.cohort.person(number) if character.cohort else None
         stream = int(self.random.integers(2**31))
@@ -163,6 +170,10 @@ class SimulatedParticipant:
             self._comparisons += step["kind"] in COMPARED
             state = self._client.submit(step["key"], value)
             self._responses += not state["duplicate"]
+            took = time.monotonic() - stood_since
+            self._tell(
+                f"{self._participant}: step {step['index'] + 1} of {step['total']} ({step['kind']}) after {took:.1f} s"
+            )
             stood_since = time.monotonic()
         return Walk(self._participant, state["state"] == "completed", self._responses, self._comparisons)
 
@@ -201,10 +212,11 @@ class SimulatedParticipant:
         """Its preference as weights, the foremost 1; none where it is not made of objectives."""
         condition = str(step.get("block"))
         name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
-        weights = preference_of(name).weights if name != "random" else None
-        if weights is None or not weights.max() > 0:
+        preference = preference_of(name) if name != "random" else None
+        weights = preference.weights if preference else None
+        if preference is None or weights is None or not weights.max() > 0:
             return {}
-        shares = zip(NAMES, weights / weights.max(), strict=True)
+        shares = zip(preference.names, weights / weights.max(), strict=True)
         return {one: round(float(weight), 2) for one, weight in shares if weight > 0}
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:

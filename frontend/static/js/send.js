@@ -21,8 +21,11 @@ const PATIENCE_MS = 15000;
 
 /** @typedef {"connection" | "server" | "full" | null} Waiting for what a request has to wait; null: it went through */
 
-/** Told whenever a request has to wait, and when it went through. @type {(waiting: Waiting) => void} */
+/** Told whenever a request has to wait, and when none does any more. @type {(waiting: Waiting) => void} */
 let onWaiting = () => {};
+
+/** For what each request waits that has to, in the order in which they began to. @type {Map<symbol, Waiting>} */
+const waits = new Map();
 
 /** @param {(waiting: Waiting) => void} listener */
 export function watchConnection(listener) {
@@ -60,8 +63,7 @@ export async function fetchText(url) {
 /** @param {string} url @param {object} [body] @returns {Promise<Response>} */
 async function persist(url, body) {
   let wait = FIRST_WAIT_MS;
-  /** @type {Waiting} */
-  let waiting = null;
+  const mine = Symbol(url);
   for (;;) {
     /** @type {Response | null} */
     let response = null;
@@ -78,14 +80,14 @@ async function persist(url, body) {
     }
     // 429 and 5xx pass by themselves: an overloaded or restarting server is waited for like a lost connection
     if (response && response.status !== 429 && response.status < 500) {
-      if (waiting) onWaiting(null);
+      if (waits.delete(mine)) onWaiting([...waits.values()].at(-1) ?? null); // another one may still wait
       if (response.ok) return response;
       const answer = await response.json().catch(() => ({}));
       throw new Refused(response.status, answer.error ?? {});
     }
     const why = response?.status === 507 ? "full" : response?.status === 503 || response?.status === 429 ? "server" : "connection";
-    if (why !== waiting) {
-      waiting = why;
+    if (why !== waits.get(mine)) {
+      waits.set(mine, why);
       onWaiting(why);
     }
     const asked = Number(response?.headers.get("Retry-After") ?? 0) * 1000 || 0;

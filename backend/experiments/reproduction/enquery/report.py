@@ -5,11 +5,10 @@ A sentence that explains a difference is only written where the numbers carry it
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
+from backend.experiments.reproduction.chapter_report import write_report
 from backend.experiments.reproduction.enquery import published_numbers as thesis
 from backend.experiments.reproduction.enquery.budgets import MODELS, RECIPES, TEST_SETS
 from backend.experiments.reproduction.enquery.plan import EnqueryPlan, query_seed
@@ -27,27 +26,25 @@ from backend.experiments.reproduction.enquery.tables import (
     share,
     t_test_table,
 )
-from backend.experiments.reproduction.running import TEMPLATES
 from backend.experiments.reproduction.tasks import Run
 from backend.explain.pictures import Picture
-from backend.explain.printed import Section, Shown, page, shown_picture
+from backend.explain.printed import Section, Shown, shown_picture
 from backend.learning.cards import DEPARTURES
 
 LOW_QUERIES = 15
 
 
-def write_report(path: Path, plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Picture], run: Run) -> None:
+def print_report(out: Path, plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Picture], run: Run) -> None:
     """One HTML file with everything in it; figures are SVG."""
-    html = page(
-        TEMPLATES,
-        "enquery.html",
-        run={"budget": plan.budget.name, "seed": plan.seed},
+    write_report(
+        out,
+        "enquery",
+        run,
+        head={"budget": plan.budget.name, "seed": plan.seed},
         brief=brief(plan, results),
-        sections=sections(plan, results, pictures, path.parent / "figures"),
+        sections=sections(plan, results, pictures, out / "figures"),
         facts=facts(plan, run),
-        kinds=kinds(run),
     )
-    path.write_text(html, encoding="utf-8")
 
 
 def brief(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:
@@ -217,28 +214,6 @@ def facts(plan: EnqueryPlan, run: Run) -> list[tuple[str, str]]:
             f"{budget.fine_tuning_updates:,} updates, {budget.fine_tuning_checkpoints} checkpoints",
         ),
     ]
-
-
-def kinds(run: Run) -> list[dict[str, Any]]:
-    """Tasks, seconds and commits by kind of work."""
-    grouped: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
-    for key, about in run.made.items():
-        grouped[key.rpartition("-")[0]].append(about)
-    return [
-        {
-            "kind": kind.replace("_", " "),
-            "tasks": len(abouts),
-            "seconds": f"{sum(float(about['seconds']) for about in abouts):.0f}",
-            "cpu_seconds": f"{sum(float(about['cpu_seconds']) for about in abouts):.0f}",
-            "commits": ", ".join(sorted({_short(str(about["commit"])) for about in abouts})),
-        }
-        for kind, abouts in grouped.items()
-    ]
-
-
-def _short(commit: str) -> str:
-    name, _, dirty = commit.partition("-")
-    return f"{name[:10]}{'-' + dirty if dirty else ''}"
 
 
 def _policy_words(plan: EnqueryPlan) -> str:

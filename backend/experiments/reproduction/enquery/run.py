@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from backend.experiments.reproduction.chapter_report import RESULTS, said
 from backend.experiments.reproduction.enquery.budgets import SETUP, EnqueryBudget
 from backend.experiments.reproduction.enquery.computing import FUNCTIONS
 from backend.experiments.reproduction.enquery.plan import EnqueryPlan, Speed, make_plan
@@ -51,7 +52,7 @@ def reproduce_enquery(
     another run works in the same folder, ValueError for a seed or number of processes that cannot be.
     """
     from backend.experiments.reproduction.enquery.figures import pictures  # matplotlib is slow to load
-    from backend.experiments.reproduction.enquery.report import write_report
+    from backend.experiments.reproduction.enquery.report import print_report
 
     plan = make_plan(budget, seed, measure_speed(budget.heads))
     work = Work(out / "work")
@@ -69,15 +70,12 @@ def reproduce_enquery(
         tell("drawing")
         drawn = pictures(plan, work.load, results)
         files = [path for picture in drawn for path in picture.save(out / "figures")]
-        write_report(out / "report.html", plan, results, drawn, run)
-        results_file = out / "results.json"
+        print_report(out, plan, results, drawn, run)
+        results_file = out / RESULTS
         summary = write_results(results_file, run, budget, setup=SETUP, seed=seed, results=asdict(results))
         _card(plan, results, run, results_file).save(card_path(results_file))
     return {
-        "report": str(out / "report.html"),
-        "results": str(out / "results.json"),
-        "figures": [str(path) for path in files],
-        **{key: summary[key] for key in ("budget", "seed", "seconds", "computed", "core_seconds", "commit")},
+        **said(out, summary, ("budget", "seed", "seconds", "computed", "core_seconds", "commit"), files),
         "tables": {recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()},
         "crossings": results.crossings,
         "ceiling_m": results.ceiling_m,

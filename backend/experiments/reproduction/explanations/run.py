@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from backend.analysis.tested import p_in_words
-from backend.experiments.reproduction.enquery.report import kinds
+from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, write_report
 from backend.experiments.reproduction.explanations.computing import FUNCTIONS
 from backend.experiments.reproduction.explanations.published_numbers import (
     EFFECTS,
@@ -21,9 +21,9 @@ from backend.experiments.reproduction.explanations.published_numbers import (
     TAU,
     TRUST,
 )
-from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
-from backend.experiments.reproduction.tasks import Run, Task, Work
-from backend.explain.printed import Section, Table, page
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Task, Work
+from backend.explain.printed import Section, Table
 from backend.simulation.setups import EXPLAINED_ROOM
 
 
@@ -90,19 +90,17 @@ def reproduce_explanations(
             "found": ranked["found"],
             "rankings": ranked["rankings"],
         }
-        results = out / "results.json"
-        summary = write_results(results, run, budget, seed=seed, **found)
-        html = page(
-            TEMPLATES,
-            "explanations.html",
-            run={"budget": budget.name, "seed": seed, "participants": budget.participants},
+        summary = write_results(out / RESULTS, run, budget, seed=seed, **found)
+        write_report(
+            out,
+            "explanations",
+            run,
+            head={"budget": budget.name, "seed": seed, "participants": budget.participants},
             sections=_sections(found, budget),
-            facts=_facts(run),
-            kinds=kinds(run),
+            facts=facts(run, ("Setup", EXPLAINED_ROOM.name)),
         )
-        (out / "report.html").write_text(html, encoding="utf-8")
     shown = ("budget", "simulated", "seconds", "computed", "commit", "tau", "table_8_1", "table_8_2", "found")
-    return {"report": str(out / "report.html"), "results": str(results), **{key: summary[key] for key in shown}}
+    return said(out, summary, shown)
 
 
 def _about(outcome: str, effect: str) -> str:
@@ -195,13 +193,3 @@ def _table(
     degrees = f"F(1, {budget.participants - 1})"
     heads = ["effect", f"{degrees}: here (printed)", "p", "partial η²", f"found at .05 in {budget.studies} studies"]
     return Table(title, heads, rows)
-
-
-def _facts(run: Run) -> list[tuple[str, str]]:
-    return [
-        ("Command", run.command),
-        ("Commit", run.commit),
-        ("Setup", EXPLAINED_ROOM.name),
-        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
-        ("Work", f"{time_in_words(run.core_seconds)} of one core"),
-    ]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from backend.experiments.reproduction.enquery.report import kinds
+from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, write_report
 from backend.experiments.reproduction.interface.computing import FUNCTIONS, LAMBDA, PER_VIEW, SETUP
 from backend.experiments.reproduction.interface.published_numbers import (
     AGREEMENT,
@@ -20,9 +20,9 @@ from backend.experiments.reproduction.interface.published_numbers import (
     ROLLOUTS,
     VIEWS,
 )
-from backend.experiments.reproduction.running import TEMPLATES, Tell, compute, time_in_words, write_results
-from backend.experiments.reproduction.tasks import Run, Task, TaskResult, Work
-from backend.explain.printed import Section, Table, page
+from backend.experiments.reproduction.running import Tell, compute, write_results
+from backend.experiments.reproduction.tasks import Task, TaskResult, Work
+from backend.explain.printed import Section, Table
 
 BASE = "baseline"
 PRINTED_WITH_BASE = (*(PRINTED[view] for view in VIEWS), "baseline")
@@ -92,21 +92,17 @@ def reproduce_interface(
             "training_accuracy": accuracies,
             "people": answers.meta["people"],
         }
-        results = out / "results.json"
-        summary = write_results(results, run, budget, **found)
-        html = page(
-            TEMPLATES,
-            "interface.html",
-            run={"budget": budget.name, "seed": seed, "participants": budget.participants},
+        summary = write_results(out / RESULTS, run, budget, **found)
+        write_report(
+            out,
+            "interface",
+            run,
+            head={"budget": budget.name, "seed": seed, "participants": budget.participants},
             sections=_sections(found, budget),
-            facts=_facts(run),
-            kinds=kinds(run),
+            facts=facts(run, ("Setup", SETUP)),
         )
-        (out / "report.html").write_text(html, encoding="utf-8")
     return {
-        "report": str(out / "report.html"),
-        "results": str(results),
-        **{key: summary[key] for key in ("budget", "seconds", "computed", "commit", "table_7_1", "table_7_2")},
+        **said(out, summary, ("budget", "seconds", "computed", "commit", "table_7_1", "table_7_2")),
         "table_7_3": {name: of["values"] for name, of in found["table_7_3"].items()},
     }
 
@@ -195,16 +191,6 @@ def _sections(found: dict[str, Any], budget: InterfaceBudget) -> list[Section]:
 
 def _both(here: float, printed: float | None, digits: int = 1) -> str:
     return f"{here:.{digits}f} ({'-' if printed is None else printed})"
-
-
-def _facts(run: Run) -> list[tuple[str, str]]:
-    return [
-        ("Command", run.command),
-        ("Commit", run.commit),
-        ("Setup", SETUP),
-        ("Time", f"{time_in_words(run.seconds)} with {run.processes} processes"),
-        ("Work", f"{time_in_words(run.core_seconds)} of one core"),
-    ]
 
 
 def _name(task: Task) -> str:

@@ -30,11 +30,6 @@ class Feedback extends LivePanel {
     super.stood();
   }
 
-  show() {
-    super.show();
-    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!this.found));
-  }
-
   async done() {
     const seconds = Math.round(performance.now() - this.opened) / 1000;
     /** @type {import("../types.js").AnswerTo<"feedback">} */

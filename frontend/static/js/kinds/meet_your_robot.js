@@ -65,7 +65,10 @@ class Meeting extends LivePanel {
     const opens = /** @type {HTMLElement} */ (this.root.querySelector("[data-correct]"));
     opens.hidden = Boolean(this.correcting);
     opens.setAttribute("aria-expanded", String(Boolean(this.correcting)));
-    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!(this.watched && this.agreement)));
+  }
+
+  get mayDecide() {
+    return Boolean(this.watched && this.agreement);
   }
 
   /** @param {MouseEvent} event */
