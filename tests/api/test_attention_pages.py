@@ -13,11 +13,12 @@ from fastapi.testclient import TestClient
 from backend.api.application import create_application
 from backend.api.core.dependencies import Services
 from backend.api.stage.replay_stages import Replay
+from backend.experiments.shipping.attention import policy_by_imitation
 from backend.learning.errors import LearningError
 from backend.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
-from backend.learning.pedestrians.cloned_attention import CloneConfig, clone
 from backend.learning.pedestrians.crowd_networks import Actor
 from backend.learning.pedestrians.crowd_training import actor_to_arrays
+from backend.learning.pedestrians.imitation import ImitationConfig
 from backend.store.artefacts import save_artefact
 from tests.api.lab_services import sign_in
 
@@ -83,8 +84,8 @@ def test_what_cannot_be_shown_is_said(analyst, policy):
     assert (refused.status_code, "type a whole number" in refused.text) == (422, True)
 
 
-def test_a_clone_is_a_file_that_comes_back_as_it_was() -> None:
-    made = clone(CloneConfig(rounds=2, steps=2, n_envs=3, updates=2, batch_size=4))
+def test_what_was_learned_is_a_file_that_comes_back_as_it_was() -> None:
+    made = policy_by_imitation(ImitationConfig(labels=12, n_envs=3, batch_size=4, evaluation_episodes=2))
     read = AttentionPolicy.from_bytes(made.to_bytes())
     assert read.to_bytes() == made.to_bytes()
     assert len(made.to_bytes()) < 320_000

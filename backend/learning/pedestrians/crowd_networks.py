@@ -1,7 +1,7 @@
 """The networks of chapter 4: spatial and temporal attention (section 4.4.5), ablations A1 to A3, baselines B1 to B3.
 
 All turn states (`crowd_states.py`) into one feature vector and, for the critic with the action, into heads of
-128-64-64. Training lives in `crowd_training.py`.
+128-64-64. Training lives in `crowd_training.py` and `imitation.py`.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from backend.learning.pedestrians.crowd_states import PATH_POINTS, SECTORS, SIZES, Given
+from backend.learning.pedestrians.foresight import COMMANDS, actions_of_commands
 from backend.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS
+from backend.simulation.setups import CROWD_CORRIDOR
 
 Variant = Literal["ours", "no_spatial", "no_temporal", "no_tagd", "b1", "b2", "b3"]
 PER_SECTOR = SECTORS // GROUPS
 PATH = 2 * PATH_POINTS
+LAST_LAYER = ("head.6.weight", "head.6.bias")  # of an actor
 
 
 @dataclass(frozen=True)
@@ -158,6 +161,36 @@ class Actor(nn.Module):
 
     def forward(self, states: Tensor) -> Tensor:
         return torch.tanh(self.head(self.read(states)))
+
+
+class Chooser(Actor):
+    """What every command of `foresight.COMMANDS` is foretold to cost; its action is the cheapest one's. Ours, for
+    imitation: two ways around somebody do not average to a way between them.
+
+    tables: costs are foretold that many times, in different units; which: by whose it acts.
+    """
+
+    def __init__(self, variant: str, tables: int = 1, which: int = 0) -> None:
+        super().__init__(variant)
+        self.tables, self.which = tables, which
+        self.head = perceptron(self.read.size, 128, 64, 64, tables * len(COMMANDS), last=False)
+        self.register_buffer("actions", torch.as_tensor(actions_of_commands(CROWD_CORRIDOR.limits)), persistent=False)
+
+    def costs(self, states: Tensor) -> Tensor:
+        """(b, tables, 24), the dearest 1."""
+        found: Tensor = self.head(self.read(states))
+        return found.reshape(-1, self.tables, len(COMMANDS))
+
+    def forward(self, states: Tensor) -> Tensor:
+        found: Tensor = self.get_buffer("actions")[self.costs(states)[:, self.which].argmin(dim=1)]
+        return found
+
+    def alone(self) -> Chooser:
+        """The same with nothing but the table by which it acts."""
+        one = Chooser(self.variant)
+        rows = slice(self.which * len(COMMANDS), (self.which + 1) * len(COMMANDS))
+        one.load_state_dict({name: v[rows] if name in LAST_LAYER else v for name, v in self.state_dict().items()})
+        return one
 
 
 class Critic(nn.Module):

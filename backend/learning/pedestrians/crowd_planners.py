@@ -1,7 +1,7 @@
 """Planners beside the learned policies, on the same scenes: the path alone, DWA, and ORCA and social force as planners.
 
-The last two are told where everybody is and how they move, which no learned policy is; `follow` and `dwa` are not. Who
-is told where everybody will be: `foresight.py`.
+The last two are told where everybody is and how they move, which no learned policy is; `follow` and `dwa` are not.
+Searches further ahead: `foresight.py`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.learning.pedestrians.crowd_evaluation import CrowdPlan
-from backend.learning.pedestrians.foresight import foresight
+from backend.learning.pedestrians.foresight import constant_velocity, foresight
 from backend.simulation.crowds import avoidance_kernels as avoid
 from backend.simulation.crowds.crowd_engine import PERSON_RADIUS_M, CrowdEngine
 from backend.simulation.kernels import best_command
@@ -94,5 +94,6 @@ def social_force(engine: CrowdEngine) -> Floats:
 
 
 PLANNERS: dict[str, CrowdPlan] = {
-    "follow": follow, "dwa": dwa, "orca": orca, "social_force": social_force, "foresight": foresight,
+    "follow": follow, "dwa": dwa, "orca": orca, "social_force": social_force,
+    "constant_velocity": constant_velocity, "foresight": foresight,
 }  # fmt: skip

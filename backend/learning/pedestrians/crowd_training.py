@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from backend.learning.pedestrians.crowd_evaluation import CrowdTable, evaluate_crowds, selection_scenes
-from backend.learning.pedestrians.crowd_networks import VARIANTS, Actor, Critic
+from backend.learning.pedestrians.crowd_networks import LAST_LAYER, VARIANTS, Actor, Chooser, Critic
 from backend.learning.pedestrians.crowd_planners import follow
 from backend.learning.pedestrians.crowd_states import SIZES, Given, states
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
@@ -281,7 +281,8 @@ def actor_to_arrays(actor: Actor) -> dict[str, NDArray[np.float32]]:
 
 
 def actor_from_arrays(variant: str, arrays: dict[str, NDArray[Any]]) -> Actor:
-    """Read `actor_to_arrays` back. Raises KeyError for an unknown variant."""
-    actor = Actor(variant)
+    """Read `actor_to_arrays` back: an actor, or a chooser by its outputs. Raises KeyError for an unknown variant."""
+    outputs = len(arrays[LAST_LAYER[1]])
+    actor = Actor(variant) if outputs == 2 else Chooser(variant)
     actor.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in arrays.items()})
     return actor

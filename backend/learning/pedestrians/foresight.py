@@ -1,10 +1,13 @@
-"""The planner that is told where everybody will be: what can be reached among pedestrians at most, nearly.
+"""A search among pedestrians told where everybody will be, and one told only where they are and how they move.
 
-The search is `simulation/crowds/foresight_kernels.py`'s; planners that know less are in `crowd_planners.py`.
+The first says what can be reached at most, nearly; the second is imitated (`imitation.py`), as what it is told can be
+sensed. The search itself is `simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in
+`crowd_planners.py`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -15,31 +18,92 @@ from backend.simulation.crowds.crowd_engine import CrowdEngine
 from backend.simulation.crowds.crowd_maps import boxes_of
 from backend.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from backend.simulation.scene import Scene
-from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Limits
 
 Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 STEPS_AHEAD = 25  # 5 s: of 40 more time out, as who waits at a distance costs nothing
 DIRECTIONS = 16
 CELL_M = 0.1
+UNSURE_M_S = 0.04  # by which who is foreseen by velocity counts as larger per second ahead; ours, on selection scenes
+_TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
+COMMANDS = np.array(
+    [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
+)
+"""(24, 2): directions off the robot's own, rad, and speeds, m/s; the last stands."""
+MOST_M = 10.0  # what a command costs above the best, at most
+
+
+def actions_of_commands(limits: Limits) -> Floats:
+    """(24, 2) actions in [-1, 1] of the `COMMANDS`."""
+    turn, speed = COMMANDS.T
+    v = speed * np.clip(np.cos(turn), 0.0, None) ** 2
+    w = np.clip(search.TURN_GAIN * turn, -limits.w_max, limits.w_max)
+    scaled: Floats = _scaled(v, w, limits).astype(np.float32)
+    return scaled
 
 
 def foresight(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]. Who avoids others is foreseen as if they walked their routes straight on."""
-    w, limits = engine.world, engine.setup.limits
-    bodies = search.Bodies(ROBOT_RADIUS_M, PED_DEPTH_M / 2, PED_WIDTH_M / 2, limits.w_max, CONTROL_DT_S)
+    limits, bodies = engine.setup.limits, _bodies(engine)
     actions = np.zeros((engine.n_envs, 2), np.float32)
-    for i in np.flatnonzero(~engine.dones):
-        scene, people = engine.scenes[i], int(w.people[i])
-        if scene is None:
-            continue
-        places, faces = np.zeros((2, STEPS_AHEAD + 1, people, 2))
-        search.foresee(
-            w.routes[i], w.knots[i], w.speeds[i, :people], w.people_xy[i], w.facing[i], w.heading_for[i], w.turn[i],
-            CONTROL_DT_S, places, faces,
-        )  # fmt: skip
-        v, turn = search.best_first_command(w.robots[i], ground_of(scene), bodies, places, faces, DIRECTIONS)
-        actions[i] = 2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, turn / limits.w_max
+    for i, ground in _running(engine):
+        v, w = search.best_first_command(
+            engine.world.robots[i], ground, bodies, *_on_their_routes(engine, i), DIRECTIONS
+        )
+        actions[i] = _scaled(np.array(v), np.array(w), limits)
     return actions
+
+
+def constant_velocity(engine: CrowdEngine) -> Floats:
+    """(n, 2) actions in [-1, 1]: the cheapest command where everybody walks on as now."""
+    return actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
+
+
+def costs_by_velocity(engine: CrowdEngine) -> Floats:
+    """(n, 24) m: what each of `COMMANDS` costs above the best, with the best moves after it, at most `MOST_M`, where
+    everybody walks on as now. 0 for who has ended."""
+    bodies = _bodies(engine, UNSURE_M_S)
+    costs = np.zeros((engine.n_envs, len(COMMANDS)))
+    for i, ground in _running(engine):
+        search.costs_of_commands(
+            engine.world.robots[i], ground, bodies, *_straight_on(engine, i), COMMANDS, MOST_M, costs[i]
+        )
+    return costs.astype(np.float32)
+
+
+def _running(engine: CrowdEngine) -> Iterator[tuple[int, search.Ground]]:
+    for i in np.flatnonzero(~engine.dones):
+        scene = engine.scenes[i]
+        if scene is not None:
+            yield int(i), ground_of(scene)
+
+
+def _bodies(engine: CrowdEngine, unsure: float = 0.0) -> search.Bodies:
+    half = PED_DEPTH_M / 2, PED_WIDTH_M / 2
+    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, unsure)
+
+
+def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Doubles:
+    return np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
+
+
+def _on_their_routes(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
+    w, people = engine.world, int(engine.world.people[i])
+    places, faces = np.zeros((2, STEPS_AHEAD + 1, people, 2))
+    search.foresee(
+        w.routes[i], w.knots[i], w.speeds[i, :people], w.people_xy[i], w.facing[i], w.heading_for[i], w.turn[i],
+        CONTROL_DT_S, places, faces,
+    )  # fmt: skip
+    return places, faces
+
+
+def _straight_on(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
+    w, people = engine.world, int(engine.world.people[i])
+    times = CONTROL_DT_S * np.arange(STEPS_AHEAD + 1)[:, None, None]
+    return w.people_xy[i, :people] + times * w.people_v[i, :people], np.repeat(
+        w.facing[i, None, :people], STEPS_AHEAD + 1, axis=0
+    )
 
 
 @lru_cache(maxsize=512)
@@ -59,4 +123,6 @@ def ground_of(scene: Scene) -> search.Ground:
     xs, ys = (np.arange(-side / 2 - CELL_M, side / 2 + 2 * CELL_M, CELL_M) for side in sides)
     cell = (round((goal.x - xs[0]) / CELL_M), round((goal.y - ys[0]) / CELL_M))
     length = search.lengths_to_goal(np.concatenate([boxes, np.array(stands)]), ROBOT_RADIUS_M, cell, xs, ys)
-    return search.Ground(boxes, length, xs[0], ys[0], CELL_M, goal.x, goal.y, scene.goal_radius)
+    return search.Ground(
+        boxes, length, search.downhill(length, CELL_M), xs[0], ys[0], CELL_M, goal.x, goal.y, scene.goal_radius
+    )

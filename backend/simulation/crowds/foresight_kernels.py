@@ -32,10 +32,12 @@ FIRST_STEPS, FIRST_SPEEDS_M_S, FIRST_SIDES_M = (3, 6, 12), (0.0, 0.5, 1.0), (0.0
 
 class Ground(NamedTuple):
     """One building: boxes (n, 6) as in `crowd_kernels.World`; length (nx, ny): metres to the goal from the cells of a
-    grid, dearer near walls; x0, y0: its first cell, m; cell: m; goal_x, goal_y, goal_radius: m."""
+    grid, dearer near walls; downhill (nx, ny): the direction in which it falls, rad; x0, y0: its first cell, m;
+    cell: m; goal_x, goal_y, goal_radius: m."""
 
     boxes: Doubles
     length: Doubles
+    downhill: Doubles
     x0: float
     y0: float
     cell: float
@@ -45,13 +47,15 @@ class Ground(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """m, s: the robot's radius, half a pedestrian's depth and width, its fastest turn (rad/s), a control step."""
+    """m, s: the robot's radius, half a pedestrian's depth and width, its fastest turn (rad/s), a control step; unsure:
+    m/s by which pedestrians count as larger the further ahead they are foreseen."""
 
     radius: float
     depth: float
     width: float
     w_max: float
     dt: float
+    unsure: float = 0.0
 
 
 @compiled
@@ -105,15 +109,30 @@ def lengths_to_goal(boxes: Doubles, radius: float, goal: tuple[int, int], xs: Do
 
 
 @compiled
-def _left(ground: Ground, x: float, y: float) -> float:
-    """Metres to the goal, between cells."""
-    u = min(max((x - ground.x0) / ground.cell, 0.0), ground.length.shape[0] - 1.001)
-    v = min(max((y - ground.y0) / ground.cell, 0.0), ground.length.shape[1] - 1.001)
+def _left(length: Doubles, u: float, v: float) -> float:
+    """Metres to the goal at (u, v), in cells from the first, between cells."""
+    u = min(max(u, 0.0), length.shape[0] - 1.001)
+    v = min(max(v, 0.0), length.shape[1] - 1.001)
     i, j = int(u), int(v)
     a, b = u - i, v - j
-    f = ground.length
+    f = length
     here: float = (1 - a) * ((1 - b) * f[i, j] + b * f[i, j + 1]) + a * ((1 - b) * f[i + 1, j] + b * f[i + 1, j + 1])
     return here
+
+
+@compiled
+def downhill(length: Doubles, cell: float) -> Doubles:
+    """(nx, ny) rad: where a step of `LOOK_M` from each cell leaves the least to go."""
+    found = np.zeros(length.shape)
+    for i in range(length.shape[0]):
+        for j in range(length.shape[1]):
+            best = 1e18
+            for d in range(48):
+                angle = d * math.pi / 24
+                left = _left(length, i + LOOK_M / cell * math.cos(angle), j + LOOK_M / cell * math.sin(angle))
+                if left < best:
+                    best, found[i, j] = left, angle
+    return found
 
 
 @compiled
@@ -150,13 +169,10 @@ def _headed_for(ground: Ground, x: float, y: float, side: float) -> float:
     """The direction (rad) of the way to the goal, `side` metres beside it at `LOOK_M`."""
     if math.hypot(ground.goal_x - x, ground.goal_y - y) < ARRIVING_M:
         return math.atan2(ground.goal_y - y, ground.goal_x - x)
-    best, c, s = 1e18, 1.0, 0.0
-    for d in range(24):
-        cos, sin = math.cos(d * math.pi / 12), math.sin(d * math.pi / 12)
-        left = _left(ground, x + LOOK_M * cos, y + LOOK_M * sin)
-        if left < best:
-            best, c, s = left, cos, sin
-    return math.atan2(LOOK_M * s + side * c, LOOK_M * c - side * s)
+    i = min(max(round((x - ground.x0) / ground.cell), 0), ground.downhill.shape[0] - 1)
+    j = min(max(round((y - ground.y0) / ground.cell), 0), ground.downhill.shape[1] - 1)
+    direction: float = ground.downhill[i, j] + math.atan2(side, LOOK_M)
+    return direction
 
 
 @compiled
@@ -180,9 +196,10 @@ def _tried(
         y += v * bodies.dt * math.sin(yaw + w * bodies.dt / 2)
         yaw += w * bodies.dt
         people, walls = 1e9, 1e9
+        larger = bodies.radius + bodies.unsure * bodies.dt * t
         for p in range(places.shape[1]):
             q, f = places[t, p], faces[t, p]
-            people = min(people, _gap(x, y, q[0], q[1], bodies.depth, bodies.width, f[0], f[1]) - bodies.radius)
+            people = min(people, _gap(x, y, q[0], q[1], bodies.depth, bodies.width, f[0], f[1]) - larger)
         for b in range(len(ground.boxes)):
             o = ground.boxes[b]
             walls = min(walls, _gap(x, y, o[0], o[1], o[2], o[3], o[4], o[5]) - bodies.radius)
@@ -193,7 +210,7 @@ def _tried(
             return cost
         if math.hypot(ground.goal_x - x, ground.goal_y - y) < ground.goal_radius:
             return cost - 0.8 * bodies.dt * (steps - t)
-    return cost + _left(ground, x, y)
+    return cost + _left(ground.length, (x - ground.x0) / ground.cell, (y - ground.y0) / ground.cell)
 
 
 @compiled
@@ -219,3 +236,25 @@ def best_first_command(
                     if cost < best:
                         best, v, w = cost, command[0], command[1]
     return v, w
+
+
+@compiled
+def costs_of_commands(
+    robot: Doubles, ground: Ground, bodies: Bodies, places: Doubles, faces: Doubles, commands: Doubles, most: float,
+    costs: Doubles,
+) -> None:  # fmt: skip
+    """What each first direction (rad off the robot's own) and speed (m/s) of commands (n, 2) costs with the best moves
+    after it, above the best of them, at most `most`: costs (n,), m."""
+    best = 1e18
+    move, command = np.zeros(5), np.zeros(2)
+    move[4] = CRUISES_M_S[0]
+    for c in range(len(commands)):
+        move[0], move[1] = robot[2] + commands[c, 0], commands[c, 1]
+        costs[c] = 1e18
+        for move[2] in FIRST_STEPS:
+            for move[3] in FIRST_SIDES_M:
+                given_up = min(costs[c], best + most)
+                costs[c] = min(costs[c], _tried(robot, ground, bodies, places, faces, move, given_up, command))
+        best = min(best, costs[c])
+    for c in range(len(commands)):
+        costs[c] = min(costs[c] - best, most)

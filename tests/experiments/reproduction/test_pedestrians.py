@@ -2,25 +2,27 @@
 
 import json
 
-from backend.experiments.reproduction.pedestrians.plan import BUDGETS, DDPG, PLANNED, PedestrianBudget, make_plan
+from backend.experiments.reproduction.pedestrians.plan import BUDGETS, BY_REWARD, PLANNED, PedestrianBudget, make_plan
 from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
-LEAST = PedestrianBudget("small", (0,), ("ours", "b3"), 16, 8, 8, 2, (0.6,), (1,), 64)
+LEAST = PedestrianBudget("small", (0,), ("ours", "b3"), ("ours_td3",), 128, 16, 8, 8, 2, (0.6,), (1,), 64)
 
 
 def test_the_full_budget_trains_everything_alike_with_three_seeds():
     full = make_plan(BUDGETS["full"])
-    assert {variant for variant, seed in full.judged if seed >= 0} == {*VARIANTS, DDPG}
+    assert {variant for variant, seed in full.judged if seed >= 0} == {*VARIANTS, *BY_REWARD}
     assert len({seed for _, seed in full.judged if seed >= 0}) == 3
     configs = [task.needs[0].params["config"] for (_, seed), task in full.judged.items() if seed == 0]
-    assert len({(c["updates"], c["batch_size"]) for c in configs}) == 1
+    assert {config.get("learner") for config in configs} == {None, "td3", "ddpg"}
+    assert len({(c["updates"], c["batch_size"]) for c in configs if "learner" in c}) == 1
+    assert len({(*c, c["labels"]) for c in configs if "learner" not in c}) == 1
 
 
 def test_a_run_writes_its_table_and_begins_nothing_twice(tmp_path):
     told = []
     first = reproduce_pedestrians(tmp_path, LEAST, processes=1, command="made in a test", tell=told.append)
-    assert first["computed"] == len(PLANNED) + 2 * 2 + 2
+    assert first["computed"] == len(PLANNED) + 2 * 2 + (1 + 2)
     results = json.loads((tmp_path / "results.json").read_text())
     assert set(results["rates"]["ours"]) >= {"published", "no_icp", "no_walls", "homes", "speed 0.6", "number 1"}
     assert next(bar["met"] for bar in results["bars"]) in (True, False)

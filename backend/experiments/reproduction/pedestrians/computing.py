@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.experiments.reproduction.tasks import Function, TaskResult
 from backend.learning.pedestrians.crowd_evaluation import CrowdTable, crowd_scene_set, evaluate_crowds
-from backend.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
+from backend.learning.pedestrians.crowd_networks import VARIANTS, Actor, actor_acts
 from backend.learning.pedestrians.crowd_planners import PLANNERS
 from backend.learning.pedestrians.crowd_training import (
     CrowdTrainingConfig,
@@ -17,6 +18,7 @@ from backend.learning.pedestrians.crowd_training import (
     actor_to_arrays,
     train_crowd,
 )
+from backend.learning.pedestrians.imitation import ImitationConfig, imitate
 from backend.learning.scene_sets import Purpose
 from backend.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions
 from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
@@ -30,9 +32,19 @@ def trained(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """A part of one training."""
     state = needs[0].arrays["state"].tobytes() if needs else None
     made = train_crowd(CrowdTrainingConfig(**params["config"]), until=params["until"], state=state)
-    arrays = {f"actor.{name}": value for name, value in actor_to_arrays(made.actor).items()}
     meta = {"history": made.history, "level": made.level, "transitions": made.transitions}
-    return TaskResult(meta, {**arrays, "state": np.frombuffer(made.state, dtype=np.uint8)})
+    return TaskResult(meta, {**_prefixed(made.actor), "state": np.frombuffer(made.state, dtype=np.uint8)})
+
+
+def imitated(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """One training by imitation."""
+    del needs
+    made = imitate(ImitationConfig(**params["config"]))
+    return TaskResult({"history": made.history}, _prefixed(made.actor))
+
+
+def _prefixed(actor: Actor) -> dict[str, NDArray[np.float32]]:
+    return {f"actor.{name}": value for name, value in actor_to_arrays(actor).items()}
 
 
 def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, list[Scene]]]:
@@ -83,4 +95,4 @@ def planned(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     return _judged(params, lambda scenes, **more: evaluate_crowds(None, "ranges", scenes, plan=plan, **more))
 
 
-FUNCTIONS: dict[str, Function] = {"trained": trained, "judged": judged, "planned": planned}
+FUNCTIONS: dict[str, Function] = {"imitated": imitated, "trained": trained, "judged": judged, "planned": planned}

@@ -9,21 +9,27 @@ from typing import Any
 from backend.experiments.reproduction.tasks import Task
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
-PLANNED = ("follow", "dwa", "orca", "social_force", "foresight")
-DDPG = "ours_ddpg"
+PLANNED = ("follow", "dwa", "orca", "social_force", "constant_velocity", "foresight")
+TD3, DDPG = "_td3", "_ddpg"
+"""Ends of names: trained by reward; without, by imitation."""
 SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the attention networks' is below
 ATTENTION_SECONDS = 0.12
+IMITATION_SECONDS = {"b1": 0.0012, "b2": 0.0012, "b3": 0.0012}  # of a label, with what is learned from it
+ATTENTION_IMITATION_SECONDS = 0.0026
 
 
 @dataclass(frozen=True)
 class PedestrianBudget:
-    """How much is computed. trained: variants, `ours_ddpg` is DDPG's; part: updates of one task of a training, a
-    quarter of an hour or so, so that stopping loses no more; episodes: of each judged condition; speeds, numbers: of
-    the two curves; progress: see `CrowdTrainingConfig`, without it short trainings stand still."""
+    """How much is computed. learned: variants, with each seed; once: with the first alone; by imitation from so many
+    labels, or by reward, the learner at the end of the name, in so many updates; part: updates of one task of such a
+    training, a quarter of an hour or so, so that stopping loses no more; episodes: of each judged condition; speeds,
+    numbers: of the two curves; progress: see `CrowdTrainingConfig`, without it short trainings stand still."""
 
     name: str
     seeds: tuple[int, ...]
-    trained: tuple[str, ...]
+    learned: tuple[str, ...]
+    once: tuple[str, ...]
+    labels: int
     updates: int
     part: int
     batch_size: int
@@ -35,17 +41,21 @@ class PedestrianBudget:
     progress: float = 2.0
 
 
+SPEEDS, NUMBERS = (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
+BY_REWARD = (*(variant + TD3 for variant in VARIANTS), "ours" + DDPG)
 BUDGETS = {
     budget.name: budget
     for budget in (
         PedestrianBudget(
-            "small", (0, 1), ("ours", DDPG, "b1", "b2", "b3"), 5_000, 2_500, 64, 100, (1.0,), (4,), learning_rate=5e-4
+            "small", (0, 1, 2), ("ours", "b1", "b2", "b3"),
+            ("no_spatial", "no_temporal", "no_tagd", "ours" + TD3, "ours" + DDPG), 240_000, 2_500, 2_500, 64, 300,
+            (1.0,), (4,), learning_rate=5e-4,
         ),
         PedestrianBudget(
-            "full", (0, 1, 2), (*VARIANTS, DDPG), 60_000, 7_500, 128, 1_000, (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
+            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), (), 1_000_000, 60_000, 7_500, 128, 1_000, SPEEDS, NUMBERS
         ),
     )
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,25 +74,45 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     """Which tasks a budget has."""
     plan = PedestrianPlan(budget, {})
     asked = {"episodes": budget.episodes, "speeds": list(budget.speeds), "numbers": list(budget.numbers)}
+    for name, seed in learned(budget):
+        made = _trained(budget, name, seed, device) if _learner(name) else _imitated(budget, name, seed)
+        params: dict[str, Any] = {"variant": network_of(name), "robustness": name == "ours", **asked}
+        plan.judged[name, seed] = Task("judged", params, (made,), 0.6 * budget.episodes)
     for planner in PLANNED:
         plan.judged[planner, -1] = Task("planned", {"planner": planner, **asked}, seconds=0.4 * budget.episodes)
-    for seed in budget.seeds:
-        for variant in budget.trained:
-            trained = _trained(budget, variant, seed, device)
-            params: dict[str, Any] = {"variant": _network(variant), "robustness": variant == "ours", **asked}
-            plan.judged[variant, seed] = Task("judged", params, (trained,), 0.6 * budget.episodes)
     return plan
 
 
-def _network(variant: str) -> str:
-    return "ours" if variant == DDPG else variant
+def learned(budget: PedestrianBudget) -> Iterator[tuple[str, int]]:
+    """What is learned, each with its seed."""
+    for seed in budget.seeds:
+        yield from ((name, seed) for name in budget.learned)
+        if seed == budget.seeds[0]:
+            yield from ((name, seed) for name in budget.once)
 
 
-def _trained(budget: PedestrianBudget, variant: str, seed: int, device: str) -> Task:
+def network_of(name: str) -> str:
+    """The variant of `VARIANTS`, however it learned."""
+    return name.removesuffix(TD3).removesuffix(DDPG)
+
+
+def _learner(name: str) -> str:
+    """td3, ddpg, or nothing: by imitation."""
+    return name.removeprefix(network_of(name)).removeprefix("_")
+
+
+def _imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
+    config = {"variant": variant, "seed": seed, "labels": budget.labels}
+    seconds = IMITATION_SECONDS.get(variant, ATTENTION_IMITATION_SECONDS) * budget.labels
+    return Task("imitated", {"config": config}, seconds=seconds)
+
+
+def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
     """The last of the tasks of a training, each going on from the one before."""
+    variant = network_of(name)
     config = {
-        "variant": _network(variant),
-        "learner": "ddpg" if variant == DDPG else "td3",
+        "variant": variant,
+        "learner": _learner(name),
         "seed": seed,
         "updates": budget.updates,
         "batch_size": budget.batch_size,

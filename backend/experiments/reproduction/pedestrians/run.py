@@ -11,11 +11,12 @@ import numpy as np
 from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, save_card, seeds_words, write_report
 from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS
 from backend.experiments.reproduction.pedestrians.plan import (
-    DDPG,
+    BY_REWARD,
     PLANNED,
     PedestrianBudget,
     PedestrianPlan,
     make_plan,
+    network_of,
 )
 from backend.experiments.reproduction.pedestrians.published_numbers import (
     DEPARTURES,
@@ -34,14 +35,19 @@ from backend.learning.pedestrians.crowd_networks import VARIANTS
 
 Load = Callable[[str], TaskResult]
 MEASURES = ("success", "collision", "timeout", "time_s")
-NAMES = {name: variant.name for name, variant in VARIANTS.items()} | {
-    DDPG: "OUR, DDPG as published",
-    "follow": "the path alone",
-    "dwa": "DWA on the lidar",
-    "orca": "ORCA, told everybody's motion",
-    "social_force": "social force, told everybody's motion",
-    "foresight": "a search, told where everybody will be",
-}
+BY_NAME = {name: variant.name for name, variant in VARIANTS.items()}
+NAMES = (
+    BY_NAME
+    | {name: f"{BY_NAME[network_of(name)]}, by {name[-4:].strip('_').upper()}" for name in BY_REWARD}
+    | {
+        "follow": "the path alone",
+        "dwa": "DWA on the lidar",
+        "orca": "ORCA, told everybody's motion",
+        "social_force": "social force, told everybody's motion",
+        "constant_velocity": "a search, told everybody's motion",
+        "foresight": "a search, told where everybody will be",
+    }
+)
 
 
 def reproduce_pedestrians(
@@ -71,7 +77,7 @@ def reproduce_pedestrians(
             run,
             budget,
             setup="crowd_corridor, crowd_intersection, crowd_office",
-            config={"updates": budget.updates, "batch_size": budget.batch_size},
+            config={"labels": budget.labels, "updates": budget.updates, "batch_size": budget.batch_size},
             scenes={"judged": f"{budget.episodes} reporting scenes per condition, the same for everybody"},
             found={"bars": judged_bars},
             departures=DEPARTURES,
@@ -79,7 +85,8 @@ def reproduce_pedestrians(
         )
         made = facts(
             run,
-            ("Updates", f"{budget.updates:,} of {budget.batch_size} transitions per training"),
+            ("By imitation", f"{budget.labels:,} labels per training"),
+            ("By reward", f"{budget.updates:,} updates of {budget.batch_size} transitions per training"),
             ("Planners", ", ".join(PLANNED)),
         )
         sections = _sections(plan, rates, judged_bars)
@@ -202,6 +209,8 @@ def _yes(met: bool) -> str:
 
 def _name(task: Task) -> str:
     config = task.params.get("config", {})
+    if task.kind == "imitated":
+        return f"{config['variant']} by imitation, seed {config['seed']}"
     if config:
         return f"{config['variant']} {config['learner']} seed {config['seed']} until {task.params['until']:,} updates"
     return f"{task.kind} {task.params.get('variant', task.params.get('planner'))}"

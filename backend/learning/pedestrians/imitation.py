@@ -1,0 +1,117 @@
+"""Learning to move among pedestrians by imitation: the chapter's networks, another learner. Ours.
+
+The search that is told how everybody moves (`foresight.constant_velocity`) says what each command costs wherever the
+learner's own driving leads (DAgger, Ross et al. 2011, with the costs of all commands as in AggreVaTe, Ross and Bagnell
+2014); the network foretells those costs from what the robot senses. Chapter 4's learner is `crowd_training.py`.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
+from backend.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts
+from backend.learning.pedestrians.crowd_states import SIZES, states
+from backend.learning.pedestrians.foresight import COMMANDS, actions_of_commands, costs_by_velocity
+from backend.learning.scene_sets import Purpose
+from backend.learning.td3.base import OnProgress, no_progress
+from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
+from backend.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
+from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
+
+
+@dataclass(frozen=True)
+class ImitationConfig:
+    """labels: states whose commands' costs are told, with updates_per_step for every n_envs of them. dearest_m: costs
+    above the best count as this at most, so that a collision is as bad as so much of a detour: with more the robot
+    waits for ever, with less it collides; all are learned at once, the second drives, and which is kept is chosen on
+    selection scenes. led: of the labels, the first part, in which the search drives. moving: pedestrians in training
+    scenes, from-to. The learning rate falls to 0 in a line."""
+
+    variant: str = "ours"
+    seed: int = 0
+    labels: int = 240_000
+    n_envs: int = 64
+    updates_per_step: int = 2
+    batch_size: int = 256
+    learning_rate: float = 2e-3
+    dearest_m: tuple[float, ...] = (1.0, 2.0, 4.0)
+    led: float = 0.01
+    moving: tuple[int, int] = (1, 4)
+    evaluations: int = 4
+    evaluation_episodes: int = 100
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass
+class Imitated:
+    """actor: after the last update. history: a row per evaluation on selection scenes of the published setting, of who
+    drives; the last rows are of each of dearest_m."""
+
+    actor: Chooser
+    history: list[dict[str, float]]
+
+
+def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> Imitated:
+    """Train one network. Raises KeyError for an unknown variant."""
+    torch.manual_seed(config.seed)
+    torch.set_num_threads(1)
+    given = VARIANTS[config.variant].given
+    actor = Chooser(config.variant, len(config.dearest_m), which=1)
+    act, commands = actor_acts(actor), actions_of_commands(CrowdEngine(n_envs=1).setup.limits)
+    pool = CrowdPool(TRAINED_SETUPS, config.seed * 1_000, CrowdConditions(moving=config.moving))
+    engine = CrowdEngine(n_envs=config.n_envs, pool=pool)
+    judged = crowd_scene_set(config.evaluation_episodes, PUBLISHED, purpose=Purpose.SELECT, seed=config.seed)
+    rng = np.random.default_rng([config.seed, 4])
+    steps = -(-config.labels // config.n_envs)
+    adam = torch.optim.Adam(actor.parameters(), config.learning_rate)
+    rate = torch.optim.lr_scheduler.LinearLR(adam, 1.0, 0.0, steps * config.updates_per_step)
+    seen = np.zeros((steps * config.n_envs, SIZES[given]), np.float16)
+    told = np.zeros((steps * config.n_envs, len(COMMANDS)), np.float16)
+    dearest = torch.tensor(config.dearest_m)[:, None]
+    history: list[dict[str, float]] = []
+    began = time.perf_counter()
+
+    def judge(fraction: float) -> float:
+        rates = evaluate_crowds(act, given, judged).rates()
+        row = {"labels": float(count), "dearest_m": config.dearest_m[actor.which], **rates}
+        history.append(row | {"seconds": time.perf_counter() - began})
+        on_progress(fraction, history[-1])
+        return rates["success"]
+
+    for step in range(steps):
+        rows, count = slice(step * config.n_envs, (step + 1) * config.n_envs), (step + 1) * config.n_envs
+        state, costs = states(engine, given), costs_by_velocity(engine)
+        seen[rows], told[rows] = state, costs
+        engine.step(commands[costs.argmin(axis=1)] if step < config.led * steps else act(state))
+        if engine.dones.any():
+            engine.restart()
+        for _ in range(config.updates_per_step):
+            batch = rng.integers(count, size=config.batch_size)
+            _update(actor, adam, torch.as_tensor(seen[batch]).float(), torch.as_tensor(told[batch]).float(), dearest)
+            rate.step()
+        if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
+            judge((step + 1) / steps)
+    successes = []
+    for actor.which in range(len(config.dearest_m)):
+        successes.append(judge(1.0))
+    actor.which = int(np.argmax(successes))
+    return Imitated(actor.alone(), history)
+
+
+def _update(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, told: Tensor, dearest: Tensor) -> None:
+    """One step; products in bfloat16, which takes the attention networks half the time. told: (b, 24) m."""
+    with torch.autocast("cpu", torch.bfloat16):
+        foretold = actor.costs(seen)
+    loss = (foretold.float() - (told[:, None] / dearest).clamp(max=1.0)).square().mean()
+    adam.zero_grad()
+    torch.autograd.backward(loss)
+    adam.step()
