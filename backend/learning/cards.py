@@ -132,7 +132,8 @@ class Card:
     notes: list[str] = field(default_factory=list)
 
     def save(self, path: Path) -> None:
-        path.write_text(json.dumps(asdict(self), indent=2, sort_keys=True) + "\n", encoding="utf-8")
+        """Numbers to five digits."""
+        path.write_text(json.dumps(short(asdict(self)), indent=2, sort_keys=True) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Card:
@@ -143,6 +144,15 @@ class Card:
             raise LearningError(f"cannot read card {path}: {problem.strerror}") from None
         except (TypeError, json.JSONDecodeError) as problem:
             raise LearningError(f"card {path} is incomplete or no card: {problem}") from None
+
+
+def short(value: Any) -> Any:
+    """The value with every float in it to five digits."""
+    if isinstance(value, float):
+        return float(f"{value:.5g}")
+    if isinstance(value, dict):
+        return {key: short(item) for key, item in value.items()}
+    return [short(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def file_sha256(path: Path) -> str:

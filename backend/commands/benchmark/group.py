@@ -39,7 +39,7 @@ def say_and_write(result: dict[str, Any], out: Path | None, as_json: bool) -> No
 
 def write_result(out: Path, result: dict[str, Any]) -> None:
     """A result as a file that datasets/ can hold: its command and commit, numbers to five digits."""
-    from backend.learning.cards import source_commit
+    from backend.learning.cards import short, source_commit
 
     out.parent.mkdir(parents=True, exist_ok=True)
     command = " ".join(["desirepath", *map(_without_folder, sys.argv[1:])])
@@ -51,12 +51,3 @@ def _without_folder(argument: str) -> str:
     """What was given on the command line, a path that begins at the root by its name alone: folders are a machine's."""
     option, sign, given = argument.rpartition("=")
     return f"{option}{sign}{Path(given).name}" if given.startswith("/") else argument
-
-
-def short(value: Any) -> Any:
-    """The value with every float in it to five digits."""
-    if isinstance(value, float):
-        return float(f"{value:.5g}")
-    if isinstance(value, dict):
-        return {key: short(item) for key, item in value.items()}
-    return [short(item) for item in value] if isinstance(value, list | tuple) else value

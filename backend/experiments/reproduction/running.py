@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from backend.experiments.reproduction.tasks import Function, Run, Task, Work, finish, in_order
-from backend.learning.cards import source_commit
+from backend.learning.cards import short, source_commit
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -101,7 +101,7 @@ def write_results(path: Path, run: Run, budget: DataclassInstance, **results: An
         **results,
         "tasks": run.made,
     }
-    path.write_text(json.dumps(plain(written), indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(plain(short(written)), indent=1) + "\n", encoding="utf-8")
     return written
 
 
