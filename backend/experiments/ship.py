@@ -80,7 +80,7 @@ def main() -> None:
     elif arguments.what == "adaptable":
         ship_adaptable(arguments.seed, arguments.out, arguments.work)
     elif arguments.what == "attention":
-        ship_attention(arguments.seed, arguments.out, show)
+        ship_attention(arguments.seed, arguments.out, arguments.work)
     elif arguments.what == "ranking-set":
         (ship_attended if arguments.setup == CROWD_CORRIDOR.name else ship_ranking_set)(arguments.out)
     elif arguments.what == "base" and arguments.setup == EXPLAINED_ROOM.name:

@@ -13,12 +13,12 @@ from fastapi.testclient import TestClient
 from backend.api.application import create_application
 from backend.api.core.dependencies import Services
 from backend.api.stage.replay_stages import Replay
-from backend.experiments.shipping.attention import policy_by_imitation
+from backend.experiments.shipping.attention import in_half_precision
 from backend.learning.errors import LearningError
 from backend.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from backend.learning.pedestrians.crowd_networks import Actor
 from backend.learning.pedestrians.crowd_training import actor_to_arrays
-from backend.learning.pedestrians.imitation import ImitationConfig
+from backend.learning.pedestrians.imitation import ImitationConfig, imitate
 from backend.store.artefacts import save_artefact
 from tests.api.lab_services import sign_in
 
@@ -85,7 +85,8 @@ def test_what_cannot_be_shown_is_said(analyst, policy):
 
 
 def test_what_was_learned_is_a_file_that_comes_back_as_it_was() -> None:
-    made = policy_by_imitation(ImitationConfig(labels=12, n_envs=3, batch_size=4, evaluation_episodes=2))
+    learned = imitate(ImitationConfig(labels=12, n_envs=3, batch_size=4, evaluation_episodes=2)).actor
+    made = in_half_precision(actor_to_arrays(learned))
     read = AttentionPolicy.from_bytes(made.to_bytes())
     assert read.to_bytes() == made.to_bytes()
     assert len(made.to_bytes()) < 320_000

@@ -1,21 +1,26 @@
-"""The shipped policy with attention, with its card. Its training is `learning/pedestrians/imitation.py`'s."""
+"""The shipped policy with attention, with its card: `ours` of `reproduce pedestrians --budget small`.
+
+Its training is `learning/pedestrians/imitation.py`'s.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from backend.learning.cards import Card, card_path, file_sha256, source_commit
+from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
+from backend.experiments.reproduction.pedestrians.plan import BUDGETS, make_plan
+from backend.experiments.reproduction.tasks import Work, finish
+from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from backend.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from backend.learning.pedestrians.crowd_planners import PLANNERS
-from backend.learning.pedestrians.crowd_training import actor_to_arrays
-from backend.learning.pedestrians.imitation import ImitationConfig, imitate
+from backend.learning.pedestrians.imitation import ImitationConfig
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shipped_files import DATASETS
-from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.crowds.crowd_scenes import PUBLISHED
 from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 
@@ -23,10 +28,16 @@ REPORT_SCENES = 300
 NAME = "attention"
 
 
-def ship_attention(seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress) -> Card:
-    """Train, measure and store the policy."""
-    config = ImitationConfig(VARIANT, seed)
-    policy = policy_by_imitation(config, on_progress)
+def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = None) -> Card:
+    """Train, measure and store the policy. work: the `work` folder of such a reproduction, whose finished training is
+    used and not computed again."""
+    (training,) = make_plan(BUDGETS["small"]).judged[VARIANT, seed].needs
+    with TemporaryDirectory() as made_here:
+        kept = Work(work or Path(made_here))
+        with kept.claimed():
+            finish((training,), FUNCTIONS, kept, processes=1, on_task=lambda *_: None)
+            made = kept.load(training.key)
+    policy = in_half_precision(actor_of(made))
     path = folder / policy.setup / f"{NAME}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(policy.to_bytes())
@@ -38,8 +49,8 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, on_progress: OnProgre
         sha256=file_sha256(path),
         command=f"python -m backend.experiments.ship {NAME} {policy.setup} --seed {seed}",
         seed=seed,
-        commit=source_commit(),
-        config=config.as_dict(),
+        commit=made.meta["made"]["commit"],
+        config=ImitationConfig(**training.params["config"]).as_dict(),
         scenes={"report": [describe(Purpose.REPORT, REPORT_SCENES, seed)]},
         results=measured(AttentionPolicy.load(path), seed),
         departures=[
@@ -53,11 +64,9 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, on_progress: OnProgre
     return card
 
 
-def policy_by_imitation(config: ImitationConfig, on_progress: OnProgress = no_progress) -> AttentionPolicy:
-    """A policy with attention, its numbers in half precision."""
-    made = imitate(config, on_progress)
-    arrays = {name: value.astype(np.float16) for name, value in actor_to_arrays(made.actor).items()}
-    return AttentionPolicy(TRAINED_SETUPS[0], arrays)
+def in_half_precision(actor: dict[str, Floats]) -> AttentionPolicy:
+    """An actor's numbers as a policy."""
+    return AttentionPolicy(TRAINED_SETUPS[0], {name: value.astype(np.float16) for name, value in actor.items()})
 
 
 def measured(policy: AttentionPolicy, seed: int) -> dict[str, dict[str, float]]:

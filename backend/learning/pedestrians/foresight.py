@@ -39,8 +39,7 @@ def actions_of_commands(limits: Limits) -> Floats:
     turn, speed = COMMANDS.T
     v = speed * np.clip(np.cos(turn), 0.0, None) ** 2
     w = np.clip(search.TURN_GAIN * turn, -limits.w_max, limits.w_max)
-    scaled: Floats = _scaled(v, w, limits).astype(np.float32)
-    return scaled
+    return _scaled(v, w, limits)
 
 
 def foresight(engine: CrowdEngine) -> Floats:
@@ -57,7 +56,8 @@ def foresight(engine: CrowdEngine) -> Floats:
 
 def constant_velocity(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]: the cheapest command where everybody walks on as now."""
-    return actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
+    chosen: Floats = actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
+    return chosen
 
 
 def costs_by_velocity(engine: CrowdEngine) -> Floats:
@@ -84,8 +84,10 @@ def _bodies(engine: CrowdEngine, unsure: float = 0.0) -> search.Bodies:
     return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, unsure)
 
 
-def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Doubles:
-    return np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
+def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
+    scaled: Doubles = np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
+    single: Floats = scaled.astype(np.float32)
+    return single
 
 
 def _on_their_routes(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:

@@ -96,7 +96,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
             engine.restart()
         for _ in range(config.updates_per_step):
             batch = rng.integers(count, size=config.batch_size)
-            _update(actor, adam, torch.as_tensor(seen[batch]).float(), torch.as_tensor(told[batch]).float(), dearest)
+            learn_from(actor, adam, torch.as_tensor(seen[batch]).float(), torch.as_tensor(told[batch]).float(), dearest)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
             judge((step + 1) / steps)
@@ -107,7 +107,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     return Imitated(actor.alone(), history)
 
 
-def _update(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, told: Tensor, dearest: Tensor) -> None:
+def learn_from(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, told: Tensor, dearest: Tensor) -> None:
     """One step; products in bfloat16, which takes the attention networks half the time. told: (b, 24) m."""
     with torch.autocast("cpu", torch.bfloat16):
         foretold = actor.costs(seen)

@@ -25,6 +25,7 @@ from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from backend.simulation.scene import Scene
 from backend.simulation.setups import CROWD_HOME
 
+Floats = NDArray[np.float32]
 Judge = Callable[..., CrowdTable]
 
 
@@ -43,8 +44,13 @@ def imitated(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     return TaskResult({"history": made.history}, _prefixed(made.actor))
 
 
-def _prefixed(actor: Actor) -> dict[str, NDArray[np.float32]]:
+def _prefixed(actor: Actor) -> dict[str, Floats]:
     return {f"actor.{name}": value for name, value in actor_to_arrays(actor).items()}
+
+
+def actor_of(made: TaskResult) -> dict[str, Floats]:
+    """What `actor_to_arrays` made, of a training."""
+    return {name[6:]: value for name, value in made.arrays.items() if name.startswith("actor.")}
 
 
 def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, list[Scene]]]:
@@ -81,10 +87,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
 
     torch.set_num_threads(1)
     given = VARIANTS[params["variant"]].given
-    arrays = {name[6:]: value for name, value in needs[0].arrays.items() if name.startswith("actor.")}
-    actor = actor_from_arrays(params["variant"], arrays)
-
-    act = actor_acts(actor)
+    act = actor_acts(actor_from_arrays(params["variant"], actor_of(needs[0])))
     return _judged(params, lambda scenes, **more: evaluate_crowds(act, given, scenes, **more))
 
 
