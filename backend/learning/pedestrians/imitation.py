@@ -28,7 +28,7 @@ from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 
 @dataclass(frozen=True)
 class ImitationConfig:
-    """labels: states whose commands' costs are told, with updates_per_step for every n_envs of them. dearest_m: costs
+    """labels: states whose commands' costs are said, with updates_per_step for every n_envs of them. dearest_m: costs
     above the best count as this at most, so that a collision is as bad as so much of a detour: with more the robot
     waits for ever, with less it collides; all are learned at once, the second drives, and which is kept is chosen on
     selection scenes. led: of the labels, the first part, in which the search drives. moving: pedestrians in training
@@ -75,7 +75,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     adam = torch.optim.Adam(actor.parameters(), config.learning_rate)
     rate = torch.optim.lr_scheduler.LinearLR(adam, 1.0, 0.0, steps * config.updates_per_step)
     seen = np.zeros((steps * config.n_envs, SIZES[given]), np.float16)
-    told = np.zeros((steps * config.n_envs, len(COMMANDS)), np.float16)
+    targets = np.zeros((steps * config.n_envs, len(COMMANDS)), np.float16)
     dearest = torch.tensor(config.dearest_m)[:, None]
     history: list[dict[str, float]] = []
     began = time.perf_counter()
@@ -90,13 +90,14 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     for step in range(steps):
         rows, count = slice(step * config.n_envs, (step + 1) * config.n_envs), (step + 1) * config.n_envs
         state, costs = states(engine, given), costs_by_velocity(engine)
-        seen[rows], told[rows] = state, costs
+        seen[rows], targets[rows] = state, costs
         engine.step(commands[costs.argmin(axis=1)] if step < config.led * steps else act(state))
         if engine.dones.any():
             engine.restart()
         for _ in range(config.updates_per_step):
             batch = rng.integers(count, size=config.batch_size)
-            learn_from(actor, adam, torch.as_tensor(seen[batch]).float(), torch.as_tensor(told[batch]).float(), dearest)
+            some, aims = (torch.as_tensor(of[batch]).float() for of in (seen, targets))
+            learn_from(actor, adam, some, aims, dearest)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
             judge((step + 1) / steps)
@@ -107,11 +108,11 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     return Imitated(actor.alone(), history)
 
 
-def learn_from(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, told: Tensor, dearest: Tensor) -> None:
-    """One step; products in bfloat16, which takes the attention networks half the time. told: (b, 24) m."""
+def learn_from(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, targets: Tensor, dearest: Tensor) -> None:
+    """One step; products in bfloat16, which takes the attention networks half the time. targets: (b, 24) m."""
     with torch.autocast("cpu", torch.bfloat16):
         foretold = actor.costs(seen)
-    loss = (foretold.float() - (told[:, None] / dearest).clamp(max=1.0)).square().mean()
+    loss = (foretold.float() - (targets[:, None] / dearest).clamp(max=1.0)).square().mean()
     adam.zero_grad()
     torch.autograd.backward(loss)
     adam.step()

@@ -25,7 +25,7 @@ def test_every_table_stands_beside_the_published_one(made) -> None:
     assert told["simulated"] is True
     assert len({name.partition(":")[0] for name in told["people"]}) == 3
     assert set(told["table_7_1"]) == set(RANKINGS)
-    assert all(sum(shares.values()) == pytest.approx(100) for shares in told["table_7_1"].values())
+    assert all(sum(shares.values()) == pytest.approx(100, abs=0.01) for shares in told["table_7_1"].values())
     assert all(50 <= of["asked_again"] <= 100 for of in told["table_7_2"].values())
     assert set(told["table_7_3"]) == {*VIEWS, "baseline"}
     assert all(set(of["values"]) == set(ROLLOUTS) for of in told["table_7_3"].values())
