@@ -31,7 +31,7 @@ def test_who_is_told_how_everybody_moves_arrives_more_often_than_orca():
     assert told >= 70 > 55 > orca
 
 
-def test_costs_are_above_the_best_and_a_command_towards_a_wall_is_dear():
+def test_costs_are_above_the_best_and_the_cheapest_commands_lead_along_the_path():
     engine = begun(12)
     costs = costs_by_velocity(engine)
     assert costs.shape == (12, len(COMMANDS))
@@ -43,9 +43,26 @@ def test_costs_are_above_the_best_and_a_command_towards_a_wall_is_dear():
         engine.step(moves)
         moves = actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
     assert np.median(before - engine.path_left_m()) > 0.2
-    ahead = costs[:, 0]
-    backwards = costs[:, [list(map(tuple, COMMANDS)).index((3.1, 0.5))]][:, 0]
-    assert np.median(ahead) < np.median(backwards), "who starts along the path need not turn round"
+
+
+def test_a_command_into_a_wall_is_dearest_and_so_is_one_into_somebody_who_comes():
+    engine = begun(1)
+    box = engine.world.boxes[0, 0]  # of the room's walls
+    engine.world.robots[0, 2] = np.arctan2(box[1] - engine.poses[0, 1], box[0] - engine.poses[0, 0])
+    x, y, yaw = engine.poses[0]
+    away = np.array([np.cos(yaw), np.sin(yaw)])
+    engine.world.people_xy[0, 1] = (x, y) + 1.2 * away
+    engine.world.people_v[0, 1] = -0.6 * away
+    engine.world.facing[0, 1] = -away
+    assert costs_by_velocity(engine)[0, 0] == MOST_M, "straight on, fast, into who comes"
+    engine.world.people_v[0, 1] = 0.9 * away
+    assert costs_by_velocity(engine)[0, 0] < MOST_M, "behind who goes away there is room"
+
+
+@pytest.mark.parametrize(("wrong", "named"), [({"labels": 0}, "labels"), ({"dearest_m": (20.0,)}, "dearest_m")])
+def test_settings_that_cannot_be_name_themselves(wrong, named):
+    with pytest.raises(ValueError, match=named):
+        ImitationConfig(**wrong)
 
 
 def test_what_is_told_is_learned():

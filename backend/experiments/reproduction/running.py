@@ -101,7 +101,7 @@ def write_results(path: Path, run: Run, budget: DataclassInstance, **results: An
         **results,
         "tasks": run.made,
     }
-    path.write_text(json.dumps(plain(short(written)), indent=1) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(short(plain(written)), indent=1) + "\n", encoding="utf-8")
     return written
 
 

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
-from backend.experiments.reproduction.pedestrians.plan import BUDGETS, make_plan
+from backend.experiments.reproduction.pedestrians.plan import BUDGETS, imitated
 from backend.experiments.reproduction.tasks import Work, finish
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
@@ -31,7 +31,7 @@ NAME = "attention"
 def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = None) -> Card:
     """Train, measure and store the policy. work: the `work` folder of such a reproduction, whose finished training is
     used and not computed again."""
-    (training,) = make_plan(BUDGETS["small"]).judged[VARIANT, seed].needs
+    training = imitated(BUDGETS["small"], VARIANT, seed)
     with TemporaryDirectory() as made_here:
         kept = Work(work or Path(made_here))
         with kept.claimed():
@@ -54,11 +54,14 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
         scenes={"report": [describe(Purpose.REPORT, REPORT_SCENES, seed)]},
         results=measured(AttentionPolicy.load(path), seed),
         departures=[
-            "Learned by imitation of a search that is told how everybody moves, from what the robot senses; the thesis "
-            "trains its networks by DDPG. Reward and curriculum of chapter 4 have no part in it. Its network ends in "
-            "the costs of 24 commands instead of one action.",
+            "Learned by imitation of a search that is told the building and how everybody moves, from what the robot "
+            "senses; the thesis trains its networks by DDPG. Reward and curriculum of chapter 4 have no part in it. "
+            "Its network ends in the costs of 24 commands instead of one action.",
         ],
-        notes=["Rates in % in the published setting: two at 0.6 m/s who avoid nobody, one stands."],
+        notes=[
+            "Numbers in half precision.",
+            "Rates in % in the published setting: two at 0.6 m/s who avoid nobody, one stands.",
+        ],
     )
     card.save(card_path(path))
     return card
@@ -73,8 +76,8 @@ def measured(policy: AttentionPolicy, seed: int) -> dict[str, dict[str, float]]:
     """Rates of the policy and of whom it imitates, in the same scenes."""
     scenes = crowd_scene_set(REPORT_SCENES, PUBLISHED, purpose=Purpose.REPORT, seed=seed)
     given, act = VARIANTS[VARIANT].given, actor_acts(policy.actor())
-    imitated = "constant_velocity"
+    search = "constant_velocity"
     return {
         "policy": evaluate_crowds(act, given, scenes).rates(),
-        imitated: evaluate_crowds(None, given, scenes, plan=PLANNERS[imitated]).rates(),
+        search: evaluate_crowds(None, given, scenes, plan=PLANNERS[search]).rates(),
     }

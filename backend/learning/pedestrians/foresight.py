@@ -1,8 +1,8 @@
-"""A search among pedestrians told where everybody will be, and one told only where they are and how they move.
+"""A search among pedestrians told where everybody will be, and one told where they are and how they move.
 
-The first says what can be reached at most, nearly; the second is imitated (`imitation.py`), as what it is told can be
-sensed. The search itself is `simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in
-`crowd_planners.py`.
+Both are told the building, too. The first says what can be reached at most, nearly; the second is imitated
+(`imitation.py`): the robot senses much of what that is told, not who is hidden or far. The search itself is
+`simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in `crowd_planners.py`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Learning to move among pedestrians by imitation: the chapter's networks, another learner. Ours.
 
-The search that is told how everybody moves (`foresight.constant_velocity`) says what each command costs wherever the
-learner's own driving leads (DAgger, Ross et al. 2011, with the costs of all commands as in AggreVaTe, Ross and Bagnell
-2014); the network foretells those costs from what the robot senses. Chapter 4's learner is `crowd_training.py`.
+A search that is told the building and how everybody moves (`foresight.constant_velocity`) says what each command costs
+wherever the learner's own driving leads (DAgger, Ross et al. 2011, with the costs of all commands as in AggreVaTe, Ross
+and Bagnell 2014); the network foretells those costs from what the robot senses. Chapter 4's learner is
+`crowd_training.py`.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from torch import Tensor
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from backend.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts
 from backend.learning.pedestrians.crowd_states import SIZES, states
-from backend.learning.pedestrians.foresight import COMMANDS, actions_of_commands, costs_by_velocity
+from backend.learning.pedestrians.foresight import COMMANDS, MOST_M, costs_by_velocity
 from backend.learning.scene_sets import Purpose
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
@@ -30,9 +31,9 @@ from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 class ImitationConfig:
     """labels: states whose commands' costs are said, with updates_per_step for every n_envs of them. dearest_m: costs
     above the best count as this at most, so that a collision is as bad as so much of a detour: with more the robot
-    waits for ever, with less it collides; all are learned at once, the second drives, and which is kept is chosen on
-    selection scenes. led: of the labels, the first part, in which the search drives. moving: pedestrians in training
-    scenes, from-to. The learning rate falls to 0 in a line."""
+    waits for ever, with less it collides; all are learned at once, the middle one drives, and which is kept is chosen
+    on selection scenes. led: of the labels, the first part, in which the search drives. moving: pedestrians in training
+    scenes, from-to. The learning rate falls to 0 in a line. Raises ValueError for numbers that cannot be."""
 
     variant: str = "ours"
     seed: int = 0
@@ -46,6 +47,13 @@ class ImitationConfig:
     moving: tuple[int, int] = (1, 4)
     evaluations: int = 4
     evaluation_episodes: int = 100
+
+    def __post_init__(self) -> None:
+        for name in ("labels", "n_envs", "updates_per_step", "batch_size", "evaluations", "evaluation_episodes"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} = {getattr(self, name)}: must be at least 1")
+        if not self.dearest_m or not all(0 < one <= MOST_M for one in self.dearest_m):
+            raise ValueError(f"dearest_m = {self.dearest_m}: needs lengths above 0 m, at most {MOST_M:g} m")
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -65,8 +73,8 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     torch.manual_seed(config.seed)
     torch.set_num_threads(1)
     given = VARIANTS[config.variant].given
-    actor = Chooser(config.variant, len(config.dearest_m), which=1)
-    act, commands = actor_acts(actor), actions_of_commands(CrowdEngine(n_envs=1).setup.limits)
+    actor = Chooser(config.variant, len(config.dearest_m), which=len(config.dearest_m) // 2)
+    act, commands = actor_acts(actor), actor.get_buffer("actions").numpy()
     pool = CrowdPool(TRAINED_SETUPS, config.seed * 1_000, CrowdConditions(moving=config.moving))
     engine = CrowdEngine(n_envs=config.n_envs, pool=pool)
     judged = crowd_scene_set(config.evaluation_episodes, PUBLISHED, purpose=Purpose.SELECT, seed=config.seed)
@@ -80,11 +88,11 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     history: list[dict[str, float]] = []
     began = time.perf_counter()
 
-    def judge(fraction: float) -> float:
+    def judge(count: int) -> float:
         rates = evaluate_crowds(act, given, judged).rates()
         row = {"labels": float(count), "dearest_m": config.dearest_m[actor.which], **rates}
         history.append(row | {"seconds": time.perf_counter() - began})
-        on_progress(fraction, history[-1])
+        on_progress(count / len(seen), history[-1])
         return rates["success"]
 
     for step in range(steps):
@@ -100,10 +108,10 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
             learn_from(actor, adam, some, aims, dearest)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
-            judge((step + 1) / steps)
+            judge(count)
     successes = []
     for actor.which in range(len(config.dearest_m)):
-        successes.append(judge(1.0))
+        successes.append(judge(len(seen)))
     actor.which = int(np.argmax(successes))
     return Imitated(actor.alone(), history)
 

@@ -8,14 +8,15 @@ from typing import Any
 
 from backend.experiments.reproduction.tasks import Task
 from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.learning.pedestrians.imitation import ImitationConfig
 
 PLANNED = ("follow", "dwa", "orca", "social_force", "constant_velocity", "foresight")
 TD3, DDPG = "_td3", "_ddpg"
 """Ends of names: trained by reward; without, by imitation."""
 SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the attention networks' is below
 ATTENTION_SECONDS = 0.12
-IMITATION_SECONDS = {"b1": 0.0012, "b2": 0.0012, "b3": 0.0012}  # of a label, with what is learned from it
-ATTENTION_IMITATION_SECONDS = 0.0026
+IMITATION_SECONDS = 0.0011  # of a label, with what is learned from it; the attention networks' is below
+ATTENTION_IMITATION_SECONDS = 0.0027
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     plan = PedestrianPlan(budget, {})
     asked = {"episodes": budget.episodes, "speeds": list(budget.speeds), "numbers": list(budget.numbers)}
     for name, seed in learned(budget):
-        made = _trained(budget, name, seed, device) if _learner(name) else _imitated(budget, name, seed)
+        made = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
         params: dict[str, Any] = {"variant": network_of(name), "robustness": name == "ours", **asked}
         plan.judged[name, seed] = Task("judged", params, (made,), 0.6 * budget.episodes)
     for planner in PLANNED:
@@ -96,15 +97,16 @@ def network_of(name: str) -> str:
     return name.removesuffix(TD3).removesuffix(DDPG)
 
 
-def _learner(name: str) -> str:
+def learner_of(name: str) -> str:
     """td3, ddpg, or nothing: by imitation."""
     return name.removeprefix(network_of(name)).removeprefix("_")
 
 
-def _imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
-    config = {"variant": variant, "seed": seed, "labels": budget.labels}
-    seconds = IMITATION_SECONDS.get(variant, ATTENTION_IMITATION_SECONDS) * budget.labels
-    return Task("imitated", {"config": config}, seconds=seconds)
+def imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
+    """A training by imitation, with all its settings."""
+    config = ImitationConfig(variant, seed, budget.labels)
+    seconds = IMITATION_SECONDS if variant in SECONDS else ATTENTION_IMITATION_SECONDS
+    return Task("imitated", {"config": config.as_dict()}, seconds=seconds * budget.labels)
 
 
 def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
@@ -112,7 +114,7 @@ def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Tas
     variant = network_of(name)
     config = {
         "variant": variant,
-        "learner": _learner(name),
+        "learner": learner_of(name),
         "seed": seed,
         "updates": budget.updates,
         "batch_size": budget.batch_size,

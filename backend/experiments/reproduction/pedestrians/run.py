@@ -15,6 +15,7 @@ from backend.experiments.reproduction.pedestrians.plan import (
     PLANNED,
     PedestrianBudget,
     PedestrianPlan,
+    learner_of,
     make_plan,
     network_of,
 )
@@ -35,19 +36,17 @@ from backend.learning.pedestrians.crowd_networks import VARIANTS
 
 Load = Callable[[str], TaskResult]
 MEASURES = ("success", "collision", "timeout", "time_s")
-BY_NAME = {name: variant.name for name, variant in VARIANTS.items()}
-NAMES = (
-    BY_NAME
-    | {name: f"{BY_NAME[network_of(name)]}, by {name[-4:].strip('_').upper()}" for name in BY_REWARD}
-    | {
-        "follow": "the path alone",
-        "dwa": "DWA on the lidar",
-        "orca": "ORCA, told everybody's motion",
-        "social_force": "social force, told everybody's motion",
-        "constant_velocity": "a search, told everybody's motion",
-        "foresight": "a search, told where everybody will be",
-    }
-)
+NAMES = {
+    name: f"{VARIANTS[network_of(name)].name}, by {learner_of(name).upper() or 'imitation'}"
+    for name in (*VARIANTS, *BY_REWARD)
+} | {
+    "follow": "the path alone",
+    "dwa": "DWA on the lidar",
+    "orca": "ORCA, told everybody's motion",
+    "social_force": "social force, told everybody's motion",
+    "constant_velocity": "a search, told everybody's motion",
+    "foresight": "a search, told where everybody will be",
+}
 
 
 def reproduce_pedestrians(
@@ -119,9 +118,9 @@ def bars(rates: dict[str, Any]) -> list[dict[str, Any]]:
     lead = ours["mean"] - max(baselines) if baselines else float("nan")
     homes = rates["ours"]["homes"]["success"]["mean"]
     return [
-        _bar("success in the published setting, %", ours["mean"], SUCCESS_AT_LEAST),
-        _bar("lead over the best baseline, points, against the seeds' spread", lead, ours["spread"]),
-        _bar("success in unseen homes, %", homes, HOMES_AT_LEAST),
+        _bar("success by imitation in the published setting, %", ours["mean"], SUCCESS_AT_LEAST),
+        _bar("lead over the best baseline, both by imitation, points, against the seeds' spread", lead, ours["spread"]),
+        _bar("success by imitation in unseen homes, %", homes, HOMES_AT_LEAST),
     ]
 
 
@@ -143,7 +142,7 @@ def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence
         [
             NAMES[who],
             *(_shown(of["published"][measure]) for measure in MEASURES),
-            f"{TABLE[who][0]:.1f}" if who in TABLE else "-",
+            f"{TABLE[network_of(who)][0]:.1f}" if network_of(who) in TABLE else "-",
         ]
         for who, of in rates.items()
     ]
@@ -172,7 +171,8 @@ def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence
             "Table 4.1",
             [
                 f"{plan.budget.episodes} episodes, the same for all: two pedestrians at 0.6 m/s, one who stands. Means "
-                "over seeds, in brackets the difference between the best and the worst seed."
+                "over seeds, in brackets the difference between the best and the worst seed. The printed numbers were "
+                "learned by DDPG."
             ],
             [PrintedTable("Here, with what was printed", heads, rows)],
         ),
