@@ -7,14 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
 from backend.experiments.reproduction.adaptable.departures import DEPARTURES
 from backend.experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
 from backend.experiments.reproduction.adaptable.results import row_of
-from backend.experiments.reproduction.tasks import TaskResult, Work, finish
+from backend.experiments.reproduction.tasks import TaskResult, finished
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shipped_files import DATASETS
@@ -30,11 +29,7 @@ def ship_adaptable(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
     """
     plan = make_plan(BUDGETS["full"], (seed,))
     tasks = (plan.learned[PROGRAMMED, seed], plan.trained[OURS, seed], plan.judged[OURS, seed])
-    with TemporaryDirectory() as made_here:
-        kept = Work(work or Path(made_here))
-        with kept.claimed():
-            finish(tasks, FUNCTIONS, kept, processes=1, on_task=lambda *_: None)
-            demonstration, policy, rolled = (kept.load(task.key) for task in tasks)
+    demonstration, policy, rolled = finished(tasks, FUNCTIONS, work)
     return [store_reward(demonstration, seed, folder), store_policy(policy, rolled, seed, folder)]
 
 

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from backend.experiments.shipping.ranking_set_files import store_ranking_set
 from backend.explain.ranking_sets import DRIVE_S, ExplainedRollout, RankingSet
 from backend.explain.shown_explanation import people_of
-from backend.learning.cards import Card, card_path, file_sha256, source_commit
+from backend.learning.cards import Card, card_path
 from backend.learning.errors import LearningError
 from backend.learning.pedestrians.attended import as_trajectory, given_to_people, until
 from backend.learning.pedestrians.attention_policy import AttentionPolicy
@@ -72,40 +73,21 @@ def ship_attended(folder: Path = DATASETS, scenarios: int = SCENARIOS) -> Card:
         made = f"python -m backend.experiments.ship attention {CROWD_CORRIDOR.name}"
         raise LearningError(f"{path.name} of {CROWD_CORRIDOR.name} is missing: make it first with `{made}`")
     made_of, left_out = attended_set(AttentionPolicy.load(path), POLICY, scenarios, PRACTICE)
-    out = folder / f"{NAME}.npz"
-    made_of.save(out)
-    regular = [one for one in made_of.rollouts if not one.practice]
-    card = Card(
-        kind="ranking_set",
-        name=NAME,
-        setup=CROWD_CORRIDOR.name,
-        file=out.name,
-        sha256=file_sha256(out),
-        command=f"python -m backend.experiments.ship ranking-set {CROWD_CORRIDOR.name}",
-        seed=0,
-        commit=source_commit(),
-        config={"method": "attention", "people": list(regular[0].things)},
-        scenes={
-            "regular": [one.trajectory.scene.seed for one in regular],
-            "practice": [one.trajectory.scene.seed for one in made_of.rollouts if one.practice],
-        },
+    return store_ranking_set(
+        made_of,
+        NAME,
+        folder,
+        config={"method": "attention", "people": list(made_of.rollouts[0].things)},
+        most="most_attended",
+        without="people_without_score",
+        parent=(POLICY, path),
         results={
-            "scenarios": len(regular),
             "scenes_left_out": left_out,
             "policy": Card.load(card_path(path)).results if card_path(path).is_file() else {},
-            "with_tied_scores": sum(len(set(one.at_halt.values())) < len(one.things) for one in regular),
-            "people_without_score": sum(score == 0 for one in regular for score in one.at_halt.values()),
-            "most_attended": {
-                thing: sum(max(one.at_halt, key=lambda name: one.at_halt[name]) == thing for one in regular)
-                for thing in regular[0].things
-            },
         },
         notes=[
             "A score is how strongly the stage draws what the policy attends to at somebody: the mean of the strongest "
             "lidar sector and the strongest descriptor ray that meet them, each beside the moment's strongest.",
             "Left out: scenes that are over within three seconds, and those where fewer than four get attention.",
         ],
-        parents={POLICY: file_sha256(path)},
     )
-    card.save(card_path(out))
-    return card

@@ -6,13 +6,12 @@ Its training is `learning/pedestrians/imitation.py`'s.
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
 from backend.experiments.reproduction.pedestrians.plan import BUDGETS, imitated
-from backend.experiments.reproduction.tasks import Work, finish
+from backend.experiments.reproduction.tasks import finished
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
@@ -32,11 +31,7 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
     """Train, measure and store the policy. work: the `work` folder of such a reproduction, whose finished training is
     used and not computed again."""
     training = imitated(BUDGETS["small"], VARIANT, seed)
-    with TemporaryDirectory() as made_here:
-        kept = Work(work or Path(made_here))
-        with kept.claimed():
-            finish((training,), FUNCTIONS, kept, processes=1, on_task=lambda *_: None)
-            made = kept.load(training.key)
+    (made,) = finished([training], FUNCTIONS, work)
     policy = in_half_precision(actor_of(made))
     path = folder / policy.setup / f"{NAME}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)

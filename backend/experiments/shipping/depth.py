@@ -18,7 +18,7 @@ from backend.experiments.reproduction.depth.computing import (
     RECORDED_SEED,
 )
 from backend.experiments.reproduction.depth.plan import BUDGETS, make_plan
-from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish, in_order
+from backend.experiments.reproduction.tasks import Task, Work, finished, in_order
 from backend.experiments.shipping.query_sets import describe_queries
 from backend.learning.cards import Card, card_path, file_sha256, source_commit
 from backend.learning.queries.queries import QueryConfig
@@ -42,7 +42,7 @@ PERCEPTION_DEPARTURES = [
 def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
     """Encoder and predictor; work: the folder of finished tasks, in which what is missing is computed."""
     task, batches = make_plan(BUDGETS[budget]).encoder, BUDGETS[budget].encoder_batches
-    made, params = _made(task, work), task.params
+    (made,), params = finished([task], FUNCTIONS, work), task.params
     homes = {
         "recorded": {"first_scene_seed": RECORDED_SEED, "last_scene_seed": RECORDED_SEED + params["homes"] - 1},
         "report": describe(Purpose.REPORT, HELD_OUT_HOMES, 1),
@@ -88,7 +88,7 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
     plan = make_plan(BUDGETS[budget])
     seed = plan.budget.seeds[0]
     trained, judged = plan.trained[configuration, seed], plan.judged[configuration, seed]
-    made, found = _made(trained, work), _made(judged, work)
+    made, found = finished([trained, judged], FUNCTIONS, work)
     first = EXPLORED_SEED + 10_000 * seed
     return _store(
         "depth_controller",
@@ -135,13 +135,6 @@ def _core_seconds(task: Task, work: Path) -> float:
     """Of one core: this task and all that it needs."""
     kept = Work(work)
     return sum(float(kept.load(one.key).meta["made"]["cpu_seconds"]) for one in in_order([task]))
-
-
-def _made(task: Task, work: Path) -> TaskResult:
-    kept = Work(work)
-    with kept.claimed():
-        finish([task], FUNCTIONS, kept, processes=1, on_task=lambda *_: None)
-    return kept.load(task.key)
 
 
 def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fields: Any) -> Card:

@@ -8,11 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from backend.experiments.shipping.policies import store_policy
+from backend.experiments.shipping.ranking_set_files import store_ranking_set
 from backend.explain.methods import Command, Method
 from backend.explain.ranking_sets import ranking_set
 from backend.explain.scenarios import SCENARIOS, object_names, practice_scenarios, scenarios
 from backend.explain.slowing import slowing
-from backend.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
+from backend.learning.cards import DEPARTURES, Card
 from backend.learning.policies.policy import Policy
 from backend.learning.policies.torch_actor import actor_of
 from backend.learning.scene_sets import Purpose, scene_set
@@ -62,33 +63,12 @@ def ship_ranking_set(folder: Path = DATASETS, method: Method = "saliency", comma
         actor_of(policy), policy.rollout_policy, scenarios(), practice_scenarios(), policy=parent, method=method,
         command=command,
     )  # fmt: skip
-    out = folder / f"{SET_NAME}.npz"
-    made.save(out)
-    regular = [one for one in made.rollouts if not one.practice]
-    card = Card(
-        kind="ranking_set",
-        name=SET_NAME,
-        setup=EXPLAINED_ROOM.name,
-        file=out.name,
-        sha256=file_sha256(out),
-        command=f"python -m backend.experiments.ship ranking-set {EXPLAINED_ROOM.name}",
-        seed=0,
-        commit=source_commit(),
+    return store_ranking_set(
+        made,
+        SET_NAME,
+        folder,
         config={"method": method, "command": command, "objects": list(object_names(scenarios()[0]))},
-        scenes={
-            "regular": [one.trajectory.scene.seed for one in regular],
-            "practice": [one.trajectory.scene.seed for one in made.rollouts if one.practice],
-        },
-        results={
-            "scenarios": len(regular),
-            "with_tied_scores": sum(len(set(one.at_halt.values())) < len(one.things) for one in regular),
-            "objects_without_score": sum(score == 0 for one in regular for score in one.at_halt.values()),
-            "most_important": {
-                thing: sum(max(one.at_halt, key=lambda name: one.at_halt[name]) == thing for one in regular)
-                for thing in regular[0].things
-            },
-        },
-        parents={parent: file_sha256(path)},
+        most="most_important",
+        without="objects_without_score",
+        parent=(parent, path),
     )
-    card.save(card_path(out))
-    return card
