@@ -23,6 +23,7 @@ from backend.learning.preferences.objectives import NAMES, preference_weights
 from backend.learning.queries.varied_queries import drawn_weights
 from backend.learning.rewards.step_weights import StepWeightsRewardModel
 from backend.learning.scene_sets import Purpose, describe, scene_set
+from backend.learning.shipped_files import resolve
 from backend.learning.td3.base import OnProgress
 from backend.simulation.fast import evaluate
 from backend.simulation.setups import get_setup
@@ -111,8 +112,11 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
             "longest_s": round(library.longest_s, 1),
             "mean_success": round(float(library.measures.success[library.allowed].mean()), 3),
         },
-        parents={f"{setup}/{name}": file_sha256(folder / setup / f"{name}.npz") for name in ("base", "step_basis")}
-        | {f"{setup}/conditioned": conditioned.digest()},  # as trained: what was added since has no part in it
+        parents={
+            f"{setup}/base": file_sha256(base_path),
+            f"{setup}/step_basis": file_sha256(resolve(f"{setup}/step_basis")),  # the shipped one, whatever `folder`
+            f"{setup}/conditioned": conditioned.digest(),  # as trained: what was added since has no part in it
+        },
         departures=[DEPARTURES["policy_library"]],
         notes=["Nobody's answers have a part in it; the step basis is of the tuning families of simulated people."],
     )
