@@ -5,6 +5,7 @@ Networks live in `crowd_networks.py`. Lengths are divided by the lidar's range.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,28 @@ SIZES: dict[str, int] = {
     "coarse": COARSE_RANGES + 2 + 2 * PATH_POINTS,
     "ranges": SECTORS + 2 * PATH_POINTS,
 }
+
+
+@lru_cache
+def mirrors(given: Given) -> tuple[NDArray[np.int64], Floats]:
+    """Where each number of a state comes from if left and right change places, and its sign: two (SIZES[given],)."""
+    scan, groups = np.arange(SECTORS)[::-1], -np.arange(GROUPS) % GROUPS
+    pairs, fours = np.array([1.0, -1.0]), np.array([1.0, -1.0, 1.0, -1.0])
+    path = np.arange(PATH_POINTS), pairs
+    parts: dict[str, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {
+        "points_and_groups": [(scan, pairs), (groups, fours)],
+        "two_scans": [(scan, pairs)] * 2,
+        "three_scans": [(scan, np.ones(1))] * 3,
+        "coarse": [(np.arange(COARSE_RANGES)[::-1], np.ones(1)), (np.zeros(1, np.int64), pairs)],
+        "ranges": [(scan, np.ones(1))],
+    }
+    source: list[NDArray[np.int64]] = []
+    signs: list[NDArray[np.float64]] = []
+    for rows, sign in (*parts[given], path):
+        first = sum(len(one) for one in source)
+        source.append((first + rows[:, None] * len(sign) + np.arange(len(sign))).reshape(-1))
+        signs.append(np.tile(sign, len(rows)))
+    return np.concatenate(source), np.concatenate(signs).astype(np.float32)
 
 
 def states(engine: CrowdEngine, given: Given) -> Floats:

@@ -25,12 +25,16 @@ Doubles = NDArray[np.float64]
 STEPS_AHEAD = 25  # 5 s: of 40 more time out, as who waits at a distance costs nothing
 DIRECTIONS = 16
 CELL_M = 0.1
-UNSURE_M_S = 0.04  # by which who is foreseen by velocity counts as larger per second ahead; ours, on selection scenes
+BERTH_M = 0.3  # where everybody is known
+BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # 1.6 s, then nobody is foreseen any more; ours, on selection scenes
 _TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
 COMMANDS = np.array(
     [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
 )
 """(24, 2): directions off the robot's own, rad, and speeds, m/s; the last stands."""
+_ALL = np.exp(1j * COMMANDS[:, 0]) + 9 * COMMANDS[:, 1]
+MIRRORED = np.abs(_ALL - (np.exp(-1j * COMMANDS[:, 0]) + 9 * COMMANDS[:, 1])[:, None]).argmin(axis=1)
+"""(24,): which of them each becomes if left and right change places."""
 MOST_M = 10.0  # what a command costs above the best, at most
 
 
@@ -44,7 +48,7 @@ def actions_of_commands(limits: Limits) -> Floats:
 
 def foresight(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]. Who avoids others is foreseen as if they walked their routes straight on."""
-    limits, bodies = engine.setup.limits, _bodies(engine)
+    limits, bodies = engine.setup.limits, _bodies(engine, BERTH_M)
     actions = np.zeros((engine.n_envs, 2), np.float32)
     for i, ground in _running(engine):
         v, w = search.best_first_command(
@@ -62,8 +66,8 @@ def constant_velocity(engine: CrowdEngine) -> Floats:
 
 def costs_by_velocity(engine: CrowdEngine) -> Floats:
     """(n, 24) m: what each of `COMMANDS` costs above the best, with the best moves after it, at most `MOST_M`, where
-    everybody walks on as now. 0 for who has ended."""
-    bodies = _bodies(engine, UNSURE_M_S)
+    everybody walks on as now for `STEPS_BY_VELOCITY`. 0 for who has ended."""
+    bodies = _bodies(engine, BERTH_BY_VELOCITY_M)
     costs = np.zeros((engine.n_envs, len(COMMANDS)))
     for i, ground in _running(engine):
         search.costs_of_commands(
@@ -79,9 +83,9 @@ def _running(engine: CrowdEngine) -> Iterator[tuple[int, search.Ground]]:
             yield int(i), ground_of(scene)
 
 
-def _bodies(engine: CrowdEngine, unsure: float = 0.0) -> search.Bodies:
+def _bodies(engine: CrowdEngine, berth: float) -> search.Bodies:
     half = PED_DEPTH_M / 2, PED_WIDTH_M / 2
-    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, unsure)
+    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, berth, STEPS_AHEAD)
 
 
 def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
@@ -102,9 +106,9 @@ def _on_their_routes(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
 
 def _straight_on(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
     w, people = engine.world, int(engine.world.people[i])
-    times = CONTROL_DT_S * np.arange(STEPS_AHEAD + 1)[:, None, None]
+    times = CONTROL_DT_S * np.arange(STEPS_BY_VELOCITY + 1)[:, None, None]
     return w.people_xy[i, :people] + times * w.people_v[i, :people], np.repeat(
-        w.facing[i, None, :people], STEPS_AHEAD + 1, axis=0
+        w.facing[i, None, :people], STEPS_BY_VELOCITY + 1, axis=0
     )
 
 

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from backend.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts
-from backend.learning.pedestrians.crowd_states import SIZES, states
-from backend.learning.pedestrians.foresight import COMMANDS, MOST_M, costs_by_velocity
+from backend.learning.pedestrians.crowd_states import SIZES, mirrors, states
+from backend.learning.pedestrians.foresight import COMMANDS, MIRRORED, MOST_M, costs_by_velocity
 from backend.learning.scene_sets import Purpose
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
@@ -32,8 +32,9 @@ class ImitationConfig:
     """labels: states whose commands' costs are said, with updates_per_step for every n_envs of them. dearest_m: costs
     above the best count as this at most, so that a collision is as bad as so much of a detour: with more the robot
     waits for ever, with less it collides; all are learned at once, the middle one drives, and which is kept is chosen
-    on selection scenes. led: of the labels, the first part, in which the search drives. moving: pedestrians in training
-    scenes, from-to. The learning rate falls to 0 in a line. Raises ValueError for numbers that cannot be."""
+    on selection scenes. led: of the labels, the first part, in which the search drives. mirrored: of a batch, the part
+    in which left and right change places. moving: pedestrians in training scenes, from-to. The learning rate falls to 0
+    in a line. Raises ValueError for numbers that cannot be."""
 
     variant: str = "ours"
     seed: int = 0
@@ -44,6 +45,7 @@ class ImitationConfig:
     learning_rate: float = 2e-3
     dearest_m: tuple[float, ...] = (1.0, 2.0, 4.0)
     led: float = 0.01
+    mirrored: float = 0.5
     moving: tuple[int, int] = (1, 4)
     evaluations: int = 4
     evaluation_episodes: int = 100
@@ -54,6 +56,9 @@ class ImitationConfig:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be at least 1")
         if not self.dearest_m or not all(0 < one <= MOST_M for one in self.dearest_m):
             raise ValueError(f"dearest_m = {self.dearest_m}: needs lengths above 0 m, at most {MOST_M:g} m")
+
+        if not 0 <= self.mirrored <= 1:
+            raise ValueError(f"mirrored = {self.mirrored}: must be 0 to 1")
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -85,6 +90,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     seen = np.zeros((steps * config.n_envs, SIZES[given]), np.float16)
     targets = np.zeros((steps * config.n_envs, len(COMMANDS)), np.float16)
     dearest = torch.tensor(config.dearest_m)[:, None]
+    (source, signs), turned = mirrors(given), round(config.mirrored * config.batch_size)
     history: list[dict[str, float]] = []
     began = time.perf_counter()
 
@@ -104,8 +110,9 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
             engine.restart()
         for _ in range(config.updates_per_step):
             batch = rng.integers(count, size=config.batch_size)
-            some, aims = (torch.as_tensor(of[batch]).float() for of in (seen, targets))
-            learn_from(actor, adam, some, aims, dearest)
+            some, aims = seen[batch].astype(np.float32), targets[batch].astype(np.float32)
+            some[:turned], aims[:turned] = some[:turned, source] * signs, aims[:turned, MIRRORED]
+            learn_from(actor, adam, torch.as_tensor(some), torch.as_tensor(aims), dearest)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
             judge(count)

@@ -23,7 +23,7 @@ CLOSED = 30.0  # times the length: a way out of a closed place is still found
 LOOK_M = 0.3  # the way downhill is looked for this far ahead
 ARRIVING_M = 0.4  # this near, the goal itself is headed for
 MARGIN_PEOPLE_M, MARGIN_WALLS_M = 0.05, 0.02  # nearer counts as a collision: steps are looked at once in 0.2 s
-NEAR_PEOPLE_M, NEAR_WALLS_M, NEAR_COST = 0.3, 0.1, 3.0  # m, m, per metre nearer and second
+NEAR_WALLS_M, NEAR_COST = 0.1, 3.0  # m, per metre nearer and second
 CRASH = 200.0
 SOONER = 0.8  # m per s by which the goal is reached before the end
 TURN_GAIN = 2.5  # rad/s per rad off the wished direction
@@ -48,15 +48,16 @@ class Ground(NamedTuple):
 
 
 class Bodies(NamedTuple):
-    """m, s: the robot's radius, half a pedestrian's depth and width, its fastest turn (rad/s), a control step; unsure:
-    m/s by which pedestrians count as larger the further ahead they are foreseen."""
+    """m, s: the robot's radius, half a pedestrian's depth and width, its fastest turn (rad/s), a control step; berth: m
+    from pedestrians below which a way is dearer; steps: how many a way has at most."""
 
     radius: float
     depth: float
     width: float
     w_max: float
     dt: float
-    unsure: float = 0.0
+    berth: float
+    steps: int
 
 
 @compiled
@@ -181,10 +182,11 @@ def _tried(
     robot: Doubles, ground: Ground, bodies: Bodies, places: Doubles, faces: Doubles, move: Doubles, best: float,
     command: Doubles,
 ) -> float:  # fmt: skip
-    """What a move costs, metres still to go and nearness; given up above `best`. move: first direction (rad), speed
-    (m/s) and steps, then side (m) and speed on the way to the goal. command (2,): its first v, w."""
+    """What a move costs, metres still to go and nearness; given up above `best`. places, faces (steps + 1 or fewer, P,
+    2): nobody is met after the last. move: first direction (rad), speed (m/s) and steps, then side (m) and speed on the
+    way to the goal. command (2,): its first v, w."""
     x, y, yaw = robot[0], robot[1], robot[2]
-    steps, cost = len(places) - 1, 0.0
+    steps, cost = bodies.steps, 0.0
     for t in range(1, steps + 1):
         first = t <= move[2]
         wished = move[0] if first else _headed_for(ground, x, y, move[3])
@@ -197,16 +199,15 @@ def _tried(
         y += v * bodies.dt * math.sin(yaw + w * bodies.dt / 2)
         yaw += w * bodies.dt
         people, walls = 1e9, 1e9
-        larger = bodies.radius + bodies.unsure * bodies.dt * t
-        for p in range(places.shape[1]):
+        for p in range(places.shape[1] if t < len(places) else 0):
             q, f = places[t, p], faces[t, p]
-            people = min(people, _gap(x, y, q[0], q[1], bodies.depth, bodies.width, f[0], f[1]) - larger)
+            people = min(people, _gap(x, y, q[0], q[1], bodies.depth, bodies.width, f[0], f[1]) - bodies.radius)
         for b in range(len(ground.boxes)):
             o = ground.boxes[b]
             walls = min(walls, _gap(x, y, o[0], o[1], o[2], o[3], o[4], o[5]) - bodies.radius)
         if people < MARGIN_PEOPLE_M or walls < MARGIN_WALLS_M:
             return cost + CRASH * (1.5 - t / (steps + 1))
-        cost += NEAR_COST * bodies.dt * (max(NEAR_PEOPLE_M - people, 0.0) + max(NEAR_WALLS_M - walls, 0.0))
+        cost += NEAR_COST * bodies.dt * (max(bodies.berth - people, 0.0) + max(NEAR_WALLS_M - walls, 0.0))
         if cost - SOONER * bodies.dt * (steps - t) > best:
             return cost
         if math.hypot(ground.goal_x - x, ground.goal_y - y) < ground.goal_radius:
