@@ -180,7 +180,9 @@ OnTask = Callable[[Task, int, int, float], None]
 """(task just finished, finished so far, all to do, seconds that the rest will take, about)."""
 
 
-def finished(tasks: Sequence[Task], functions: Mapping[str, Function], folder: Path | None = None) -> list[TaskResult]:
+def results_of(
+    tasks: Sequence[Task], functions: Mapping[str, Function], folder: Path | None = None
+) -> list[TaskResult]:
     """These tasks' results, computed here where they are not stored in `folder`; None: all of them, and none is kept.
 
     Raises RuntimeError if another process works there, and what a task raised.

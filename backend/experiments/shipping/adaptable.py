@@ -13,7 +13,7 @@ from backend.experiments.reproduction.adaptable.computing import FUNCTIONS
 from backend.experiments.reproduction.adaptable.departures import DEPARTURES
 from backend.experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
 from backend.experiments.reproduction.adaptable.results import row_of
-from backend.experiments.reproduction.tasks import TaskResult, finished
+from backend.experiments.reproduction.tasks import TaskResult, results_of
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.scene_sets import Purpose, describe
 from backend.learning.shipped_files import DATASETS
@@ -29,7 +29,7 @@ def ship_adaptable(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
     """
     plan = make_plan(BUDGETS["full"], (seed,))
     tasks = (plan.learned[PROGRAMMED, seed], plan.trained[OURS, seed], plan.judged[OURS, seed])
-    demonstration, policy, rolled = finished(tasks, FUNCTIONS, work)
+    demonstration, policy, rolled = results_of(tasks, FUNCTIONS, work)
     return [store_reward(demonstration, seed, folder), store_policy(policy, rolled, seed, folder)]
 
 

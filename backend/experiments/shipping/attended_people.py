@@ -78,8 +78,8 @@ def ship_attended(folder: Path = DATASETS, scenarios: int = SCENARIOS) -> Card:
         NAME,
         folder,
         config={"method": "attention", "people": list(made_of.rollouts[0].things)},
-        most="most_attended",
-        without="people_without_score",
+        most_key="most_attended",
+        without_key="people_without_score",
         parent=(POLICY, path),
         results={
             "scenes_left_out": left_out,

@@ -11,7 +11,7 @@ import numpy as np
 
 from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
 from backend.experiments.reproduction.pedestrians.plan import BUDGETS, imitated
-from backend.experiments.reproduction.tasks import finished
+from backend.experiments.reproduction.tasks import results_of
 from backend.learning.cards import Card, card_path, file_sha256
 from backend.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
@@ -31,7 +31,7 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
     """Train, measure and store the policy. work: the `work` folder of such a reproduction, whose finished training is
     used and not computed again."""
     training = imitated(BUDGETS["small"], VARIANT, seed)
-    (made,) = finished([training], FUNCTIONS, work)
+    (made,) = results_of([training], FUNCTIONS, work)
     policy = in_half_precision(actor_of(made))
     path = folder / policy.setup / f"{NAME}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -18,7 +18,7 @@ from backend.experiments.reproduction.depth.computing import (
     RECORDED_SEED,
 )
 from backend.experiments.reproduction.depth.plan import BUDGETS, make_plan
-from backend.experiments.reproduction.tasks import Task, Work, finished, in_order
+from backend.experiments.reproduction.tasks import Task, Work, in_order, results_of
 from backend.experiments.shipping.query_sets import describe_queries
 from backend.learning.cards import Card, card_path, file_sha256, source_commit
 from backend.learning.queries.queries import QueryConfig
@@ -42,7 +42,7 @@ PERCEPTION_DEPARTURES = [
 def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
     """Encoder and predictor; work: the folder of finished tasks, in which what is missing is computed."""
     task, batches = make_plan(BUDGETS[budget]).encoder, BUDGETS[budget].encoder_batches
-    (made,), params = finished([task], FUNCTIONS, work), task.params
+    (made,), params = results_of([task], FUNCTIONS, work), task.params
     homes = {
         "recorded": {"first_scene_seed": RECORDED_SEED, "last_scene_seed": RECORDED_SEED + params["homes"] - 1},
         "report": describe(Purpose.REPORT, HELD_OUT_HOMES, 1),
@@ -88,7 +88,7 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
     plan = make_plan(BUDGETS[budget])
     seed = plan.budget.seeds[0]
     trained, judged = plan.trained[configuration, seed], plan.judged[configuration, seed]
-    made, found = finished([trained, judged], FUNCTIONS, work)
+    made, found = results_of([trained, judged], FUNCTIONS, work)
     first = EXPLORED_SEED + 10_000 * seed
     return _store(
         "depth_controller",

@@ -68,7 +68,7 @@ def ship_ranking_set(folder: Path = DATASETS, method: Method = "saliency", comma
         SET_NAME,
         folder,
         config={"method": method, "command": command, "objects": list(object_names(scenarios()[0]))},
-        most="most_important",
-        without="objects_without_score",
+        most_key="most_important",
+        without_key="objects_without_score",
         parent=(parent, path),
     )

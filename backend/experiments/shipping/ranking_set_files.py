@@ -16,14 +16,14 @@ def store_ranking_set(
     folder: Path,
     *,
     config: dict[str, Any],
-    most: str,
-    without: str,
+    most_key: str,
+    without_key: str,
     parent: tuple[str, Path],
     results: dict[str, Any] | None = None,
     notes: Sequence[str] = (),
 ) -> Card:
-    """Store it as `folder`/`name`. most, without: how the card calls what most goes by, and what has no score;
-    parent: the policy's name and file; results: more of them."""
+    """Store it as `folder`/`name`. most_key, without_key: under which the card says what most often has the highest
+    score, and how many have none; parent: the policy's name and file; results: more of them."""
     out = folder / f"{name}.npz"
     made.save(out)
     regular = [one for one in made.rollouts if not one.practice]
@@ -44,8 +44,8 @@ def store_ranking_set(
         results={
             "scenarios": len(regular),
             "with_tied_scores": sum(len(set(one.at_halt.values())) < len(one.things) for one in regular),
-            without: sum(score == 0 for one in regular for score in one.at_halt.values()),
-            most: {
+            without_key: sum(score == 0 for one in regular for score in one.at_halt.values()),
+            most_key: {
                 thing: sum(max(one.at_halt, key=lambda name: one.at_halt[name]) == thing for one in regular)
                 for thing in regular[0].things
             },

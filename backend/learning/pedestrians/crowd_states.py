@@ -5,12 +5,12 @@ Networks live in `crowd_networks.py`. Lengths are divided by the lidar's range.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.policies.mirroring import Mirror
 from backend.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS, CrowdEngine
 
 Floats = NDArray[np.float32]
@@ -25,26 +25,22 @@ SIZES: dict[str, int] = {
 }
 
 
-@lru_cache
-def mirrors(given: Given) -> tuple[NDArray[np.int64], Floats]:
-    """Where each number of a state comes from if left and right change places, and its sign: two (SIZES[given],)."""
+def mirror_of_state(given: Given) -> Mirror:
+    """How such states are mirrored, in the order of `states`: all is exact but scans, which look one beam beside."""
+    point, ray = np.array([1.0, -1.0]), np.ones(1)
     scan, groups = np.arange(SECTORS)[::-1], -np.arange(GROUPS) % GROUPS
-    pairs, fours = np.array([1.0, -1.0]), np.array([1.0, -1.0, 1.0, -1.0])
-    path = np.arange(PATH_POINTS), pairs
-    parts: dict[str, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {
-        "points_and_groups": [(scan, pairs), (groups, fours)],
-        "two_scans": [(scan, pairs)] * 2,
-        "three_scans": [(scan, np.ones(1))] * 3,
-        "coarse": [(np.arange(COARSE_RANGES)[::-1], np.ones(1)), (np.zeros(1, np.int64), pairs)],
-        "ranges": [(scan, np.ones(1))],
+    layouts: dict[Given, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {
+        "points_and_groups": [(scan, point), (groups, np.tile(point, 2))],
+        "two_scans": [(scan, point)] * 2,
+        "three_scans": [(scan, ray)] * 3,
+        "coarse": [(np.arange(COARSE_RANGES)[::-1], ray), (np.zeros(1, np.int64), point)],
+        "ranges": [(scan, ray)],
     }
-    source: list[NDArray[np.int64]] = []
-    signs: list[NDArray[np.float64]] = []
-    for rows, sign in (*parts[given], path):
-        first = sum(len(one) for one in source)
-        source.append((first + rows[:, None] * len(sign) + np.arange(len(sign))).reshape(-1))
-        signs.append(np.tile(sign, len(rows)))
-    return np.concatenate(source), np.concatenate(signs).astype(np.float32)
+    order, signs = np.zeros(0, np.int64), np.zeros(0)
+    for rows, sign in (*layouts[given], (np.arange(PATH_POINTS), point)):
+        order = np.append(order, len(order) + rows[:, None] * len(sign) + np.arange(len(sign)))
+        signs = np.append(signs, np.tile(sign, len(rows)))
+    return Mirror(order, signs.astype(np.float32))
 
 
 def states(engine: CrowdEngine, given: Given) -> Floats:

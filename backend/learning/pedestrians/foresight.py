@@ -26,15 +26,16 @@ STEPS_AHEAD = 25  # 5 s: of 40 more time out, as who waits at a distance costs n
 DIRECTIONS = 16
 CELL_M = 0.1
 BERTH_M = 0.3  # where everybody is known
-BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # 1.6 s, then nobody is foreseen any more; ours, on selection scenes
+BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # then nobody is foreseen, who stands neither; ours
 _TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
 COMMANDS = np.array(
     [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
 )
 """(24, 2): directions off the robot's own, rad, and speeds, m/s; the last stands."""
-_ALL = np.exp(1j * COMMANDS[:, 0]) + 9 * COMMANDS[:, 1]
-MIRRORED = np.abs(_ALL - (np.exp(-1j * COMMANDS[:, 0]) + 9 * COMMANDS[:, 1])[:, None]).argmin(axis=1)
-"""(24,): which of them each becomes if left and right change places."""
+_PLACE = {(turn, speed): k for k, (turn, speed) in enumerate(COMMANDS.tolist())}
+MIRRORED = np.array([_PLACE.get((-turn, speed), -1) for turn, speed in COMMANDS.tolist()])
+"""(24,): which of them each becomes if left and right are exchanged; -1: none, of turning about to the left."""
+SEARCH_BY_VELOCITY = {"berth_m": BERTH_BY_VELOCITY_M, "steps": STEPS_BY_VELOCITY}
 MOST_M = 10.0  # what a command costs above the best, at most
 
 

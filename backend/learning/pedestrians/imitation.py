@@ -14,17 +14,21 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from backend.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts
-from backend.learning.pedestrians.crowd_states import SIZES, mirrors, states
+from backend.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
 from backend.learning.pedestrians.foresight import COMMANDS, MIRRORED, MOST_M, costs_by_velocity
+from backend.learning.policies.mirroring import Mirror
 from backend.learning.scene_sets import Purpose
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
 from backend.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
 from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
+
+Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -32,9 +36,9 @@ class ImitationConfig:
     """labels: states whose commands' costs are said, with updates_per_step for every n_envs of them. dearest_m: costs
     above the best count as this at most, so that a collision is as bad as so much of a detour: with more the robot
     waits for ever, with less it collides; all are learned at once, the middle one drives, and which is kept is chosen
-    on selection scenes. led: of the labels, the first part, in which the search drives. mirrored: of a batch, the part
-    in which left and right change places. moving: pedestrians in training scenes, from-to. The learning rate falls to 0
-    in a line. Raises ValueError for numbers that cannot be."""
+    on selection scenes. led: of the labels, the first part, in which the search drives. mirrored_share: of each batch,
+    left and right exchanged. moving: pedestrians in training scenes, from-to. The learning rate falls to 0 in a line.
+    Raises ValueError for numbers that cannot be."""
 
     variant: str = "ours"
     seed: int = 0
@@ -45,7 +49,7 @@ class ImitationConfig:
     learning_rate: float = 2e-3
     dearest_m: tuple[float, ...] = (1.0, 2.0, 4.0)
     led: float = 0.01
-    mirrored: float = 0.5
+    mirrored_share: float = 0.5
     moving: tuple[int, int] = (1, 4)
     evaluations: int = 4
     evaluation_episodes: int = 100
@@ -57,8 +61,8 @@ class ImitationConfig:
         if not self.dearest_m or not all(0 < one <= MOST_M for one in self.dearest_m):
             raise ValueError(f"dearest_m = {self.dearest_m}: needs lengths above 0 m, at most {MOST_M:g} m")
 
-        if not 0 <= self.mirrored <= 1:
-            raise ValueError(f"mirrored = {self.mirrored}: must be 0 to 1")
+        if not 0 <= self.mirrored_share <= 1:
+            raise ValueError(f"mirrored_share = {self.mirrored_share}: must be 0 to 1")
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -90,7 +94,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     seen = np.zeros((steps * config.n_envs, SIZES[given]), np.float16)
     targets = np.zeros((steps * config.n_envs, len(COMMANDS)), np.float16)
     dearest = torch.tensor(config.dearest_m)[:, None]
-    (source, signs), turned = mirrors(given), round(config.mirrored * config.batch_size)
+    mirror, turned = mirror_of_state(given), round(config.mirrored_share * config.batch_size)
     history: list[dict[str, float]] = []
     began = time.perf_counter()
 
@@ -111,7 +115,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
         for _ in range(config.updates_per_step):
             batch = rng.integers(count, size=config.batch_size)
             some, aims = seen[batch].astype(np.float32), targets[batch].astype(np.float32)
-            some[:turned], aims[:turned] = some[:turned, source] * signs, aims[:turned, MIRRORED]
+            some[:turned], aims[:turned] = mirrored(some[:turned], aims[:turned], mirror)
             learn_from(actor, adam, torch.as_tensor(some), torch.as_tensor(aims), dearest)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
@@ -123,11 +127,20 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     return Imitated(actor.alone(), history)
 
 
+def mirrored(seen: Floats, targets: Floats, mirror: Mirror) -> tuple[Floats, Floats]:
+    """States and what commands cost there, (b, 24) m, left and right exchanged; NaN for a command without a mirror."""
+    there = targets[:, MIRRORED]
+    there[:, MIRRORED < 0] = np.nan
+    return seen[:, mirror.order] * mirror.signs, there
+
+
 def learn_from(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, targets: Tensor, dearest: Tensor) -> None:
-    """One step; products in bfloat16, which takes the attention networks half the time. targets: (b, 24) m."""
+    """One step; products in bfloat16, which takes the attention networks half the time. targets: (b, 24) m, NaN where
+    nothing is known."""
     with torch.autocast("cpu", torch.bfloat16):
         foretold = actor.costs(seen)
-    loss = (foretold.float() - (targets[:, None] / dearest).clamp(max=1.0)).square().mean()
+    off = foretold.float() - (targets[:, None] / dearest).clamp(max=1.0)
+    loss = torch.where(off.isnan(), 0.0, off).square().mean()
     adam.zero_grad()
     torch.autograd.backward(loss)
     adam.step()

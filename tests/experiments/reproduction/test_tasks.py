@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish
+from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish, results_of
 
 
 def number(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -57,6 +57,16 @@ def test_needs_are_computed_first_and_each_task_once(work: Work) -> None:
     assert stored.arrays["value"] == 3
     assert stored.meta["params"] == {"name": "b"}
     assert stored.meta["made"]["seconds"] >= 0
+
+
+def test_results_are_of_what_was_asked_and_stay_only_where_a_folder_is_named(work: Work) -> None:
+    one, two = Task("number", {"value": 1}), Task("number", {"value": 2})
+    asked = [Task("total", {}, (one, two)), one]
+    assert [int(result.arrays["value"]) for result in results_of(asked, FUNCTIONS)] == [3, 1]
+    assert not work.folder.exists() or not list(work.folder.glob("*.npz"))
+    assert [int(result.arrays["value"]) for result in results_of(asked, FUNCTIONS, work.folder)] == [3, 1]
+    with work.claimed():
+        assert finish(asked, FUNCTIONS, work, processes=1, on_task=ignore) == 0
 
 
 def test_two_processes_give_the_same(work: Work, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from backend.experiments.reproduction.tasks import Task
 from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.learning.pedestrians.foresight import SEARCH_BY_VELOCITY
 from backend.learning.pedestrians.imitation import ImitationConfig
 
 PLANNED = ("follow", "dwa", "orca", "social_force", "constant_velocity", "foresight")
@@ -80,7 +81,10 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
         params: dict[str, Any] = {"variant": network_of(name), "robustness": name == "ours", **asked}
         plan.judged[name, seed] = Task("judged", params, (made,), 0.6 * budget.episodes)
     for planner in PLANNED:
-        plan.judged[planner, -1] = Task("planned", {"planner": planner, **asked}, seconds=0.4 * budget.episodes)
+        search: dict[str, Any] = {"search": SEARCH_BY_VELOCITY} if planner == "constant_velocity" else {}
+        plan.judged[planner, -1] = Task(
+            "planned", {"planner": planner, **asked, **search}, seconds=0.4 * budget.episodes
+        )
     return plan
 
 
@@ -106,7 +110,8 @@ def imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
     """A training by imitation, with all its settings."""
     config = ImitationConfig(variant, seed, budget.labels)
     seconds = IMITATION_SECONDS if variant in SECONDS else ATTENTION_IMITATION_SECONDS
-    return Task("imitated", {"config": config.as_dict()}, seconds=seconds * budget.labels)
+    params = {"config": config.as_dict(), "search": SEARCH_BY_VELOCITY}
+    return Task("imitated", params, seconds=seconds * budget.labels)
 
 
 def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
