@@ -18,7 +18,8 @@ SUCCESS_AT_LEAST, HOMES_AT_LEAST = 86.2, 79.2
 DEPARTURES = [
     "By imitation: nothing is learned by reward. A search that is told the building and everybody's motion says what "
     "24 commands cost where the learner drives (DAgger, AggreVaTe); networks end in those costs, and the cheapest "
-    "command is done. 240,000 such states in the small budget, one to four who move, no curriculum.",
+    "command is done. 240,000 such states in the small budget, one to four who move, no curriculum; left and right are "
+    "exchanged in half of each batch.",
     "By imitation, costs are learned in three units; which one acts is chosen on 100 selection scenes of the published "
     "setting. By reward, checkpoints are chosen on selection scenes of the curriculum.",
     "In the small budget ablations and trainings by reward have one seed, and the latter 2,500 updates of 64: they say "
