@@ -101,9 +101,9 @@ def test_costs_are_mirrored_with_their_commands(monkeypatch):
     np.testing.assert_allclose(turns[MIRRORED[known]], -turns[known])
     assert list(np.flatnonzero(~known)) == [22], "turning about is to the left"
     other, grounds = in_the_mirror(one), {scene: ground_of(scene) for scene in one.scenes}
-    _, costs = mirrored(states(one, "ranges"), costs_by_velocity(one), mirror)
-    assert np.isnan(costs[:, ~known]).all()
     unchanged = costs_by_velocity(one)
+    _, costs = mirrored(states(one, "ranges"), unchanged, mirror)
+    assert np.isnan(costs[:, ~known]).all()
     monkeypatch.setattr(foresight, "ground_of", lambda scene: mirrored_ground(grounds[scene]))
     there = costs_by_velocity(other)
     assert np.abs(costs.clip(max=4) - there.clip(max=4))[:, known].mean() < 0.03

@@ -22,7 +22,7 @@ from backend.demonstrations.planned_walks import walking_scene
 from backend.demonstrations.stroke import StrokeProblem
 from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
 from backend.demonstrations.td3_bc.training import DemonstrationTraining
-from backend.experiments.reproduction.tasks import Function, Task, TaskResult, Work, finish
+from backend.experiments.reproduction.tasks import Function, Task, TaskResult, results_of
 from backend.simulation.demonstration_scenes import PAIRS, demonstration_scene
 from backend.simulation.scene import Pose, SceneError
 from backend.simulation.setups import DEMONSTRATION_SETUPS
@@ -54,10 +54,8 @@ def benchmark_walking(
         for seed in seeds
         for walking in (False, True)
     }
-    kept = Work(work)
-    with kept.claimed():
-        finish(list(tasks.values()), FUNCTIONS, kept, processes=processes, on_task=lambda *_: None)
-        found = {key: kept.load(task.key).meta for key, task in tasks.items()}
+    made = results_of(list(tasks.values()), FUNCTIONS, work, processes=processes)
+    found = {key: one.meta for key, one in zip(tasks, made, strict=True)}
     pairs = [(setup, seed) for setup in DEMONSTRATION_SETUPS for seed in seeds]
     compared: dict[str, Any] = {}
     for where in WHERE:
