@@ -24,6 +24,7 @@ from backend.simulation.setups import CROWD_CORRIDOR
 Variant = Literal["ours", "no_spatial", "no_temporal", "no_tagd", "b1", "b2", "b3"]
 PER_SECTOR = SECTORS // GROUPS
 PATH = 2 * PATH_POINTS
+GAP_TIMES = 20.0  # ours: what moves by 0.1 m between two scans differs as much as what lies 2 m apart
 LAST_LAYER = ("head.6.weight", "head.6.bias")  # of an actor
 
 
@@ -108,7 +109,8 @@ class AttentionExtractor(nn.Module):
                 given = _sectors(states[:, 2 * SECTORS : 4 * SECTORS], path)
             else:
                 groups = states[:, 2 * SECTORS : 2 * SECTORS + 4 * GROUPS].reshape(-1, GROUPS, 4)
-                given = torch.cat([groups, path[:, None].expand(-1, GROUPS, -1)], dim=2)
+                older, newer = groups[:, :, :2], groups[:, :, 2:]
+                given = torch.cat([newer, GAP_TIMES * (newer - older), path[:, None].expand(-1, GROUPS, -1)], dim=2)
             found.append((self.temporal, given))
         return found
 

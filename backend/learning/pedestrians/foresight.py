@@ -36,7 +36,7 @@ _PLACE = {(turn, speed): k for k, (turn, speed) in enumerate(COMMANDS.tolist())}
 MIRRORED = np.array([_PLACE.get((-turn, speed), -1) for turn, speed in COMMANDS.tolist()])
 """(24,): which of them each becomes if left and right are exchanged; -1: none, of turning about to the left."""
 SEARCH_BY_VELOCITY = {"berth_m": BERTH_BY_VELOCITY_M, "steps": STEPS_BY_VELOCITY}
-MOST_M = 10.0  # what a command costs above the best, at most
+MOST_M = 4.0  # what a command costs above the best, at most
 
 
 def actions_of_commands(limits: Limits) -> Floats:

@@ -42,8 +42,8 @@ class ImitationConfig:
 
     variant: str = "ours"
     seed: int = 0
-    labels: int = 240_000
-    n_envs: int = 64
+    labels: int = 400_000
+    n_envs: int = 128
     updates_per_step: int = 2
     batch_size: int = 256
     learning_rate: float = 2e-3

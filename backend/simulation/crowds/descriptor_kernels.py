@@ -21,7 +21,18 @@ STILL_M, STILL_RAD = 1e-4, 1e-4  # ICP ends when a round moves less
 TURN_STEPS = 18  # ours: how far (in sectors) the first guess of the turn looks to either side; +-36 degrees at 180
 PAIR_M = 0.5  # ours: farther apart than this at first, two points are no pair; halved with every round
 CLOSEST_PAIR_M = 0.12
+FAR_M = 1e6
 WINDOW = 20  # ours: pairs are looked for so many sectors to either side of where a point now lies
+
+
+@compiled
+def _around(values: Doubles, more: int) -> Doubles:
+    """(n + 2 more,): values (n,) all around, with the last `more` before the first and the first after the last."""
+    n = len(values)
+    found = np.empty(n + 2 * more)
+    for k in range(n + 2 * more):
+        found[k] = values[(k - more) % n]
+    return found
 
 
 @compiled
@@ -29,10 +40,11 @@ def _turn_between(older: Doubles, newer: Doubles, out_of_range: float) -> int:
     """By how many sectors the older ranges (m) are best shifted to give the newer: the first guess of ICP (ours)."""
     sectors = older.shape[0]
     best, shift = math.inf, 0
+    around = _around(newer, TURN_STEPS)
     for guess in range(-TURN_STEPS, TURN_STEPS + 1):
         total, count = 0.0, 0
         for s in range(sectors):
-            a, b = older[s], newer[(s + guess) % sectors]
+            a, b = older[s], around[s + guess + TURN_STEPS]
             if a < out_of_range and b < out_of_range:
                 total += min(abs(a - b), PAIR_M)
                 count += 1
@@ -63,6 +75,10 @@ def align_scan(
         out[k, 0] = cos * older[k, 0] - sin * older[k, 1]
         out[k, 1] = sin * older[k, 0] + cos * older[k, 1]
     allowed = PAIR_M
+    # All around, so that no index is taken modulo in the innermost loop; what is out of range is far from everything.
+    around_x, around_y = _around(newer[:, 0], n + WINDOW + 1), _around(newer[:, 1], n + WINDOW + 1)
+    out_of_range = _around(newer_ranges, n + WINDOW + 1) >= limit
+    around_x[out_of_range] = FAR_M
     for _ in range(ICP_ROUNDS):
         count = 0
         px = py = qx = qy = 0.0
@@ -72,25 +88,23 @@ def align_scan(
                 continue
             x, y = out[k, 0], out[k, 1]
             nearest, which = allowed * allowed, -1
-            here = math.floor(math.atan2(y, x) / (2 * math.pi) * n) + n
-            for ahead in range(here - WINDOW, here + WINDOW + 1):
-                m = ahead % n
-                dx, dy = newer[m, 0] - x, newer[m, 1] - y
+            here = math.floor(math.atan2(y, x) / (2 * math.pi) * n) + n + WINDOW + 1
+            # what is within `allowed` is within asin(allowed / distance), which is below pi / 2 of its argument
+            wide = min(WINDOW, 2 + int(n / 4 * allowed / max(math.sqrt(x * x + y * y), allowed)))
+            for ahead in range(here - wide, here + wide + 1):
+                dx, dy = around_x[ahead] - x, around_y[ahead] - y
                 away = dx * dx + dy * dy
-                if away < nearest and newer_ranges[m] < limit:
-                    nearest, which = away, m
+                if away < nearest:
+                    nearest, which = away, ahead
             if which < 0:
                 continue
             # The pair is the nearest place on the newer scan's outline, not the nearest of its points: points of two
             # scans of one wall never coincide (ours; Besl and McKay allow any shape).
-            bx, by = newer[which, 0], newer[which, 1]
+            bx, by = around_x[which], around_y[which]
             fx, fy = bx, by
             best = nearest
-            for side in (-1, 1):
-                other = (which + side) % n
-                if newer_ranges[other] >= limit:
-                    continue
-                ex, ey = newer[other, 0] - bx, newer[other, 1] - by
+            for other in (which - 1, which + 1):
+                ex, ey = around_x[other] - bx, around_y[other] - by
                 length = ex * ex + ey * ey
                 if length < 1e-12 or length > PAIR_M * PAIR_M:
                     continue

@@ -169,8 +169,9 @@ def foresee(
 @compiled
 def _headed_for(ground: Ground, x: float, y: float, side: float) -> float:
     """The direction (rad) of the way to the goal, `side` metres beside it at `LOOK_M`."""
-    if math.hypot(ground.goal_x - x, ground.goal_y - y) < ARRIVING_M:
-        return math.atan2(ground.goal_y - y, ground.goal_x - x)
+    dx, dy = ground.goal_x - x, ground.goal_y - y
+    if dx * dx + dy * dy < ARRIVING_M * ARRIVING_M:
+        return math.atan2(dy, dx)
     i = min(max(round((x - ground.x0) / ground.cell), 0), ground.downhill.shape[0] - 1)
     j = min(max(round((y - ground.y0) / ground.cell), 0), ground.downhill.shape[1] - 1)
     direction: float = ground.downhill[i, j] + math.atan2(side, LOOK_M)
@@ -190,13 +191,14 @@ def _tried(
     for t in range(1, steps + 1):
         first = t <= move[2]
         wished = move[0] if first else _headed_for(ground, x, y, move[3])
-        off = math.atan2(math.sin(wished - yaw), math.cos(wished - yaw))
+        off = (wished - yaw + math.pi) % (2 * math.pi) - math.pi
         w = min(max(TURN_GAIN * off, -bodies.w_max), bodies.w_max)
         v = (move[1] if first else move[4]) * max(math.cos(off), 0.0) ** 2
         if t == 1:
             command[0], command[1] = v, w
-        x += v * bodies.dt * math.cos(yaw + w * bodies.dt / 2)
-        y += v * bodies.dt * math.sin(yaw + w * bodies.dt / 2)
+        halfway = yaw + w * bodies.dt / 2
+        x += v * bodies.dt * math.cos(halfway)
+        y += v * bodies.dt * math.sin(halfway)
         yaw += w * bodies.dt
         people, walls = 1e9, 1e9
         for p in range(places.shape[1] if t < len(places) else 0):
@@ -210,7 +212,8 @@ def _tried(
         cost += NEAR_COST * bodies.dt * (max(bodies.berth - people, 0.0) + max(NEAR_WALLS_M - walls, 0.0))
         if cost - SOONER * bodies.dt * (steps - t) > best:
             return cost
-        if math.hypot(ground.goal_x - x, ground.goal_y - y) < ground.goal_radius:
+        dx, dy = ground.goal_x - x, ground.goal_y - y
+        if dx * dx + dy * dy < ground.goal_radius * ground.goal_radius:
             return cost - SOONER * bodies.dt * (steps - t)
     return cost + _left(ground.length, (x - ground.x0) / ground.cell, (y - ground.y0) / ground.cell)
 

@@ -55,19 +55,19 @@ def actor_of(made: TaskResult) -> dict[str, Floats]:
 
 def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, list[Scene]]]:
     """Names and scenes of everything that is judged: the same for everybody."""
-    n = params["episodes"]
+    many, more = params["episodes"], params["episodes_more"]
 
-    def scenes(conditions: CrowdConditions, setups: Sequence[str] = TRAINED_SETUPS) -> list[Scene]:
+    def scenes(n: int, conditions: CrowdConditions, setups: Sequence[str] = TRAINED_SETUPS) -> list[Scene]:
         return crowd_scene_set(n, conditions, purpose=Purpose.REPORT, seed=0, setups=setups)
 
-    yield "published", scenes(PUBLISHED)
+    yield "published", scenes(many, PUBLISHED)
     for speed in params["speeds"]:
-        yield f"speed {speed:g}", scenes(CrowdConditions((2, 2), (1, 1), (speed, speed)))
+        yield f"speed {speed:g}", scenes(more, CrowdConditions((2, 2), (1, 1), (speed, speed)))
     for number in params["numbers"]:
-        yield f"number {number}", scenes(CrowdConditions((number, number), (1, 1), (0.6, 0.6)))
-    yield "homes", scenes(UNSEEN_HOMES, (CROWD_HOME.name,))
+        yield f"number {number}", scenes(more, CrowdConditions((number, number), (1, 1), (0.6, 0.6)))
+    yield "homes", scenes(many, UNSEEN_HOMES, (CROWD_HOME.name,))
     for behaviour in ("orca", "social_force"):
-        yield behaviour, scenes(CrowdConditions((2, 2), (1, 1), (0.6, 0.6), behaviour))
+        yield behaviour, scenes(more, CrowdConditions((2, 2), (1, 1), (0.6, 0.6), behaviour))
 
 
 def _judged(params: dict[str, Any], judge: Judge) -> TaskResult:

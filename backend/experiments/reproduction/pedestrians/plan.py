@@ -16,8 +16,8 @@ TD3, DDPG = "_td3", "_ddpg"
 """Ends of names: trained by reward; without, by imitation."""
 SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the attention networks' is below
 ATTENTION_SECONDS = 0.12
-IMITATION_SECONDS = 0.0011  # of a label, with what is learned from it; the attention networks' is below
-ATTENTION_IMITATION_SECONDS = 0.0027
+IMITATION_SECONDS = 0.0007  # of a label, with what is learned from it; the attention networks' is below
+ATTENTION_IMITATION_SECONDS = 0.002
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class PedestrianBudget:
     part: int
     batch_size: int
     episodes: int
+    episodes_more: int
     speeds: tuple[float, ...]
     numbers: tuple[int, ...]
     random_transitions: int = 20_000
@@ -49,12 +50,11 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         PedestrianBudget(
-            "small", (0, 1, 2), ("ours", "b1", "b2", "b3"),
-            ("no_spatial", "no_temporal", "no_tagd", "ours" + TD3, "ours" + DDPG), 240_000, 2_500, 2_500, 64, 300,
+            "small", (0, 1, 2), tuple(VARIANTS), ("ours" + TD3, "ours" + DDPG), 400_000, 2_500, 2_500, 64, 1_000, 300,
             (1.0,), (4,), learning_rate=5e-4,
         ),
         PedestrianBudget(
-            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), (), 1_000_000, 60_000, 7_500, 128, 1_000, SPEEDS, NUMBERS
+            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), (), 1_000_000, 60_000, 7_500, 128, 1_000, 1_000, SPEEDS, NUMBERS
         ),
     )
 }  # fmt: skip
@@ -75,15 +75,18 @@ class PedestrianPlan:
 def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     """Which tasks a budget has."""
     plan = PedestrianPlan(budget, {})
-    asked = {"episodes": budget.episodes, "speeds": list(budget.speeds), "numbers": list(budget.numbers)}
+    asked = {
+        "episodes": budget.episodes, "episodes_more": budget.episodes_more,
+        "speeds": list(budget.speeds), "numbers": list(budget.numbers),
+    }  # fmt: skip
     for name, seed in learned(budget):
         made = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
         params: dict[str, Any] = {"variant": network_of(name), "robustness": name == "ours", **asked}
-        plan.judged[name, seed] = Task("judged", params, (made,), 0.6 * budget.episodes)
+        plan.judged[name, seed] = Task("judged", params, (made,), 0.2 * budget.episodes)
     for planner in PLANNED:
         search: dict[str, Any] = {"search": SEARCH_BY_VELOCITY} if planner == "constant_velocity" else {}
         plan.judged[planner, -1] = Task(
-            "planned", {"planner": planner, **asked, **search}, seconds=0.4 * budget.episodes
+            "planned", {"planner": planner, **asked, **search}, seconds=0.3 * budget.episodes
         )
     return plan
 
