@@ -9,6 +9,7 @@ import pytest
 
 from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
 from backend.simulation.crowds.crowd_kernels import nearest_wall
+from backend.simulation.crowds.crowd_maps import boxes_of, map_of
 from backend.simulation.crowds.crowd_reference import CrowdReference
 from backend.simulation.crowds.crowd_scenes import (
     PUBLISHED,
@@ -19,10 +20,10 @@ from backend.simulation.crowds.crowd_scenes import (
 )
 from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from backend.simulation.fast import FastEngine
-from backend.simulation.pedestrians import Crowd, PedestrianError, where_on_route
-from backend.simulation.scene import Pose, Scene, SceneError
+from backend.simulation.pedestrians import Crowd, Pedestrian, PedestrianError, where_on_route
+from backend.simulation.scene import Person, Pose, Room, Scene, SceneError
 from backend.simulation.scenes import draw_scene
-from backend.simulation.setups import CROWD_CORRIDOR, STUDY_ROOM
+from backend.simulation.setups import CROWD_CORRIDOR, ROBOT_RADIUS_M, STUDY_ROOM
 from backend.simulation.trajectory import Outcome
 
 EIGHT = CrowdConditions(moving=(8, 8), standing=(2, 2))
@@ -42,7 +43,9 @@ def test_unseen_homes_are_furnished_and_full_of_people_who_avoid():
     assert scene == Scene.from_dict(scene.as_dict())
     assert {"table", "bed", "sofa"} <= {one.kind for one in scene.obstacles}
     assert scene.crowd.behaviour == "orca"
-    assert len(scene.crowd.pedestrians) == int(scene.room.length * scene.room.width / 8)
+    fits = map_of(scene.room, boxes_of(scene), ROBOT_RADIUS_M).free.mean() * scene.room.length * scene.room.width
+    assert len(scene.crowd.pedestrians) == pytest.approx(fits / 8, abs=1.2), "one for every 8 m2 where a robot fits"
+    assert len(scene.crowd.pedestrians) < int(scene.room.length * scene.room.width / 8)
     engine = CrowdEngine(n_envs=1)
     engine.reset([scene])
     engine.step(STAND)
@@ -159,6 +162,23 @@ def test_reactive_crowds_walk_around_a_robot_that_stands_and_a_path_crowd_does_n
             engine.step(np.repeat(STAND, 40, axis=0))
         hits[behaviour] = int((engine.outcomes == Outcome.COLLISION).sum())
     assert max(hits["orca"], hits["social_force"]) < hits["path"], hits
+
+
+def test_who_avoids_others_turns_back_where_they_are_held_up():
+    """Two who meet in a corridor too narrow for both: without turning they stand there for ever."""
+    room = Room(8.0, 1.0)
+    routes = ((-2.5, 0.0), (2.5, 0.0)), ((2.5, 0.0), (-2.5, 0.0))
+    crowd = Crowd("orca", tuple(Pedestrian(route, 0.5) for route in routes))
+    aside = Person(Pose(3.6, 0.0))
+    scene = Scene("crowd_corridor", 1, Pose(-3.6, 0.0), Pose(-3.0, 0.0), 0.2, aside, room=room, crowd=crowd)
+    engine = CrowdEngine(n_envs=1)
+    engine.reset([scene])
+    places = []
+    for _ in range(120):
+        engine.step(STAND)
+        places.append(engine.people_xy[0, 1:3, 0].copy())
+    late = np.ptp(np.array(places[40:]), axis=0)
+    assert (late > 1.0).all(), f"after 8 s they moved by {late} m only"
 
 
 def test_where_pedestrians_were_is_kept_with_the_scene():

@@ -138,6 +138,7 @@ class CrowdEngine:
             facing=np.zeros((n, BODY, 2)),
             heading_for=np.zeros((n, BODY), np.int64),
             turn=np.ones((n, BODY), np.int64),
+            held_up=np.zeros((n, BODY)),
             robots=np.zeros((n, 3)),
             steps=np.zeros(n, np.int64),
             finished=np.ones(n, np.bool_),
@@ -214,7 +215,7 @@ class CrowdEngine:
                 yaw = math.atan2(one.route[1][1] - one.route[0][1], one.route[1][0] - one.route[0][0])
             w.people_xy[i, p], w.facing[i, p] = one.route[0], (math.cos(yaw), math.sin(yaw))
             w.people_v[i, p] = w.speeds[i, p] * w.facing[i, p]
-            w.heading_for[i, p], w.turn[i, p] = min(1, count - 1), 1
+            w.heading_for[i, p], w.turn[i, p], w.held_up[i, p] = min(1, count - 1), 1, 0.0
         w.robots[i] = scene.start.x, scene.start.y, scene.start.yaw
         w.seeds[i] = scene.seed
         self.reactive[i] = scene.crowd.behaviour != "path"

@@ -19,6 +19,7 @@ Ints = NDArray[np.int64]
 
 RUNNING, SUCCESS, COLLISION, TIMEOUT = 0, 1, 2, 3  # trajectory.Outcome
 SUBSTEPS = 4  # of a control step: at 1 m/s nobody moves more than 5 cm between two looks for contact
+HELD_UP_S, HELD_UP_SHARE = 2.0, 0.1  # who avoids others turns back after so long below that share of their speed
 ARRIVED_M = 0.3  # who avoids others heads for the next place of the route when this near
 
 
@@ -52,8 +53,8 @@ class World(NamedTuple):
 
     routes (n, P, R, 2) with knots (n, P) places each, speeds (n, P), people (n,) of them. paths (n, R, 2) of the robots
     with path_knots (n,). people_xy, people_v (n, P, 2) m, m/s; facing (n, P, 2) cosine, sine; heading_for (n, P) the
-    place of the route they walk to next; turn (n, P) +1 forth, -1 back. robots (n, 3) x, y, yaw; steps, finished (n,);
-    seeds (n,) of the sensor's noise.
+    place of the route they walk to next; turn (n, P) +1 forth, -1 back; held_up (n, P) s that who avoids others has got
+    no nearer to it. robots (n, 3) x, y, yaw; steps, finished (n,); seeds (n,) of the sensor's noise.
     """
 
     boxes: Doubles
@@ -69,6 +70,7 @@ class World(NamedTuple):
     facing: Doubles
     heading_for: Ints
     turn: Ints
+    held_up: Doubles
     robots: Doubles
     steps: Ints
     finished: NDArray[np.bool_]
@@ -138,7 +140,11 @@ def next_place(world: World, i: int, p: int) -> None:
 
 @compiled
 def follow_velocities(world: World, i: int, seconds: float) -> None:
-    """Everybody of environment i moves by the velocity that was chosen for them; heads for the next place if near."""
+    """Everybody of environment i moves by the velocity that was chosen for them; heads for the next place if near.
+
+    Who is held up turns back, as pedestrians of the iGibson challenge choose a new goal after 2 s: else two who meet in
+    a door stand there for ever.
+    """
     for p in range(world.people[i]):
         if world.speeds[i, p] <= 0.0 or world.knots[i, p] < 2:
             continue
@@ -151,7 +157,13 @@ def follow_velocities(world: World, i: int, seconds: float) -> None:
         target = world.heading_for[i, p]
         dx = world.routes[i, p, target, 0] - world.people_xy[i, p, 0]
         dy = world.routes[i, p, target, 1] - world.people_xy[i, p, 1]
-        if dx * dx + dy * dy < ARRIVED_M * ARRIVED_M:
+        away = math.sqrt(dx * dx + dy * dy)
+        nearing = (vx * dx + vy * dy) / max(away, 1e-9)
+        world.held_up[i, p] = world.held_up[i, p] + seconds if nearing < HELD_UP_SHARE * world.speeds[i, p] else 0.0
+        if away < ARRIVED_M:
+            next_place(world, i, p)
+        elif world.held_up[i, p] > HELD_UP_S - seconds / 2:
+            world.turn[i, p], world.held_up[i, p] = -world.turn[i, p], 0.0
             next_place(world, i, p)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.simulation.crowds.crowd_buildings import BUILDINGS, TRIES
-from backend.simulation.crowds.crowd_maps import FreePlaces, boxes_of, map_of, robot_path, tidy
+from backend.simulation.crowds.crowd_maps import CELL_M, FreePlaces, boxes_of, map_of, robot_path, tidy
 from backend.simulation.crowds.crowd_setups import (
     CURRICULUM,
     PED_DEPTH_M,
@@ -41,14 +41,14 @@ class CrowdConditions:
     standing: tuple[int, int] = (1, 2)
     speeds: tuple[float, float] = PED_SPEEDS_M_S
     behaviour: Behaviour = "path"
-    area_m2: float | None = None  # so many square metres of the room for each who moves, instead of `moving`
+    area_m2: float | None = None  # so many square metres where a robot fits for each who moves, instead of `moving`
 
     def __post_init__(self) -> None:
         if self.standing[0] < 1 or self.moving[0] < 0:
             raise SceneError("crowd", (self.moving, self.standing), "one person at least stands: the scene's own")
 
 
-UNSEEN_HOMES = CrowdConditions(  # section 4.5.6, after the iGibson challenge; at most, as it has maximum speeds only
+UNSEEN_HOMES = CrowdConditions(  # section 4.5.6, after the iGibson challenge: its maximum speed, its free floor
     standing=(1, 1), speeds=(0.5, 0.5), behaviour="orca", area_m2=8.0
 )
 USUAL = {"crowd_hall": CrowdConditions(moving=(2, 2), standing=(1, 1), speeds=(0.3, 0.7))}
@@ -90,7 +90,7 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
         raise SceneError("room", room, "has too few free places for pedestrians")
     moving = [
         _moving(inside, free, path if number == 0 else None, conditions, random)
-        for number in range(_how_many(conditions, room, random))
+        for number in range(_how_many(conditions, room, boxes, random))
     ]
     stands = int(random.integers(conditions.standing[0], conditions.standing[1] + 1))
     standing = _standing(room, boxes, free, (start, goal), stands, random)
@@ -109,9 +109,10 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
     )
 
 
-def _how_many(conditions: CrowdConditions, room: Room, random: np.random.Generator) -> int:
+def _how_many(conditions: CrowdConditions, room: Room, boxes: Doubles, random: np.random.Generator) -> int:
     if conditions.area_m2 is not None:
-        return min(int(room.length * room.width / conditions.area_m2), MOST_PEDESTRIANS - conditions.standing[1])
+        free = CELL_M**2 * int(map_of(room, boxes, ROBOT_RADIUS_M).free.sum())
+        return min(max(1, int(free / conditions.area_m2)), MOST_PEDESTRIANS - conditions.standing[1])
     return int(random.integers(conditions.moving[0], conditions.moving[1] + 1))
 
 
