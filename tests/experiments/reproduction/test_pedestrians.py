@@ -6,7 +6,7 @@ from backend.experiments.reproduction.pedestrians.plan import BUDGETS, BY_REWARD
 from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
-LEAST = PedestrianBudget("small", (0,), ("ours", "b3"), ("ours_td3",), 128, 16, 8, 8, 2, (0.6,), (1,), 64)
+LEAST = PedestrianBudget("small", (0,), ("ours", "b3"), ("ours_td3",), 128, 16, 8, 8, 3, 2, (0.6,), (1,), 64)
 
 
 def test_the_full_budget_trains_everything_alike_with_three_seeds():

@@ -54,7 +54,7 @@ BUDGETS = {
             (1.0,), (4,), learning_rate=5e-4,
         ),
         PedestrianBudget(
-            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), (), 1_000_000, 60_000, 7_500, 128, 1_000, 1_000, SPEEDS, NUMBERS
+            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), (), 1_000_000, 40_000, 8_000, 128, 1_000, 1_000, SPEEDS, NUMBERS
         ),
     )
 }  # fmt: skip

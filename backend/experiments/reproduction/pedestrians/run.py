@@ -77,7 +77,10 @@ def reproduce_pedestrians(
             budget,
             setup="crowd_corridor, crowd_intersection, crowd_office",
             config={"labels": budget.labels, "updates": budget.updates, "batch_size": budget.batch_size},
-            scenes={"judged": f"{budget.episodes} reporting scenes per condition, the same for everybody"},
+            scenes={
+                "judged": f"{budget.episodes} reporting scenes of the published setting and of homes, "
+                f"{budget.episodes_more} of each other condition, the same for everybody"
+            },
             found={"bars": judged_bars},
             departures=DEPARTURES,
             note="Simulated throughout.",
