@@ -39,7 +39,7 @@ class VariantOf:
 VARIANTS: dict[str, VariantOf] = {
     "ours": VariantOf("points_and_groups", "OUR"),
     "no_spatial": VariantOf("points_and_groups", "A1: NO-SPATIAL"),
-    "no_temporal": VariantOf("points_and_groups", "A2: NO-TEMPORAL"),
+    "no_temporal": VariantOf("points", "A2: NO-TEMPORAL"),
     "no_tagd": VariantOf("two_scans", "A3: NO-TAGD"),
     "b1": VariantOf("three_scans", "B1: Liang et al."),
     "b2": VariantOf("coarse", "B2: Perez-D. et al."),
@@ -147,7 +147,7 @@ class ConvolutionExtractor(nn.Module):
 
 def extractor(variant: str) -> AttentionExtractor | ConvolutionExtractor:
     """The part of a network that reads states. Raises KeyError for an unknown variant."""
-    if VARIANTS[variant].given in ("points_and_groups", "two_scans"):
+    if VARIANTS[variant].given in ("points_and_groups", "points", "two_scans"):
         return AttentionExtractor(variant)
     return ConvolutionExtractor(variant)
 

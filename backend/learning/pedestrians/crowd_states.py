@@ -14,10 +14,11 @@ from backend.learning.policies.mirroring import Mirror
 from backend.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS, CrowdEngine
 
 Floats = NDArray[np.float32]
-Given = Literal["points_and_groups", "two_scans", "three_scans", "coarse", "ranges"]
+Given = Literal["points_and_groups", "points", "two_scans", "three_scans", "coarse", "ranges"]
 SECTORS, PATH_POINTS = 180, 5
 SIZES: dict[str, int] = {
     "points_and_groups": 2 * SECTORS + 4 * GROUPS + 2 * PATH_POINTS,
+    "points": 2 * SECTORS + 2 * PATH_POINTS,
     "two_scans": 4 * SECTORS + 2 * PATH_POINTS,
     "three_scans": 3 * SECTORS + 2 * PATH_POINTS,
     "coarse": COARSE_RANGES + 2 + 2 * PATH_POINTS,
@@ -31,6 +32,7 @@ def mirror_of_state(given: Given) -> Mirror:
     scan, groups = np.arange(SECTORS)[::-1], -np.arange(GROUPS) % GROUPS
     layouts: dict[Given, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {
         "points_and_groups": [(scan, point), (groups, np.tile(point, 2))],
+        "points": [(scan, point)],
         "two_scans": [(scan, point)] * 2,
         "three_scans": [(scan, ray)] * 3,
         "coarse": [(np.arange(COARSE_RANGES)[::-1], ray), (np.zeros(1, np.int64), point)],
@@ -46,14 +48,16 @@ def mirror_of_state(given: Given) -> Mirror:
 def states(engine: CrowdEngine, given: Given) -> Floats:
     """(n, SIZES[given]) float32, in this order; the path's points come last.
 
-    points_and_groups: 180 points, 30 descriptors (older, newer). two_scans: points of this scan and the one before,
-    each in its own robot frame. three_scans: ranges of three scans. coarse: 128 ranges, the goal, a path of 1 m
+    points_and_groups: 180 points, 30 descriptors (older, newer). points: without these. two_scans: points of this scan
+    and the one before, each in its own robot frame. three_scans: ranges of three scans. coarse: 128 ranges, the goal, a path of 1 m
     spacing. ranges: 180.
     """
     n = engine.n_envs
     path = engine.path_points
     if given == "points_and_groups":
         parts = [engine.points, engine.descriptors()]
+    elif given == "points":
+        parts = [engine.points]
     elif given == "two_scans":
         parts = [engine.points, engine.older_points]
     elif given == "three_scans":

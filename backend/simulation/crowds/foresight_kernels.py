@@ -126,14 +126,15 @@ def _left(length: Doubles, u: float, v: float) -> float:
 def downhill(length: Doubles, cell: float) -> Doubles:
     """(nx, ny) rad: where a step of `LOOK_M` from each cell leaves the least to go."""
     found = np.zeros(length.shape)
+    angles = np.arange(48) * (math.pi / 24)
+    along, aside = LOOK_M / cell * np.cos(angles), LOOK_M / cell * np.sin(angles)
     for i in range(length.shape[0]):
         for j in range(length.shape[1]):
             best = 1e18
-            for d in range(48):
-                angle = d * math.pi / 24
-                left = _left(length, i + LOOK_M / cell * math.cos(angle), j + LOOK_M / cell * math.sin(angle))
+            for d in range(len(angles)):
+                left = _left(length, i + along[d], j + aside[d])
                 if left < best:
-                    best, found[i, j] = left, angle
+                    best, found[i, j] = left, angles[d]
     return found
 
 
