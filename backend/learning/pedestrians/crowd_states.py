@@ -49,8 +49,8 @@ def states(engine: CrowdEngine, given: Given) -> Floats:
     """(n, SIZES[given]) float32, in this order; the path's points come last.
 
     points_and_groups: 180 points, 30 descriptors (older, newer). points: without these. two_scans: points of this scan
-    and the one before, each in its own robot frame. three_scans: ranges of three scans. coarse: 128 ranges, the goal, a path of 1 m
-    spacing. ranges: 180.
+    and the one before, each in its own robot frame. three_scans: ranges of three scans. coarse: 128 ranges, the goal, a
+    path of 1 m spacing. ranges: 180.
     """
     n = engine.n_envs
     path = engine.path_points

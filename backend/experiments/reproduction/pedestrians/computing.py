@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -53,13 +54,16 @@ def actor_of(made: TaskResult) -> dict[str, Floats]:
     return {name[6:]: value for name, value in made.arrays.items() if name.startswith("actor.")}
 
 
-def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, list[Scene]]]:
+@lru_cache  # drawn once by each process: a thousand homes take as long as a network's episodes in them
+def _reporting_scenes(
+    n: int, conditions: CrowdConditions, setups: tuple[str, ...] = TRAINED_SETUPS
+) -> tuple[Scene, ...]:
+    return tuple(crowd_scene_set(n, conditions, purpose=Purpose.REPORT, seed=0, setups=setups))
+
+
+def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, tuple[Scene, ...]]]:
     """Names and scenes of everything that is judged: the same for everybody."""
-    many, more = params["episodes"], params["episodes_more"]
-
-    def scenes(n: int, conditions: CrowdConditions, setups: Sequence[str] = TRAINED_SETUPS) -> list[Scene]:
-        return crowd_scene_set(n, conditions, purpose=Purpose.REPORT, seed=0, setups=setups)
-
+    many, more, scenes = params["episodes"], params["episodes_more"], _reporting_scenes
     yield "published", scenes(many, PUBLISHED)
     for speed in params["speeds"]:
         yield f"speed {speed:g}", scenes(more, CrowdConditions((2, 2), (1, 1), (speed, speed)))
