@@ -52,6 +52,18 @@ def test_attention_has_the_published_layers_and_weighs_what_it_embeds():
     assert torch.allclose(attention(given), by_hand, atol=1e-6)
 
 
+def test_the_temporal_stream_is_given_the_newer_centroid_and_the_gap_in_its_own_unit(scenes):
+    engine = CrowdEngine(n_envs=6)
+    engine.reset(scenes)
+    engine.step(np.zeros((6, 2), np.float32))
+    groups = engine.descriptors() / engine.setup.lidar.range_m
+    older, newer = groups[:, :, :2], groups[:, :, 2:]
+    assert np.abs(newer - older).max() > 0.01, "somebody walks"
+    _, (_, given) = Actor("ours").read.streams(torch.as_tensor(states(engine, "points_and_groups")))
+    assert np.allclose(given[:, :, :2], newer, atol=1e-6)
+    assert np.allclose(given[:, :, 2:4], 20 * (newer - older), atol=1e-4)
+
+
 def test_which_streams_a_policy_attends_with(scenes):
     engine = CrowdEngine(n_envs=6)
     engine.reset(scenes)

@@ -58,6 +58,58 @@ def test_groups_are_those_of_an_independent_implementation(seed):
     assert np.abs(ours - theirs).max() < 1e-9
 
 
+def aligned_by_the_book(older, newer, older_ranges, newer_ranges):
+    """ICP as `align_scan` has it, with all 180 points looked at for each: (turn, x, y)."""
+    sees, sees_newer = older_ranges < RANGE_M * (1 - 1e-6), newer_ranges < RANGE_M * (1 - 1e-6)
+
+    def unlike(shift):
+        there, known = np.roll(newer_ranges, -shift), np.roll(sees_newer, -shift)
+        apart = np.where(sees & known, np.minimum(np.abs(older_ranges - there), 0.5), 0.25)
+        return apart[sees | known].mean()
+
+    shifts = range(-18, 19)
+    turn = 2 * math.pi / 180 * min(shifts, key=unlike)
+    out, shift, allowed = older @ turned(turn).T, np.zeros(2), 0.5
+    neighbours = [np.roll(newer, -side, axis=0) for side in (-1, 1)]
+    known = [np.roll(sees_newer, -side) for side in (-1, 1)]
+    for _ in range(30):
+        apart = np.linalg.norm(out[:, None] - newer, axis=2)
+        apart[:, ~sees_newer] = np.inf
+        off = np.floor(np.arctan2(out[:, 1], out[:, 0]) / (2 * math.pi) * 180)[:, None] - np.arange(180)
+        apart[np.abs((off + 90) % 180 - 90) > 20] = np.inf
+        which = apart.argmin(axis=1)
+        paired = sees & (apart.min(axis=1) < allowed)
+        nearest, best = newer[which].copy(), apart.min(axis=1)
+        for other, seen in zip(neighbours, known, strict=True):
+            along = other[which] - newer[which]
+            length = (along**2).sum(axis=1)
+            t = np.clip(((out - newer[which]) * along).sum(axis=1) / np.maximum(length, 1e-12), 0, 1)
+            foot = newer[which] + t[:, None] * along
+            nearer = seen[which] & (length < 0.25) & (np.linalg.norm(foot - out, axis=1) < best)
+            nearest[nearer], best[nearer] = foot[nearer], np.linalg.norm(foot - out, axis=1)[nearer]
+        p, q = out[paired], nearest[paired]
+        pm, qm = p - p.mean(axis=0), q - q.mean(axis=0)
+        angle = math.atan2((pm[:, 0] * qm[:, 1] - pm[:, 1] * qm[:, 0]).sum(), (pm * qm).sum())
+        move = q.mean(axis=0) - turned(angle) @ p.mean(axis=0)
+        out, shift, turn = out @ turned(angle).T + move, turned(angle) @ shift + move, turn + angle
+        if allowed <= 0.12 and np.linalg.norm(move) < 1e-4 and abs(angle) < 1e-4:
+            break
+        allowed = max(allowed / 2 if allowed > 0.24 else 0.12, 0.12)
+    return turn, *shift
+
+
+def turned(angle):
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_alignment_is_icp_with_every_point_looked_at(seed):
+    e = two_scans(seed)
+    found = align_scan(e.older_points[0], e.points[0], e.older_ranges[0], e.ranges[0], RANGE_M, np.zeros((180, 2)))
+    by_the_book = aligned_by_the_book(e.older_points[0], e.points[0], e.older_ranges[0], e.ranges[0])
+    assert np.allclose(found, by_the_book, atol=1e-9)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_alignment_finds_the_motion_that_a_general_optimiser_finds(seed):
     e = two_scans(seed)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from backend.learning.pedestrians.crowd_evaluation import CrowdRollout
     from backend.learning.pedestrians.crowd_networks import Actor
 
-FORMAT = "desirepath-attention-1"
+FORMAT = "desirepath-attention-2"  # 1 was given both centroids, not the gap
 VARIANT = "ours"
 
 

@@ -113,7 +113,7 @@ def _straight_on(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
     )
 
 
-@lru_cache(maxsize=2_560)  # a pool of training scenes and those that judge: 0.1 MB each
+@lru_cache(maxsize=2_560)  # more than a pool of training scenes; 0.1 MB each
 def ground_of(scene: Scene) -> search.Ground:
     """A scene's walls and the length of the way to its goal from everywhere, around who stands. Raises ValueError for
     a scene without a room."""

@@ -53,8 +53,9 @@ class World(NamedTuple):
 
     routes (n, P, R, 2) with knots (n, P) places each, speeds (n, P), people (n,) of them. paths (n, R, 2) of the robots
     with path_knots (n,). people_xy, people_v (n, P, 2) m, m/s; facing (n, P, 2) cosine, sine; heading_for (n, P) the
-    place of the route they walk to next; turn (n, P) +1 forth, -1 back; held_up (n, P) s that who avoids others has got
-    no nearer to it. robots (n, 3) x, y, yaw; steps, finished (n,); seeds (n,) of the sensor's noise.
+    place of the route they walk to next; turn (n, P) +1 forth, -1 back; held_up (n, P) s that who avoids others has
+    been below HELD_UP_SHARE of their speed towards it. robots (n, 3) x, y, yaw; steps, finished (n,); seeds (n,) of the
+    sensor's noise.
     """
 
     boxes: Doubles
@@ -160,10 +161,11 @@ def follow_velocities(world: World, i: int, seconds: float) -> None:
         away = math.sqrt(dx * dx + dy * dy)
         nearing = (vx * dx + vy * dy) / max(away, 1e-9)
         world.held_up[i, p] = world.held_up[i, p] + seconds if nearing < HELD_UP_SHARE * world.speeds[i, p] else 0.0
-        if away < ARRIVED_M:
-            next_place(world, i, p)
-        elif world.held_up[i, p] > HELD_UP_S - seconds / 2:
-            world.turn[i, p], world.held_up[i, p] = -world.turn[i, p], 0.0
+        held_up = world.held_up[i, p] > HELD_UP_S - seconds / 2  # a sum of rounded seconds
+        if held_up:
+            world.turn[i, p] = -world.turn[i, p]
+        if held_up or away < ARRIVED_M:
+            world.held_up[i, p] = 0.0
             next_place(world, i, p)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import label
 
 from backend.simulation.crowds.crowd_buildings import BUILDINGS, TRIES
 from backend.simulation.crowds.crowd_maps import CELL_M, FreePlaces, boxes_of, map_of, robot_path, tidy
@@ -41,7 +42,9 @@ class CrowdConditions:
     standing: tuple[int, int] = (1, 2)
     speeds: tuple[float, float] = PED_SPEEDS_M_S
     behaviour: Behaviour = "path"
-    area_m2: float | None = None  # so many square metres where a robot fits for each who moves, instead of `moving`
+    area_m2: float | None = (
+        None  # so many square metres that a robot can get to for each who moves, instead of `moving`
+    )
 
     def __post_init__(self) -> None:
         if self.standing[0] < 1 or self.moving[0] < 0:
@@ -90,7 +93,7 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
         raise SceneError("room", room, "has too few free places for pedestrians")
     moving = [
         _moving(inside, free, path if number == 0 else None, conditions, random)
-        for number in range(_how_many(conditions, room, boxes, random))
+        for number in range(_how_many(conditions, scene, random))
     ]
     stands = int(random.integers(conditions.standing[0], conditions.standing[1] + 1))
     standing = _standing(room, boxes, free, (start, goal), stands, random)
@@ -109,10 +112,12 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
     )
 
 
-def _how_many(conditions: CrowdConditions, room: Room, boxes: Doubles, random: np.random.Generator) -> int:
-    if conditions.area_m2 is not None:
-        free = CELL_M**2 * int(map_of(room, boxes, ROBOT_RADIUS_M).free.sum())
-        return min(max(1, int(free / conditions.area_m2)), MOST_PEDESTRIANS - conditions.standing[1])
+def _how_many(conditions: CrowdConditions, scene: Scene, random: np.random.Generator) -> int:
+    if conditions.area_m2 is not None and scene.room is not None:
+        fits = map_of(scene.room, boxes_of(scene), ROBOT_RADIUS_M)
+        parts, _ = label(fits.free)
+        reached = CELL_M**2 * int((parts == parts[fits.cell(scene.start.x, scene.start.y)]).sum())
+        return min(max(1, int(reached / conditions.area_m2)), MOST_PEDESTRIANS - conditions.standing[1])
     return int(random.integers(conditions.moving[0], conditions.moving[1] + 1))
 
 

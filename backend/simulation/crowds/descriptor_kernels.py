@@ -21,7 +21,7 @@ STILL_M, STILL_RAD = 1e-4, 1e-4  # ICP ends when a round moves less
 TURN_STEPS = 18  # ours: how far (in sectors) the first guess of the turn looks to either side; +-36 degrees at 180
 PAIR_M = 0.5  # ours: farther apart than this at first, two points are no pair; halved with every round
 CLOSEST_PAIR_M = 0.12
-FAR_M = 1e6
+FAR_M = 1e6  # where what is out of range is put: nobody's pair
 WINDOW = 20  # ours: pairs are looked for so many sectors to either side of where a point now lies
 
 
@@ -76,9 +76,9 @@ def align_scan(
         out[k, 1] = sin * older[k, 0] + cos * older[k, 1]
     allowed = PAIR_M
     # All around, so that no index is taken modulo in the innermost loop; what is out of range is far from everything.
-    around_x, around_y = _around(newer[:, 0], n + WINDOW + 1), _around(newer[:, 1], n + WINDOW + 1)
-    out_of_range = _around(newer_ranges, n + WINDOW + 1) >= limit
-    around_x[out_of_range] = FAR_M
+    more = n // 2 + WINDOW + 2
+    around_x, around_y = _around(newer[:, 0], more), _around(newer[:, 1], more)
+    around_x[_around(newer_ranges, more) >= limit] = FAR_M
     for _ in range(ICP_ROUNDS):
         count = 0
         px = py = qx = qy = 0.0
@@ -88,8 +88,9 @@ def align_scan(
                 continue
             x, y = out[k, 0], out[k, 1]
             nearest, which = allowed * allowed, -1
-            here = math.floor(math.atan2(y, x) / (2 * math.pi) * n) + n + WINDOW + 1
-            # what is within `allowed` is within asin(allowed / distance), which is below pi / 2 of its argument
+            here = math.floor(math.atan2(y, x) / (2 * math.pi) * n) + more
+            # What is within `allowed` is seen within asin(allowed / distance) <= pi / 2 * allowed / distance, which is
+            # n / 4 * allowed / distance sectors; two more, as both ends are rounded down.
             wide = min(WINDOW, 2 + int(n / 4 * allowed / max(math.sqrt(x * x + y * y), allowed)))
             for ahead in range(here - wide, here + wide + 1):
                 dx, dy = around_x[ahead] - x, around_y[ahead] - y

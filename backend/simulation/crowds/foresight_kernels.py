@@ -192,7 +192,7 @@ def _tried(
     for t in range(1, steps + 1):
         first = t <= move[2]
         wished = move[0] if first else _headed_for(ground, x, y, move[3])
-        off = (wished - yaw + math.pi) % (2 * math.pi) - math.pi
+        off = math.pi - (math.pi - (wished - yaw)) % (2 * math.pi)  # half a turn is one to the left
         w = min(max(TURN_GAIN * off, -bodies.w_max), bodies.w_max)
         v = (move[1] if first else move[4]) * max(math.cos(off), 0.0) ** 2
         if t == 1:

@@ -2,11 +2,29 @@
 
 import json
 
+from backend.experiments.reproduction.pedestrians import plan
 from backend.experiments.reproduction.pedestrians.plan import BUDGETS, BY_REWARD, PLANNED, PedestrianBudget, make_plan
 from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
+from backend.experiments.reproduction.tasks import from_bytes
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
 LEAST = PedestrianBudget("small", (0,), ("ours", "b3"), ("ours_td3",), 128, 16, 8, 8, 3, 2, (0.6,), (1,), 64)
+
+ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
+
+
+def test_a_tasks_name_knows_what_is_judged_and_what_networks_are_given(monkeypatch):
+    def names():
+        return {
+            key: (task.key, task.needs[0].key if task.needs else "") for key, task in make_plan(LEAST).judged.items()
+        }
+
+    before = names()
+    monkeypatch.setattr(plan, "GAP_TIMES", 1.0)
+    monkeypatch.setattr(plan, "HELD_UP_S", 3.0)
+    after = names()
+    assert all(before[key][0] != after[key][0] for key in before), "how pedestrians walk"
+    assert all(before[key][1] != after[key][1] for key in before if key[1] >= 0), "what a network's numbers mean"
 
 
 def test_the_full_budget_trains_everything_alike_with_three_seeds():
@@ -27,6 +45,11 @@ def test_a_run_writes_its_table_and_begins_nothing_twice(tmp_path):
     assert first["computed"] == len(PLANNED) + 2 * 2 + (1 + 2)
     results = json.loads((tmp_path / "results.json").read_text())
     assert set(results["rates"]["ours"]) >= {"published", "no_icp", "no_walls", "homes", "speed 0.6", "number 1"}
+    outcomes = [
+        {name: len(array) for name, array in from_bytes(path.read_bytes()).arrays.items()}
+        for path in (tmp_path / "work").glob("judged-*.npz")
+    ]
+    assert outcomes == 3 * [dict.fromkeys(("published", "homes"), 3) | dict.fromkeys(ELSEWHERE, 2)]
     assert results["bars"][0]["value"] == results["rates"]["ours"]["published"]["success"]["mean"]
     assert [bar["met"] for bar in results["bars"]] == [bar["value"] >= bar["at_least"] for bar in results["bars"]]
     assert "no reproduction" in (tmp_path / "report.html").read_text()

@@ -63,15 +63,15 @@ def _reporting_scenes(
 
 def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, tuple[Scene, ...]]]:
     """Names and scenes of everything that is judged: the same for everybody."""
-    many, more, scenes = params["episodes"], params["episodes_more"], _reporting_scenes
-    yield "published", scenes(many, PUBLISHED)
+    many, more = params["episodes"], params["episodes_more"]
+    yield "published", _reporting_scenes(many, PUBLISHED)
     for speed in params["speeds"]:
-        yield f"speed {speed:g}", scenes(more, CrowdConditions((2, 2), (1, 1), (speed, speed)))
+        yield f"speed {speed:g}", _reporting_scenes(more, CrowdConditions((2, 2), (1, 1), (speed, speed)))
     for number in params["numbers"]:
-        yield f"number {number}", scenes(more, CrowdConditions((number, number), (1, 1), (0.6, 0.6)))
-    yield "homes", scenes(many, UNSEEN_HOMES, (CROWD_HOME.name,))
+        yield f"number {number}", _reporting_scenes(more, CrowdConditions((number, number), (1, 1), (0.6, 0.6)))
+    yield "homes", _reporting_scenes(many, UNSEEN_HOMES, (CROWD_HOME.name,))
     for behaviour in ("orca", "social_force"):
-        yield behaviour, scenes(more, CrowdConditions((2, 2), (1, 1), (0.6, 0.6), behaviour))
+        yield behaviour, _reporting_scenes(more, CrowdConditions((2, 2), (1, 1), (0.6, 0.6), behaviour))
 
 
 def _judged(params: dict[str, Any], judge: Judge) -> TaskResult:

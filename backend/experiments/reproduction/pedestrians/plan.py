@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from backend.experiments.reproduction.tasks import Task
-from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.learning.pedestrians.crowd_networks import GAP_TIMES, VARIANTS
 from backend.learning.pedestrians.foresight import SEARCH_BY_VELOCITY
 from backend.learning.pedestrians.imitation import ImitationConfig
+from backend.simulation.crowds.crowd_kernels import HELD_UP_S, HELD_UP_SHARE
+from backend.simulation.crowds.crowd_scenes import UNSEEN_HOMES
 
 PLANNED = ("follow", "dwa", "orca", "social_force", "constant_velocity", "foresight")
 TD3, DDPG = "_td3", "_ddpg"
@@ -18,14 +20,16 @@ SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the att
 ATTENTION_SECONDS = 0.12
 IMITATION_SECONDS = 0.0007  # of a label, with what is learned from it; the attention networks' is below
 ATTENTION_IMITATION_SECONDS = 0.002
+JUDGED_SECONDS = 0.03  # of an episode
 
 
 @dataclass(frozen=True)
 class PedestrianBudget:
     """How much is computed. learned: variants, with each seed; once: with the first alone; by imitation from so many
     labels, or by reward, the learner at the end of the name, in so many updates; part: updates of one task of such a
-    training, a quarter of an hour or so, so that stopping loses no more; episodes: of each judged condition; speeds,
-    numbers: of the two curves; progress: see `CrowdTrainingConfig`, without it short trainings stand still."""
+    training, a quarter of an hour or so, so that stopping loses no more; episodes: of the published setting and unseen
+    homes; episodes_more: of every other condition; speeds, numbers: of the two curves; progress: see
+    `CrowdTrainingConfig`, without it short trainings stand still."""
 
     name: str
     seeds: tuple[int, ...]
@@ -78,15 +82,17 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     asked = {
         "episodes": budget.episodes, "episodes_more": budget.episodes_more,
         "speeds": list(budget.speeds), "numbers": list(budget.numbers),
+        "homes": {**asdict(UNSEEN_HOMES), "held_up": [HELD_UP_S, HELD_UP_SHARE]},
     }  # fmt: skip
+    judged = 2 * budget.episodes + (2 + len(budget.speeds) + len(budget.numbers)) * budget.episodes_more
     for name, seed in learned(budget):
         made = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
         params: dict[str, Any] = {"variant": network_of(name), "robustness": name == "ours", **asked}
-        plan.judged[name, seed] = Task("judged", params, (made,), 0.2 * budget.episodes)
+        plan.judged[name, seed] = Task("judged", params, (made,), JUDGED_SECONDS * judged)
     for planner in PLANNED:
         search: dict[str, Any] = {"search": SEARCH_BY_VELOCITY} if planner == "constant_velocity" else {}
         plan.judged[planner, -1] = Task(
-            "planned", {"planner": planner, **asked, **search}, seconds=0.3 * budget.episodes
+            "planned", {"planner": planner, **asked, **search}, seconds=JUDGED_SECONDS * judged
         )
     return plan
 
@@ -113,8 +119,13 @@ def imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
     """A training by imitation, with all its settings."""
     config = ImitationConfig(variant, seed, budget.labels)
     seconds = IMITATION_SECONDS if variant in SECONDS else ATTENTION_IMITATION_SECONDS
-    params = {"config": config.as_dict(), "search": SEARCH_BY_VELOCITY}
+    params = {"config": config.as_dict(), "search": SEARCH_BY_VELOCITY, "network": _network(variant)}
     return Task("imitated", params, seconds=seconds * budget.labels)
+
+
+def _network(variant: str) -> dict[str, Any]:
+    """What a network's numbers mean nothing without."""
+    return {"given": VARIANTS[variant].given, "gap_times": GAP_TIMES}
 
 
 def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
@@ -135,5 +146,5 @@ def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Tas
     seconds = SECONDS.get(variant, ATTENTION_SECONDS) * budget.part * budget.batch_size / 128
     needs: tuple[Task, ...] = ()
     for until in range(budget.part, budget.updates + budget.part, budget.part):
-        needs = (Task("trained", {"config": config, "until": until}, needs, seconds),)
+        needs = (Task("trained", {"config": config, "until": until, "network": _network(variant)}, needs, seconds),)
     return needs[0]

@@ -35,7 +35,8 @@ DEPARTURES = [
     "A sector's point lies where its nearest beam hit, centroids are of outlines, and the first guess of ICP's turn "
     "comes from the ranges.",
     "The action joins the critic's features; channels and kernels of the baselines' convolutions are ours.",
-    "Unseen homes are furnished by rules, not scanned. Their ORCA pedestrians avoid the robot, too; as in the iGibson "
-    "challenge there is one for every 8 square metres where a robot fits, and who is held up for 2 s goes elsewhere: "
-    "here, back.",
+    "Unseen homes are furnished by rules, not scanned. As in the iGibson challenge ORCA pedestrians avoid the robot, "
+    "too, and there is one for every 8 square metres that a robot can get to.",
+    "All who avoid others, by ORCA or social force, turn back where they get on at less than a tenth of their speed "
+    "for 2 s. In the challenge who would have to step back stops with all around, and after 2 s walks to another goal.",
 ]

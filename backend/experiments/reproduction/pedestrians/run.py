@@ -182,7 +182,10 @@ def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence
         Section("Robustness", [], [PrintedTable("Success of ours, %", ["setting", "here", "printed"], robust)]),
         Section(
             "Speed, number, other crowds",
-            ["Success in %. Two pedestrians at that speed; that many at 0.6 m/s; homes as above; crowds that avoid."],
+            [
+                "Success in %. Two pedestrians at that speed; that many at 0.6 m/s; homes as above; crowds that avoid. "
+                f"{plan.budget.episodes_more} episodes, in homes {plan.budget.episodes}."
+            ],
             [
                 PrintedTable(
                     "Success, %",
