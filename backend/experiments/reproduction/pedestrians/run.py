@@ -64,6 +64,8 @@ def reproduce_pedestrians(
     Raises RuntimeError if another run works in the same folder.
     """
     plan, work = make_plan(budget, device), Work(out / "work")
+    rewarded = any(learner_of(name) for name, _ in plan.judged)
+    by_reward = {"updates": budget.updates, "batch_size": budget.batch_size} if rewarded else {}
     with work.claimed():
         run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rates = table(plan, work.load)
@@ -76,7 +78,7 @@ def reproduce_pedestrians(
             run,
             budget,
             setup="crowd_corridor, crowd_intersection, crowd_office",
-            config={"labels": budget.labels, "updates": budget.updates, "batch_size": budget.batch_size},
+            config={"labels": budget.labels, **by_reward},
             scenes={
                 "judged": f"{budget.episodes} reporting scenes of the published setting and of homes, "
                 f"{budget.episodes_more} of each other condition, the same for everybody"
@@ -88,7 +90,11 @@ def reproduce_pedestrians(
         made = facts(
             run,
             ("By imitation", f"{budget.labels:,} labels per training"),
-            ("By reward", f"{budget.updates:,} updates of {budget.batch_size} transitions per training"),
+            *(
+                [("By reward", "{updates:,} updates of {batch_size} transitions".format(**by_reward))]
+                if by_reward
+                else []
+            ),
             ("Planners", ", ".join(PLANNED)),
         )
         sections = _sections(plan, rates, judged_bars)
