@@ -8,7 +8,7 @@ from backend.experiments.reproduction.pedestrians.run import reproduce_pedestria
 from backend.experiments.reproduction.tasks import from_bytes
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
-LEAST = PedestrianBudget("small", (0,), ("ours", "b3"), ("ours_td3",), 128, 16, 8, 8, 3, 2, (0.6,), (1,), 64)
+LEAST = PedestrianBudget("small", (0,), ("ours", "b3", "ours_td3"), 128, 16, 8, 8, 3, 2, (0.6,), (1,), 64)
 
 ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
 
@@ -25,6 +25,13 @@ def test_a_tasks_name_knows_what_is_judged_and_what_networks_are_given(monkeypat
     after = names()
     assert all(before[key][0] != after[key][0] for key in before), "how pedestrians walk"
     assert all(before[key][1] != after[key][1] for key in before if key[1] >= 0), "what a network's numbers mean"
+
+
+def test_the_small_budget_trains_all_by_imitation_with_three_seeds():
+    small = make_plan(BUDGETS["small"])
+    assert set(small.judged) == {(variant, seed) for variant in VARIANTS for seed in (0, 1, 2)} | {
+        (planner, -1) for planner in PLANNED
+    }
 
 
 def test_the_full_budget_trains_everything_alike_with_three_seeds():

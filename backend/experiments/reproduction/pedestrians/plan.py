@@ -25,16 +25,15 @@ JUDGED_SECONDS = 0.03  # of an episode
 
 @dataclass(frozen=True)
 class PedestrianBudget:
-    """How much is computed. learned: variants, with each seed; fewer: with the first fewer_seeds; by imitation from so
-    many labels, or by reward, the learner at the end of the name, in so many updates; part: updates of one task of such
-    a training, a quarter of an hour or so, so that stopping loses no more; episodes: of the published setting and in
-    homes; episodes_more: of every other condition; speeds, numbers: of the two curves; progress: see
-    `CrowdTrainingConfig`, without it short trainings stand still."""
+    """How much is computed. learned: variants, with each seed, by imitation from so many labels, or by reward, the
+    learner at the end of the name, in so many updates; part: updates of one task of such a training, a quarter of an
+    hour or so, so that stopping loses no more; episodes: of the published setting and in homes; episodes_more: of every
+    other condition; speeds, numbers: of the two curves; progress: see `CrowdTrainingConfig`, without it short trainings
+    stand still."""
 
     name: str
     seeds: tuple[int, ...]
     learned: tuple[str, ...]
-    fewer: tuple[str, ...]
     labels: int
     updates: int
     part: int
@@ -46,7 +45,6 @@ class PedestrianBudget:
     random_transitions: int = 20_000
     learning_rate: float = 1e-4
     progress: float = 2.0
-    fewer_seeds: int = 1
 
 
 SPEEDS, NUMBERS = (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
@@ -55,11 +53,11 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         PedestrianBudget(
-            "small", (0, 1, 2), ("ours", "b1", "b2", "b3"), ("no_spatial", "no_temporal", "no_tagd"), 400_000,
-            2_500, 2_500, 64, 1_000, 300, (1.0,), (4,), learning_rate=5e-4, fewer_seeds=2,
+            "small", (0, 1, 2), tuple(VARIANTS), 400_000, 2_500, 2_500, 64, 1_000, 300, (1.0,), (4,),
+            learning_rate=5e-4,
         ),
         PedestrianBudget(
-            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), (), 1_000_000, 40_000, 8_000, 128, 1_000, 1_000, SPEEDS, NUMBERS
+            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 40_000, 8_000, 128, 1_000, 1_000, SPEEDS, NUMBERS
         ),
     )
 }  # fmt: skip
@@ -100,9 +98,7 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
 
 def learned(budget: PedestrianBudget) -> Iterator[tuple[str, int]]:
     """What is learned, each with its seed."""
-    for number, seed in enumerate(budget.seeds):
-        names = budget.learned if number >= budget.fewer_seeds else (*budget.learned, *budget.fewer)
-        yield from ((name, seed) for name in names)
+    yield from ((name, seed) for seed in budget.seeds for name in budget.learned)
 
 
 def network_of(name: str) -> str:

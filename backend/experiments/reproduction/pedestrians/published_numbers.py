@@ -22,8 +22,8 @@ DEPARTURES = [
     "exchanged in half of each batch.",
     "By imitation, costs are learned in three units; which one acts is chosen on 100 selection scenes of the published "
     "setting. By reward, checkpoints are chosen on selection scenes of the curriculum.",
-    "In the small budget nothing is learned by reward, ablations have two seeds, and what is beside the published "
-    "setting and the unseen homes is judged in 300 scenes.",
+    "In the small budget nothing is learned by reward, and what is beside the published setting and the "
+    "unseen homes is judged in 300 scenes.",
     "By reward: TD3 beside DDPG, many environments at once, fewer episodes than 300,000; batch size, exploration noise "
     "and the slow copies' rate are ours, in the small budget the learning rate, too.",
     "By reward: progress along the path pays 2 per metre beside equation 4.1, which pays who stands as much as who "
