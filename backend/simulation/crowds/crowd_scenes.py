@@ -42,9 +42,7 @@ class CrowdConditions:
     standing: tuple[int, int] = (1, 2)
     speeds: tuple[float, float] = PED_SPEEDS_M_S
     behaviour: Behaviour = "path"
-    area_m2: float | None = (
-        None  # so many square metres that a robot can get to for each who moves, instead of `moving`
-    )
+    area_m2: float | None = None  # of floor that a robot can get to, for each who moves; instead of `moving`
 
     def __post_init__(self) -> None:
         if self.standing[0] < 1 or self.moving[0] < 0:

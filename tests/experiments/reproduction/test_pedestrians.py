@@ -8,7 +8,9 @@ from backend.experiments.reproduction.pedestrians.run import reproduce_pedestria
 from backend.experiments.reproduction.tasks import from_bytes
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
-LEAST = PedestrianBudget("small", (0,), ("ours", "b3", "ours_td3"), 128, 16, 8, 8, 3, 2, (0.6,), (1,), 64)
+LEAST = PedestrianBudget(
+    "small", (0,), ("ours", "b3", "ours_td3"), 128, 3, 2, (0.6,), (1,), 16, 8, 8, random_transitions=64
+)
 
 ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
 

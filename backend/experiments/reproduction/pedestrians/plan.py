@@ -35,13 +35,13 @@ class PedestrianBudget:
     seeds: tuple[int, ...]
     learned: tuple[str, ...]
     labels: int
-    updates: int
-    part: int
-    batch_size: int
     episodes: int
     episodes_more: int
     speeds: tuple[float, ...]
     numbers: tuple[int, ...]
+    updates: int = 40_000
+    part: int = 8_000
+    batch_size: int = 128
     random_transitions: int = 20_000
     learning_rate: float = 1e-4
     progress: float = 2.0
@@ -52,15 +52,10 @@ BY_REWARD = (*(variant + TD3 for variant in VARIANTS), "ours" + DDPG)
 BUDGETS = {
     budget.name: budget
     for budget in (
-        PedestrianBudget(
-            "small", (0, 1, 2), tuple(VARIANTS), 400_000, 2_500, 2_500, 64, 1_000, 300, (1.0,), (4,),
-            learning_rate=5e-4,
-        ),
-        PedestrianBudget(
-            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 40_000, 8_000, 128, 1_000, 1_000, SPEEDS, NUMBERS
-        ),
+        PedestrianBudget("small", (0, 1, 2), tuple(VARIANTS), 400_000, 1_000, 300, (1.0,), (4,)),
+        PedestrianBudget("full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 1_000, 1_000, SPEEDS, NUMBERS),
     )
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)

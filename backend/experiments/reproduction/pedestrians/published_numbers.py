@@ -25,7 +25,7 @@ DEPARTURES = [
     "In the small budget nothing is learned by reward, and what is beside the published setting and the "
     "unseen homes is judged in 300 scenes.",
     "By reward: TD3 beside DDPG, many environments at once, fewer episodes than 300,000; batch size, exploration noise "
-    "and the slow copies' rate are ours, in the small budget the learning rate, too.",
+    "and the slow copies' rate are ours.",
     "By reward: progress along the path pays 2 per metre beside equation 4.1, which pays who stands as much as who "
     "moves on; half of the first, random actions are noise around following the path. Running out of steps does not "
     "end the value of a state.",
