@@ -143,8 +143,8 @@ def action_diversity(actions: ArrayLike) -> float:
 
 @dataclass(frozen=True)
 class TrajectoryMetrics:
-    """Metrics of n trajectories, each array (n,), SI units; distances as in the functions of the same names. social:
-    of the same trajectories."""
+    """Metrics of n trajectories, each array (n,), SI units; distances as in the functions of the same names,
+    min_human_distance to whoever comes nearest. social: of the same trajectories."""
 
     outcome: NDArray[np.int8]
     steps: NDArray[np.int64]
@@ -178,7 +178,9 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
         path_length=lengths,
         mean_speed=mean_speed(lengths, times),
         accumulated_angle=turned,
-        min_human_distance=min_human_distance(poses, _stack([t.scene.person_poses(t.times) for t in trajectories])),
+        min_human_distance=np.array(
+            [min_human_distance(t.poses[None], t.scene.people_at(t.times)).min() for t in trajectories]
+        ),
         min_obstacle_distance=min_obstacle_distance(poses, scenes),
         path_area=path_area(poses, goals),
         straight_distance=straight,

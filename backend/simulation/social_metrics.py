@@ -29,7 +29,7 @@ _COUNT = 5
 class SocialMetrics:
     """Of n rollouts, each array (n,).
 
-    personal_space_violations: how often the robot came into the person's personal space (1.2 m, centre to centre).
+    personal_space_violations: how often the robot came into a person's personal space (1.2 m, centre to centre).
     personal_space_time: seconds that it was there.
     min_time_to_collision: least seconds until robot and person would touch if both went on as they move, 0 where they
     touch, at most 10.
@@ -48,6 +48,18 @@ class SocialMetrics:
     path_irregularity: Doubles
     spl: Doubles
 
+    def columns(self) -> dict[str, Doubles]:
+        """(n,) each, by their names in results, which give the unit."""
+        return {
+            "personal_space_violations": self.personal_space_violations,
+            "personal_space_time_s": self.personal_space_time,
+            "min_time_to_collision_s": self.min_time_to_collision,
+            "stalled_time_s": self.stalled_time,
+            "mean_jerk_m_s3": self.mean_jerk,
+            "path_irregularity_rad_m": self.path_irregularity,
+            "spl": self.spl,
+        }
+
 
 def social_metrics(
     paths: Sequence[NDArray[np.float64]],
@@ -57,21 +69,24 @@ def social_metrics(
     path_length: NDArray[np.floating],
     accumulated_angle: NDArray[np.floating],
     dt: float | Doubles,
+    people: Sequence[Doubles] | None = None,
 ) -> SocialMetrics:
     """The metrics of n rollouts.
 
     paths: (steps + 1, 2) m each, a point every dt seconds (of all, or (n,)); success (n,); path_length (n,) m;
-    accumulated_angle (n,) rad. Raises ValueError where paths and scenes differ in number.
+    accumulated_angle (n,) rad; people: (people, steps + 1, 2) m each, where everybody was in scenes with a crowd; None:
+    as the scenes say. Raises ValueError where paths and scenes differ in number.
     """
     found = np.zeros((len(scenes), _COUNT))
     straight, facing = np.zeros(len(scenes)), np.zeros(len(scenes))
     steps_s = np.broadcast_to(np.asarray(dt, dtype=np.float64), len(scenes))
-    for row, path, scene, step_s in zip(found, paths, scenes, steps_s, strict=True):
+    for k, (row, path, scene, step_s) in enumerate(zip(found, paths, scenes, steps_s, strict=True)):
         contact = ROBOT_RADIUS_M + scene.person.radius
         if scene.crowd is None:
             _of_path(np.ascontiguousarray(path), _people(scene, len(path), step_s), contact, step_s, row)
         else:
-            _among_people(np.ascontiguousarray(path), scene, contact, step_s, row)
+            everybody = scene.people_at(np.arange(len(path)) * step_s) if people is None else people[k]
+            _among_people(np.ascontiguousarray(path), everybody, contact, step_s, row)
     for k, scene in enumerate(scenes):
         dx, dy = scene.goal.x - scene.start.x, scene.goal.y - scene.start.y
         straight[k] = math.hypot(dx, dy)
@@ -97,9 +112,8 @@ def joined(parts: Sequence[SocialMetrics]) -> SocialMetrics:
     return SocialMetrics(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def _among_people(path: Doubles, scene: Scene, contact: float, dt: float, out: Doubles) -> None:
+def _among_people(path: Doubles, people: Doubles, contact: float, dt: float, out: Doubles) -> None:
     """Fill out (5,): violations of everybody's space together, time in anybody's, the soonest collision with any."""
-    people = scene.people_at(np.arange(len(path)) * dt)
     each = np.zeros((len(people), _COUNT))
     for row, places in zip(each, people, strict=True):
         _of_path(path, np.ascontiguousarray(places), contact, dt, row)

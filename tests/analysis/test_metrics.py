@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from backend.analysis import metrics
+from backend.simulation.crowds.crowd_scenes import draw_crowd_scene
 from backend.simulation.fast import evaluate, rollout
 from backend.simulation.scene import Obstacle, Person, Pose, Scene
 from backend.simulation.scenes import draw_scenes
 from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS
-from backend.simulation.trajectory import Outcome
+from backend.simulation.trajectory import Outcome, Trajectory
 
 
 def poses_of(xy: list[tuple[float, float]]) -> np.ndarray:
@@ -127,6 +128,24 @@ def test_metrics_of_trajectories_agree_with_the_engines_own_table(name: str) -> 
     ):
         assert mine == pytest.approx(engine, abs=2e-4)
     assert {Outcome.SUCCESS, Outcome.COLLISION} <= set(table.outcome.tolist())
+
+
+def stood(scene: Scene, poses: np.ndarray) -> Trajectory:
+    steps = len(poses) - 1
+    blank = np.zeros((steps, 1), np.float32)
+    return Trajectory(
+        scene, Outcome.TIMEOUT, poses, blank, np.zeros((steps, 2), np.float32), blank[:, 0], blank, blank[:, 0] > 0
+    )
+
+
+def test_the_nearest_of_a_crowd_counts_and_not_only_who_stands() -> None:
+    scene = draw_crowd_scene("crowd_hall", 1)
+    walker = scene.crowd.pedestrians[0]
+    at = walker.places_at(np.arange(11) * 0.2)[5]
+    poses = np.tile([at[0] + 0.5, at[1], 0.0], (11, 1)).astype(np.float32)
+    one = stood(scene, poses)
+    person = math.dist(poses[0, :2], (scene.person.pose.x, scene.person.pose.y))
+    assert metrics.measure([one]).min_human_distance[0] < 0.51 < person
 
 
 def test_measuring_nothing_is_an_error() -> None:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 import torch
 
+from backend.analysis.metrics import measure
+from backend.learning.pedestrians.attended import as_trajectory
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds, roll_out_crowd
 from backend.learning.pedestrians.crowd_networks import VARIANTS, Actor, Attention, Critic, attention_weights
 from backend.learning.pedestrians.crowd_planners import PLANNERS
@@ -104,6 +106,18 @@ def test_everybody_is_judged_in_the_same_scenes_and_a_planner_needs_no_training(
     assert rates["success"] + rates["collision"] + rates["timeout"] == pytest.approx(100)
     for name in ("dwa", "orca", "social_force"):
         assert len(evaluate_crowds(None, "ranges", scenes[:2], plan=PLANNERS[name]).outcome) == 2
+
+
+def test_the_social_metrics_of_a_table_are_those_of_what_was_driven(scenes):
+    """An independent way to them: each episode driven alone and measured as an exported trajectory is."""
+    actor = Actor("b3")
+    act = lambda seen: actor(torch.as_tensor(seen)).detach().numpy()  # noqa: E731
+    table = evaluate_crowds(act, VARIANTS["b3"].given, scenes)
+    for k, scene in enumerate(scenes):
+        alone = measure([as_trajectory(roll_out_crowd(act, VARIANTS["b3"].given, scene))])
+        assert table.min_human_distance_m[k] == pytest.approx(alone.min_human_distance[0], abs=1e-3)
+        for name, values in table.social.columns().items():
+            assert values[k] == pytest.approx(alone.social.columns()[name][0], abs=0.02), name
 
 
 def test_a_rollout_keeps_where_everybody_was(scenes):

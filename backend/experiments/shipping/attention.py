@@ -23,7 +23,7 @@ from backend.learning.shipped_files import DATASETS
 from backend.simulation.crowds.crowd_scenes import PUBLISHED
 from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 
-REPORT_SCENES = 300
+REPORT_SCENES = 1_000
 NAME = "attention"
 
 
@@ -68,11 +68,14 @@ def in_half_precision(actor: dict[str, Floats]) -> AttentionPolicy:
 
 
 def measured(policy: AttentionPolicy, seed: int) -> dict[str, dict[str, float]]:
-    """Rates of the policy and of whom it imitates, in the same scenes."""
+    """Rates and social metrics of the policy and of whom it imitates, in the same scenes."""
     scenes = crowd_scene_set(REPORT_SCENES, PUBLISHED, purpose=Purpose.REPORT, seed=seed)
     given, act = VARIANTS[VARIANT].given, actor_acts(policy.actor())
     search = "constant_velocity"
     return {
-        "policy": evaluate_crowds(act, given, scenes).rates(),
-        search: evaluate_crowds(None, given, scenes, plan=PLANNERS[search]).rates(),
+        name: table.rates() | table.means()
+        for name, table in (
+            ("policy", evaluate_crowds(act, given, scenes)),
+            (search, evaluate_crowds(None, given, scenes, plan=PLANNERS[search])),
+        )
     }

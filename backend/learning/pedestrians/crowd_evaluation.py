@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.analysis.metrics import accumulated_angle, min_human_distance, path_length
 from backend.learning.pedestrians.crowd_states import Given, states
 from backend.learning.scene_sets import Purpose, first_seed
 from backend.simulation.crowds.crowd_engine import CrowdEngine, recorded
@@ -19,9 +20,11 @@ from backend.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_s
 from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from backend.simulation.scene import Scene
 from backend.simulation.setups import CONTROL_DT_S
+from backend.simulation.social_metrics import SocialMetrics, social_metrics
 from backend.simulation.trajectory import Outcome
 
 Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 CrowdAct = Callable[[Floats], Floats]
 """(n, states) -> (n, 2) in [-1, 1]."""
 CrowdPlan = Callable[[CrowdEngine], Floats]
@@ -31,11 +34,13 @@ AT_ONCE = 250
 
 @dataclass(frozen=True)
 class CrowdTable:
-    """Of n episodes: outcome (n,) `Outcome`, time_s (n,), nearest_m (n,) least distance to a pedestrian."""
+    """Of n episodes: outcome (n,) `Outcome`, time_s (n,), min_human_distance_m (n,) between centres, of whoever comes
+    nearest; social: of the same episodes."""
 
     outcome: NDArray[np.int8]
     time_s: NDArray[np.float64]
-    nearest_m: NDArray[np.float64]
+    min_human_distance_m: NDArray[np.float64]
+    social: SocialMetrics
 
     def rates(self) -> dict[str, float]:
         """success, collision, timeout in %; time_s: mean of successful episodes, NaN without any."""
@@ -46,6 +51,11 @@ class CrowdTable:
             "timeout": 100 * float((self.outcome == Outcome.TIMEOUT).mean()),
             "time_s": float(self.time_s[success].mean()) if success.any() else float("nan"),
         }
+
+    def means(self) -> dict[str, float]:
+        """Of the distance and the social metrics, over all episodes."""
+        columns = {"min_human_distance_m": self.min_human_distance_m, **self.social.columns()}
+        return {name: float(values.mean()) for name, values in columns.items()}
 
 
 def crowd_scene_set(
@@ -71,19 +81,44 @@ def evaluate_crowds(
     walls: bool = True,
 ) -> CrowdTable:
     """Every scene once. act: a policy of states `given`; plan: a planner instead. walls: False is the open space."""
-    outcomes, times, nearest = [], [], []
+    outcomes: list[NDArray[np.int8]] = []
+    poses: list[Doubles] = []
+    people: list[Doubles] = []
     for first in range(0, len(scenes), AT_ONCE):
         some = scenes[first : first + AT_ONCE]
         engine = CrowdEngine(n_envs=len(some), icp=icp, walls=walls)
         engine.reset(some)
-        least = engine.nearest_person_m.copy()
+        robots, everybody = [engine.poses.copy()], [engine.people_xy.copy()]
         while not engine.dones.all():
             engine.step(act(states(engine, given)) if act is not None else _planned(plan, engine))
-            least = np.minimum(least, engine.nearest_person_m)
+            robots.append(engine.poses.copy())
+            everybody.append(engine.people_xy.copy())
         outcomes.append(engine.outcomes.copy())
-        times.append(engine.steps * CONTROL_DT_S)
-        nearest.append(least)
-    return CrowdTable(np.concatenate(outcomes), np.concatenate(times), np.concatenate(nearest))
+        driven, walked = np.stack(robots, axis=1), np.stack(everybody, axis=2)
+        for i, steps in enumerate(engine.steps):
+            poses.append(driven[i, : steps + 1])
+            people.append(walked[i, : engine.world.people[i], : steps + 1])
+    return _table(scenes, np.concatenate(outcomes), poses, people)
+
+
+def _table(
+    scenes: Sequence[Scene], outcome: NDArray[np.int8], poses: Sequence[Doubles], people: Sequence[Doubles]
+) -> CrowdTable:
+    """poses: (steps + 1, 3) of the robot in each scene; people: (people, steps + 1, 2)."""
+    return CrowdTable(
+        outcome,
+        np.array([(len(one) - 1) * CONTROL_DT_S for one in poses]),
+        np.array([min_human_distance(one[None], who).min() for one, who in zip(poses, people, strict=True)]),
+        social_metrics(
+            [one[:, :2] for one in poses],
+            scenes,
+            success=outcome == Outcome.SUCCESS,
+            path_length=np.array([path_length(one[None])[0] for one in poses]),
+            accumulated_angle=np.array([accumulated_angle(one[None])[0] for one in poses]),
+            dt=CONTROL_DT_S,
+            people=people,
+        ),
+    )
 
 
 def _planned(plan: CrowdPlan | None, engine: CrowdEngine) -> Floats:

@@ -152,13 +152,7 @@ def episode_columns(table: EpisodeTable) -> dict[str, NDArray[Any]]:
         "path_area_m2": table.path_area,
         "min_obstacle_distance_m": table.min_clearance,
         "self_intersections": table.self_intersections,
-        "personal_space_violations": table.social.personal_space_violations,
-        "personal_space_time_s": table.social.personal_space_time,
-        "min_time_to_collision_s": table.social.min_time_to_collision,
-        "stalled_time_s": table.social.stalled_time,
-        "mean_jerk_m_s3": table.social.mean_jerk,
-        "path_irregularity_rad_m": table.social.path_irregularity,
-        "spl": table.social.spl,
+        **table.social.columns(),
     }
 
 

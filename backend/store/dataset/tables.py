@@ -432,7 +432,11 @@ METRICS = Table(
         Column("path_length_m", NUMBER, "length of the path"),
         Column("mean_speed_m_per_s", NUMBER, "length by time"),
         Column("accumulated_angle_rad", NUMBER, "sum of all changes of heading"),
-        Column("min_human_distance_m", NUMBER, "smallest distance from the robot's centre to the person's"),
+        Column(
+            "min_human_distance_m",
+            NUMBER,
+            "smallest distance from the robot's centre to a person's, whoever comes nearest",
+        ),
         Column(
             "min_obstacle_distance_m",
             NUMBER,
@@ -444,7 +448,7 @@ METRICS = Table(
         Column(
             "personal_space_violations",
             NUMBER,
-            "how often the robot came within 1.2 m of the person (centres; Hall 1966)",
+            "how often the robot came within 1.2 m of a person (centres; Hall 1966)",
             newer=True,
         ),
         Column("personal_space_time_s", NUMBER, "seconds within these 1.2 m", newer=True),

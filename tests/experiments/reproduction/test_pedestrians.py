@@ -6,6 +6,7 @@ from backend.experiments.reproduction.pedestrians import plan
 from backend.experiments.reproduction.pedestrians.plan import BUDGETS, BY_REWARD, PLANNED, PedestrianBudget, make_plan
 from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
 from backend.experiments.reproduction.tasks import from_bytes
+from backend.learning.cards import SOCIAL
 from backend.learning.pedestrians.crowd_networks import VARIANTS
 
 LEAST = PedestrianBudget(
@@ -61,5 +62,11 @@ def test_a_run_writes_its_table_and_begins_nothing_twice(tmp_path):
     assert outcomes == 3 * [dict.fromkeys(("published", "homes"), 3) | dict.fromkeys(ELSEWHERE, 2)]
     assert results["bars"][0]["value"] == results["rates"]["ours"]["published"]["success"]["mean"]
     assert [bar["met"] for bar in results["bars"]] == [bar["value"] >= bar["at_least"] for bar in results["bars"]]
-    assert "no reproduction" in (tmp_path / "report.html").read_text()
+    social = results["social"]["constant_velocity"]
+    assert set(social) == {"published", "homes"}
+    assert set(social["published"]) == {"min_human_distance_m", *SOCIAL}
+    assert 0 < social["published"]["min_human_distance_m"]["mean"] < 6
+    report = (tmp_path / "report.html").read_text()
+    assert "Nothing is learned by reward here" in report
+    assert "Social metrics" in report
     assert reproduce_pedestrians(tmp_path, LEAST, processes=1)["computed"] == 0

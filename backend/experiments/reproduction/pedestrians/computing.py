@@ -76,13 +76,16 @@ def _conditions(params: dict[str, Any]) -> Iterator[tuple[str, tuple[Scene, ...]
 
 def _judged(params: dict[str, Any], judge: Judge) -> TaskResult:
     meta: dict[str, Any] = {}
+    social: dict[str, dict[str, float]] = {}
     arrays = {}
     for name, scenes in _conditions(params):
         table = judge(scenes)
         meta[name], arrays[name.replace(" ", "_")] = table.rates(), table.outcome
+        if name in params["social"]:
+            social[name] = table.means()
         if name == "published" and params.get("robustness"):
             meta["no_icp"], meta["no_walls"] = judge(scenes, icp=False).rates(), judge(scenes, walls=False).rates()
-    return TaskResult({"rates": meta}, arrays)
+    return TaskResult({"rates": meta, "social": social}, arrays)
 
 
 def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:

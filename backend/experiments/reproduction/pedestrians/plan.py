@@ -14,6 +14,7 @@ from backend.simulation.crowds.crowd_kernels import HELD_UP_S, HELD_UP_SHARE
 from backend.simulation.crowds.crowd_scenes import UNSEEN_HOMES
 
 PLANNED = ("follow", "dwa", "orca", "social_force", "constant_velocity", "foresight")
+SOCIAL_IN = ("published", "homes")  # where social metrics are taken
 TD3, DDPG = "_td3", "_ddpg"
 """Ends of names: trained by reward; without, by imitation."""
 SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the attention networks' is below
@@ -76,6 +77,7 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     asked = {
         "episodes": budget.episodes, "episodes_more": budget.episodes_more,
         "speeds": list(budget.speeds), "numbers": list(budget.numbers),
+        "social": list(SOCIAL_IN),
         "homes": {**asdict(UNSEEN_HOMES), "held_up": [HELD_UP_S, HELD_UP_SHARE]},
     }  # fmt: skip
     judged = 2 * budget.episodes + (2 + len(budget.speeds) + len(budget.numbers)) * budget.episodes_more

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -68,10 +68,12 @@ def reproduce_pedestrians(
     by_reward = {"updates": budget.updates, "batch_size": budget.batch_size} if rewarded else {}
     with work.claimed():
         run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
-        rates = table(plan, work.load)
+        rates, social = table(plan, work.load, "rates"), table(plan, work.load, "social")
         judged_bars = bars(rates)
         histories = _histories(plan, work)
-        summary = write_results(out / RESULTS, run, budget, bars=judged_bars, rates=rates, histories=histories)
+        summary = write_results(
+            out / RESULTS, run, budget, bars=judged_bars, rates=rates, social=social, histories=histories
+        )
         save_card(
             out,
             "pedestrians",
@@ -97,23 +99,25 @@ def reproduce_pedestrians(
             ),
             ("Planners", ", ".join(PLANNED)),
         )
-        sections = _sections(plan, rates, judged_bars)
+        sections = _sections(plan, rates, social, judged_bars)
         write_report(out, "pedestrians", run, head=seeds_words(budget), sections=sections, facts=made)
     return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"))
 
 
-def table(plan: PedestrianPlan, load: Load) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
+def table(
+    plan: PedestrianPlan, load: Load, of: Literal["rates", "social"]
+) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
     """By variant and condition: mean and spread (largest less smallest) over seeds of each measure."""
     found: dict[str, dict[str, Any]] = {}
     for who in dict.fromkeys(variant for variant, _ in plan.judged):
-        seeds = [load(task.key).meta["rates"] for (variant, _), task in plan.judged.items() if variant == who]
+        seeds = [load(task.key).meta[of] for (variant, _), task in plan.judged.items() if variant == who]
         found[who] = {
             condition: {
                 measure: {
                     "mean": float(np.mean([one[condition][measure] for one in seeds])),
                     "spread": float(np.ptp([one[condition][measure] for one in seeds])),
                 }
-                for measure in MEASURES
+                for measure in seeds[0][condition]
             }
             for condition in seeds[0]
         }
@@ -145,7 +149,9 @@ def _histories(plan: PedestrianPlan, work: Work) -> dict[str, Any]:
     }
 
 
-def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence[dict[str, Any]]) -> list[Section]:
+def _sections(
+    plan: PedestrianPlan, rates: dict[str, Any], social: dict[str, Any], judged_bars: Sequence[dict[str, Any]]
+) -> list[Section]:
     heads = ["policy", "success, %", "collisions, %", "timeouts, %", "time of success, s", "printed success, %"]
     rows = [
         [
@@ -185,6 +191,24 @@ def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence
             ],
             [PrintedTable("Here, with what was printed", heads, rows)],
         ),
+        Section(
+            "Social metrics",
+            [
+                "The field's, in the same episodes as table 4.1, those that fail too: least distance between centres; "
+                "how often and how long within 1.2 m of somebody; least time to collision; time slower than 0.05 m/s; "
+                "mean absolute jerk; turning per metre beyond facing the goal; success weighted by path length."
+            ],
+            [
+                PrintedTable(
+                    "Means over seeds (best less worst)",
+                    ["policy", *next(iter(social.values()))["published"]],
+                    [
+                        [NAMES[who], *(_shown(measure, 2) for measure in of["published"].values())]
+                        for who, of in social.items()
+                    ],
+                )
+            ],
+        ),
         Section("Robustness", [], [PrintedTable("Success of ours, %", ["setting", "here", "printed"], robust)]),
         Section(
             "Speed, number, other crowds",
@@ -207,12 +231,12 @@ def _sections(plan: PedestrianPlan, rates: dict[str, Any], judged_bars: Sequence
     ]
 
 
-def _shown(measure: dict[str, float]) -> str:
-    return f"{_number(measure['mean'])} ({_number(measure['spread'])})"
+def _shown(measure: dict[str, float], digits: int = 1) -> str:
+    return f"{_number(measure['mean'], digits)} ({_number(measure['spread'], digits)})"
 
 
-def _number(value: float) -> str:
-    return "-" if not np.isfinite(value) else f"{value:.1f}"
+def _number(value: float, digits: int = 1) -> str:
+    return "-" if not np.isfinite(value) else f"{value:.{digits}f}"
 
 
 def _yes(met: bool) -> str:
