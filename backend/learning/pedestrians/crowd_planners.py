@@ -84,7 +84,7 @@ def _by_velocities(engine: CrowdEngine, *, forces: bool) -> Floats:
 
 
 def orca(engine: CrowdEngine) -> Floats:
-    """ORCA's velocity for the robot, turned into commands. The pedestrians do not do their half."""
+    """ORCA's velocity for the robot, turned into commands, as if all did their half: only ORCA crowds do."""
     return _by_velocities(engine, forces=False)
 
 

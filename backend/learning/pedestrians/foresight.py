@@ -1,7 +1,8 @@
 """A search among pedestrians told where everybody will be, and one told where they are and how they move.
 
-Both are told the building, too. The first says what can be reached at most, nearly; the second is imitated
-(`imitation.py`): the robot senses much of what that is told, not who is hidden or far. The search itself is
+Both are told the building, too. Where nobody avoids anybody the first says what can be reached at most, nearly; people
+who avoid others do not walk as it foresees. The second is imitated (`imitation.py`): the robot senses much of what that
+is told, not who is hidden or far. The search itself is
 `simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in `crowd_planners.py`.
 """
 
@@ -22,11 +23,11 @@ from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Limits
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-STEPS_AHEAD = 25  # 5 s: of 40 more time out, as who waits at a distance costs nothing
+STEPS_AHEAD = 25  # 5 s; with 40 steps more episodes time out, as waiting at a distance costs nothing
 DIRECTIONS = 16
 CELL_M = 0.1
 BERTH_M = 0.3  # where everybody is known
-BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # then nobody is foreseen, who stands neither; ours
+BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # ours; after so many steps nobody is foreseen, who stands neither
 _TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
 COMMANDS = np.array(
     [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]

@@ -1,6 +1,7 @@
 """Many robots among pedestrians, stepped together: the fast engine of chapter 4.
 
-Arithmetic lives in the three files of kernels; what networks are given of this is chosen in `representations.py`.
+Arithmetic lives in the three files of kernels; what networks are given of this is chosen in
+`learning/pedestrians/crowd_states.py`.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class ScenesInTurn(Protocol):
 
 
 class CrowdPool:
-    """Training scenes of some setups in turn, drawn when needed, repeated in new orders once full.
+    """Training scenes of some setups in turn, drawn when needed; once full, any of them at random.
 
     Their seeds lie above 2^32, so no evaluation scene is among them.
     """

@@ -22,7 +22,7 @@ TURN_STEPS = 18  # ours: how far (in sectors) the first guess of the turn looks 
 PAIR_M = 0.5  # ours: farther apart than this at first, two points are no pair; halved with every round
 CLOSEST_PAIR_M = 0.12
 FAR_M = 1e6  # where what is out of range is put: nobody's pair
-WINDOW = 20  # ours: pairs are looked for so many sectors to either side of where a point now lies
+WINDOW = 20  # ours: pairs are looked for at most so many sectors to either side of where a point now lies
 
 
 @compiled

@@ -3,14 +3,22 @@
 import json
 
 from backend.experiments.reproduction.pedestrians import plan
-from backend.experiments.reproduction.pedestrians.plan import BUDGETS, BY_REWARD, PLANNED, PedestrianBudget, make_plan
+from backend.experiments.reproduction.pedestrians.plan import (
+    BUDGETS,
+    BY_REWARD,
+    PLANNED,
+    ByReward,
+    PedestrianBudget,
+    make_plan,
+)
 from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
 from backend.experiments.reproduction.tasks import from_bytes
 from backend.learning.cards import SOCIAL
 from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.simulation.crowds.crowd_scenes import CrowdConditions
 
 LEAST = PedestrianBudget(
-    "small", (0,), ("ours", "b3", "ours_td3"), 128, 3, 2, (0.6,), (1,), 16, 8, 8, random_transitions=64
+    "small", (0,), ("ours", "b3", "ours_td3"), 128, 3, 2, (0.6,), (1,), ByReward(16, 8, 8, random_transitions=64)
 )
 
 ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
@@ -23,11 +31,15 @@ def test_a_tasks_name_knows_what_is_judged_and_what_networks_are_given(monkeypat
         }
 
     before = names()
+    for name, value in (("HELD_UP_S", 3.0), ("HELD_UP_SHARE", 0.2), ("UNSEEN_HOMES", CrowdConditions(area_m2=9.0))):
+        with monkeypatch.context() as how_pedestrians_walk:
+            how_pedestrians_walk.setattr(plan, name, value)
+            after = names()
+        assert all(before[key][0] != after[key][0] for key in before), name
+        assert all(before[key][1] == after[key][1] for key in before), f"{name}: trainings are as they were"
     monkeypatch.setattr(plan, "GAP_TIMES", 1.0)
-    monkeypatch.setattr(plan, "HELD_UP_S", 3.0)
     after = names()
-    assert all(before[key][0] != after[key][0] for key in before), "how pedestrians walk"
-    assert all(before[key][1] != after[key][1] for key in before if key[1] >= 0), "what a network's numbers mean"
+    assert all((before[key] != after[key]) == (key[1] >= 0) for key in before), "what a network's numbers mean"
 
 
 def test_the_small_budget_trains_all_by_imitation_with_three_seeds():

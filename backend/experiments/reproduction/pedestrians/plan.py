@@ -1,4 +1,7 @@
-"""Chapter 4 as tasks: which there are for a budget, with all that their results depend on. No task is computed here."""
+"""Chapter 4 as tasks: which there are for a budget, with the settings that their results depend on.
+
+Constants of the simulator and the planners are the commit's, which stands with each result. No task is computed here.
+"""
 
 from __future__ import annotations
 
@@ -21,16 +24,28 @@ SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the att
 ATTENTION_SECONDS = 0.12
 IMITATION_SECONDS = 0.0007  # of a label, with what is learned from it; the attention networks' is below
 ATTENTION_IMITATION_SECONDS = 0.002
-JUDGED_SECONDS = 0.03  # of an episode
+JUDGED_SECONDS = 0.025  # of an episode; with descriptors, which take ICP, as below
+GROUPS_JUDGED_SECONDS = 0.065
+
+
+@dataclass(frozen=True)
+class ByReward:
+    """Settings of a training by reward (`CrowdTrainingConfig`). part: updates of one of its tasks, a quarter of an hour
+    or so, so that stopping loses no more. progress: without it short trainings stand still."""
+
+    updates: int = 40_000
+    part: int = 8_000
+    batch_size: int = 128
+    random_transitions: int = 20_000
+    learning_rate: float = 1e-4
+    progress: float = 2.0
 
 
 @dataclass(frozen=True)
 class PedestrianBudget:
     """How much is computed. learned: variants, with each seed, by imitation from so many labels, or by reward, the
-    learner at the end of the name, in so many updates; part: updates of one task of such a training, a quarter of an
-    hour or so, so that stopping loses no more; episodes: of the published setting and in homes; episodes_more: of every
-    other condition; speeds, numbers: of the two curves; progress: see `CrowdTrainingConfig`, without it short trainings
-    stand still."""
+    learner at the end of the name; episodes: of the published setting and in homes; episodes_more: of every other
+    condition; speeds, numbers: of the two curves. by_reward: None where no name ends in a learner."""
 
     name: str
     seeds: tuple[int, ...]
@@ -40,12 +55,7 @@ class PedestrianBudget:
     episodes_more: int
     speeds: tuple[float, ...]
     numbers: tuple[int, ...]
-    updates: int = 40_000
-    part: int = 8_000
-    batch_size: int = 128
-    random_transitions: int = 20_000
-    learning_rate: float = 1e-4
-    progress: float = 2.0
+    by_reward: ByReward | None = None
 
 
 SPEEDS, NUMBERS = (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
@@ -54,7 +64,9 @@ BUDGETS = {
     budget.name: budget
     for budget in (
         PedestrianBudget("small", (0, 1, 2), tuple(VARIANTS), 400_000, 1_000, 300, (1.0,), (4,)),
-        PedestrianBudget("full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 1_000, 1_000, SPEEDS, NUMBERS),
+        PedestrianBudget(
+            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 1_000, 1_000, SPEEDS, NUMBERS, ByReward()
+        ),
     )
 }
 
@@ -83,8 +95,11 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     judged = 2 * budget.episodes + (2 + len(budget.speeds) + len(budget.numbers)) * budget.episodes_more
     for name, seed in learned(budget):
         made = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
-        params: dict[str, Any] = {"variant": network_of(name), "robustness": name == "ours", **asked}
-        plan.judged[name, seed] = Task("judged", params, (made,), JUDGED_SECONDS * judged)
+        robustness = name == "ours"
+        params: dict[str, Any] = {"variant": network_of(name), "robustness": robustness, **asked}
+        groups = VARIANTS[network_of(name)].given == "points_and_groups"
+        seconds = (GROUPS_JUDGED_SECONDS if groups else JUDGED_SECONDS) * (judged + 2 * robustness * budget.episodes)
+        plan.judged[name, seed] = Task("judged", params, (made,), seconds)
     for planner in PLANNED:
         search: dict[str, Any] = {"search": SEARCH_BY_VELOCITY} if planner == "constant_velocity" else {}
         plan.judged[planner, -1] = Task(
@@ -123,21 +138,23 @@ def _network(variant: str) -> dict[str, Any]:
 
 def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
     """The last of the tasks of a training, each going on from the one before."""
-    variant = network_of(name)
+    variant, settings = network_of(name), budget.by_reward
+    if settings is None:
+        raise ValueError(f"budget {budget.name}: {name} needs settings by reward")
     config = {
         "variant": variant,
         "learner": learner_of(name),
         "seed": seed,
-        "updates": budget.updates,
-        "batch_size": budget.batch_size,
-        "random_transitions": budget.random_transitions,
-        "learning_rate": budget.learning_rate,
-        "progress": budget.progress,
+        "updates": settings.updates,
+        "batch_size": settings.batch_size,
+        "random_transitions": settings.random_transitions,
+        "learning_rate": settings.learning_rate,
+        "progress": settings.progress,
         "buffer_size": 400_000,  # ours: all that is seen; the published 2 million would be 4 GB of mostly nothing
         "device": device,
     }
-    seconds = SECONDS.get(variant, ATTENTION_SECONDS) * budget.part * budget.batch_size / 128
+    seconds = SECONDS.get(variant, ATTENTION_SECONDS) * settings.part * settings.batch_size / 128
     needs: tuple[Task, ...] = ()
-    for until in range(budget.part, budget.updates + budget.part, budget.part):
+    for until in range(settings.part, settings.updates + settings.part, settings.part):
         needs = (Task("trained", {"config": config, "until": until, "network": _network(variant)}, needs, seconds),)
     return needs[0]

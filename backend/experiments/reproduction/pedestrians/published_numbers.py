@@ -20,8 +20,9 @@ DEPARTURES = [
     "24 commands cost where the learner drives (DAgger, AggreVaTe); networks end in those costs, and the cheapest "
     "command is done. 400,000 such states in the small budget, one to four who move, no curriculum; left and right are "
     "exchanged in half of each batch.",
-    "By imitation, costs are learned in three units; which one acts is chosen on 100 selection scenes of the published "
-    "setting. By reward, checkpoints are chosen on selection scenes of the curriculum.",
+    "By imitation, costs are learned three times, at most 1, 2 or 4 m above the best; which of the three acts is "
+    "chosen on 100 selection scenes of the published setting. By reward, checkpoints are chosen on selection scenes of "
+    "the curriculum.",
     "In the small budget nothing is learned by reward, and what is beside the published setting and the "
     "unseen homes is judged in 300 scenes.",
     "By reward: TD3 beside DDPG, many environments at once, fewer episodes than 300,000; batch size, exploration noise "
@@ -38,5 +39,6 @@ DEPARTURES = [
     "Unseen homes are furnished by rules, not scanned. As in the iGibson challenge ORCA pedestrians avoid the robot, "
     "too, and there is one for every 8 square metres that a robot can get to.",
     "All who avoid others, by ORCA or social force, turn back where they get on at less than a tenth of their speed "
-    "for 2 s. In the challenge who would have to step back stops with all around, and after 2 s walks to another goal.",
+    "for 2 s. In the challenge, where somebody would have to step back everybody nearby stops, and after 2 s walks to "
+    "another goal.",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
@@ -64,8 +65,7 @@ def reproduce_pedestrians(
     Raises RuntimeError if another run works in the same folder.
     """
     plan, work = make_plan(budget, device), Work(out / "work")
-    rewarded = any(learner_of(name) for name, _ in plan.judged)
-    by_reward = {"updates": budget.updates, "batch_size": budget.batch_size} if rewarded else {}
+    by_reward = budget.by_reward
     with work.claimed():
         run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rates, social = table(plan, work.load, "rates"), table(plan, work.load, "social")
@@ -80,7 +80,7 @@ def reproduce_pedestrians(
             run,
             budget,
             setup="crowd_corridor, crowd_intersection, crowd_office",
-            config={"labels": budget.labels, **by_reward},
+            config={"labels": budget.labels, "by_reward": asdict(by_reward) if by_reward else None},
             scenes={
                 "judged": f"{budget.episodes} reporting scenes of the published setting and of homes, "
                 f"{budget.episodes_more} of each other condition, the same for everybody"
@@ -92,11 +92,7 @@ def reproduce_pedestrians(
         made = facts(
             run,
             ("By imitation", f"{budget.labels:,} labels per training"),
-            *(
-                [("By reward", "{updates:,} updates of {batch_size} transitions".format(**by_reward))]
-                if by_reward
-                else []
-            ),
+            ("By reward", f"{by_reward.updates:,} updates of {by_reward.batch_size}" if by_reward else "nothing"),
             ("Planners", ", ".join(PLANNED)),
         )
         sections = _sections(plan, rates, social, judged_bars)
