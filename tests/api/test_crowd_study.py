@@ -27,7 +27,8 @@ from backend.study.simulated.http import simulate_study
 from backend.study.simulated.participant import Character
 from backend.study.studies import create_study
 
-PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "crowd_study.yaml"
+PROTOCOLS = Path(__file__).resolve().parents[2] / "study_protocols"
+PROTOCOL = PROTOCOLS / "crowd_study.yaml"
 SOCIAL = (
     "personal_space_violations",
     "min_time_to_collision_s",
@@ -120,3 +121,27 @@ def test_who_judges_a_crowd_gets_a_policy_of_their_own_blind_against_the_base_po
     data, load = read_folder(tmp_path / "out")
     write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath report")
     assert "Crowd" in (tmp_path / "report" / "report.html").read_text()
+
+
+def test_the_interface_study_runs_among_pedestrians(client, services: Services, tmp_path: Path) -> None:
+    text = (PROTOCOLS / "interface_study.yaml").read_text()
+    for old, new in (
+        ("study_room/queries_500", "crowd_hall/queries_varied_60"),
+        ("count: 25, probes: {repeat: 5}", "count: 5, probes: {repeat: 5}"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    with services.database.transaction() as s:
+        made = create_study(s, services.files, freeze_text(text), name="Views", created_by=None)
+        study, link = made.id, made.recruiting_token
+    done = simulate_study("", link, 1, Character("fastest"), client=client)
+    assert done["completed"] == 1
+    with services.database.session() as s:
+        trials = s.scalars(select(Trial)).all()
+        seen = [(one.view, load_trajectory(services.files, one.trajectory_a).scene) for one in trials]
+    assert {view for view, _ in seen} == {"top_down", "first_person", "immersive"}
+    assert all(len(scene.crowd.pedestrians) == 2 for _, scene in seen)
+    export_study(services.database, services.files, study, tmp_path / "out")
+    data, load = read_folder(tmp_path / "out")
+    write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath report")
+    assert "agreement" in (tmp_path / "report" / "report.html").read_text().lower()
