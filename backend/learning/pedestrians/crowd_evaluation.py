@@ -94,10 +94,10 @@ def evaluate_crowds(
             robots.append(engine.poses.copy())
             everybody.append(engine.people_xy.copy())
         outcomes.append(engine.outcomes.copy())
-        driven, walked = np.stack(robots, axis=1), np.stack(everybody, axis=2)
+        robot_poses, people_xy = np.stack(robots, axis=1), np.stack(everybody, axis=2)
         for i, steps in enumerate(engine.steps):
-            poses.append(driven[i, : steps + 1])
-            people.append(walked[i, : engine.world.people[i], : steps + 1])
+            poses.append(robot_poses[i, : steps + 1])
+            people.append(people_xy[i, : engine.world.people[i], : steps + 1])
     return _table(scenes, np.concatenate(outcomes), poses, people)
 
 
