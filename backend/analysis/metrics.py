@@ -71,7 +71,8 @@ def accumulated_angle(poses: ArrayLike) -> Array:
 def min_human_distance(poses: ArrayLike, persons: ArrayLike) -> Array:
     """Smallest centre-to-centre distance (m) between poses (n, T + 1, 2 or more) and persons: (n,).
 
-    persons: (n, 2 or more) who stand, or (n, T + 1, 2 or more) who walk.
+    persons: (n, 2 or more) who stand, or (n, T + 1, 2 or more) who walk; poses of one robot, (1, T + 1, 2 or more),
+    are held against all n of them.
     """
     people = np.asarray(persons, dtype=float)
     offsets = np.asarray(poses, dtype=float)[..., :2] - (people if people.ndim == 3 else people[:, None])[..., :2]
@@ -166,6 +167,7 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
         raise ValueError("trajectories: none given")
     poses = stack_poses(trajectories)
     scenes = [t.scene for t in trajectories]
+    people = [t.scene.people_at(t.times) for t in trajectories]
     goals = np.array([(s.goal.x, s.goal.y) for s in scenes])
     times = np.array([t.duration_s for t in trajectories])
     outcomes = np.array([t.outcome for t in trajectories], dtype=np.int8)
@@ -179,7 +181,7 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
         mean_speed=mean_speed(lengths, times),
         accumulated_angle=turned,
         min_human_distance=np.array(
-            [min_human_distance(t.poses[None], t.scene.people_at(t.times)).min() for t in trajectories]
+            [min_human_distance(t.poses[None], who).min() for t, who in zip(trajectories, people, strict=True)]
         ),
         min_obstacle_distance=min_obstacle_distance(poses, scenes),
         path_area=path_area(poses, goals),
@@ -192,5 +194,6 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
             path_length=lengths,
             accumulated_angle=turned,
             dt=np.array([t.dt for t in trajectories]),
+            people=people,
         ),
     )

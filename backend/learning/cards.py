@@ -11,18 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from backend.learning.errors import LearningError
+from backend.simulation.social_metrics import COLUMNS
 
 ROOT = Path(__file__).resolve().parents[2]
 
-SOCIAL = (
-    "personal_space_violations",
-    "personal_space_time_s",
-    "min_time_to_collision_s",
-    "stalled_time_s",
-    "mean_jerk_m_s3",
-    "path_irregularity_rad_m",
-    "spl",
-)
+SOCIAL = tuple(COLUMNS)
 """Of the numbers of an episode on cards, the field's social metrics (`simulation/social_metrics.py`)."""
 DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "

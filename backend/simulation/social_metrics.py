@@ -49,16 +49,20 @@ class SocialMetrics:
     spl: Doubles
 
     def columns(self) -> dict[str, Doubles]:
-        """(n,) each, by their names in results, which give the unit."""
-        return {
-            "personal_space_violations": self.personal_space_violations,
-            "personal_space_time_s": self.personal_space_time,
-            "min_time_to_collision_s": self.min_time_to_collision,
-            "stalled_time_s": self.stalled_time,
-            "mean_jerk_m_s3": self.mean_jerk,
-            "path_irregularity_rad_m": self.path_irregularity,
-            "spl": self.spl,
-        }
+        """(n,) each, by their names in results."""
+        return {name: getattr(self, field) for name, field in COLUMNS.items()}
+
+
+COLUMNS = {
+    "personal_space_violations": "personal_space_violations",
+    "personal_space_time_s": "personal_space_time",
+    "min_time_to_collision_s": "min_time_to_collision",
+    "stalled_time_s": "stalled_time",
+    "mean_jerk_m_s3": "mean_jerk",
+    "path_irregularity_rad_m": "path_irregularity",
+    "spl": "spl",
+}
+"""Names in results, which give the unit, with the fields of `SocialMetrics`."""
 
 
 def social_metrics(
@@ -74,18 +78,18 @@ def social_metrics(
     """The metrics of n rollouts.
 
     paths: (steps + 1, 2) m each, a point every dt seconds (of all, or (n,)); success (n,); path_length (n,) m;
-    accumulated_angle (n,) rad; people: (people, steps + 1, 2) m each, where everybody was in scenes with a crowd; None:
-    as the scenes say. Raises ValueError where paths and scenes differ in number.
+    accumulated_angle (n,) rad; people: (people, steps + 1, 2) m each, where everybody was, the scene's own person
+    first; None: as the scenes say. Raises ValueError where paths and scenes differ in number.
     """
     found = np.zeros((len(scenes), _COUNT))
     straight, facing = np.zeros(len(scenes)), np.zeros(len(scenes))
     steps_s = np.broadcast_to(np.asarray(dt, dtype=np.float64), len(scenes))
     for k, (row, path, scene, step_s) in enumerate(zip(found, paths, scenes, steps_s, strict=True)):
         contact = ROBOT_RADIUS_M + scene.person.radius
-        if scene.crowd is None:
-            _of_path(np.ascontiguousarray(path), _people(scene, len(path), step_s), contact, step_s, row)
+        everybody = _people(scene, len(path), step_s) if people is None else people[k]
+        if len(everybody) == 1:
+            _of_path(np.ascontiguousarray(path), np.ascontiguousarray(everybody[0]), contact, step_s, row)
         else:
-            everybody = scene.people_at(np.arange(len(path)) * step_s) if people is None else people[k]
             _among_people(np.ascontiguousarray(path), everybody, contact, step_s, row)
     for k, scene in enumerate(scenes):
         dx, dy = scene.goal.x - scene.start.x, scene.goal.y - scene.start.y
@@ -122,10 +126,10 @@ def _among_people(path: Doubles, people: Doubles, contact: float, dt: float, out
 
 
 def _people(scene: Scene, points: int, dt: float) -> Doubles:
-    """(points, 2) where the person is at each pose; (1, 2) for one who stands."""
-    if scene.walk is None:
-        return np.array([[scene.person.pose.x, scene.person.pose.y]])
-    return np.ascontiguousarray(scene.person_poses(np.arange(points) * dt)[:, :2])
+    """(people, points, 2) where everybody is at each pose; (1, 1, 2) for one alone who stands."""
+    if scene.walk is None and scene.crowd is None:
+        return np.array([[[scene.person.pose.x, scene.person.pose.y]]])
+    return scene.people_at(np.arange(points) * dt)
 
 
 @compiled

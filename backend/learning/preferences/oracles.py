@@ -31,9 +31,9 @@ KEEP_AWAY_M = 1.5
 
 
 def min_human_distance_m(trajectory: Trajectory) -> float:
-    """Smallest centre-to-centre distance (m) to the person over the trajectory's poses."""
-    person = trajectory.scene.person.pose
-    return float(min_human_distance(trajectory.poses[None], [(person.x, person.y)])[0])
+    """Smallest centre-to-centre distance (m) to anybody over the trajectory's poses."""
+    people = trajectory.scene.people_at(trajectory.times)
+    return float(min_human_distance(trajectory.poses[None], people).min())
 
 
 def path_length_m(trajectory: Trajectory) -> float:

@@ -95,8 +95,8 @@ class CrowdEngine:
     """`n_envs` robots, each among the pedestrians of its scene.
 
     After `step(actions)`, for every environment (updated in place; copy what must last): rewards (n,), dones (n,),
-    outcomes (n,) `Outcome`, steps (n,), poses (n, 3) of the robots, people_xy (n, P, 2), nearest_person_m (n,) between
-    surfaces; reactive (n,): whose pedestrians avoid others. What it senses: `ranges`, `points`, `path_points`,
+    outcomes (n,) `Outcome`, steps (n,), poses (n, 3) of the robots, people_xy (n, P, 2);
+    reactive (n,): whose pedestrians avoid others. What it senses: `ranges`, `points`, `path_points`,
     `descriptors()`. With `pool`, who has ended begins anew at `restart`, not within `step`: what a step ended with can
     be read first.
 
@@ -151,7 +151,6 @@ class CrowdEngine:
             path_points=np.zeros((n, self._rules.points, 2)),
             rewards=np.zeros(n),
             outcomes=np.zeros(n, np.int8),
-            nearest=np.zeros(n),
             lidar_min=np.zeros(n),
         )
         self.scenes: list[Scene | None] = [None] * n
@@ -171,7 +170,6 @@ class CrowdEngine:
     ranges = property(lambda self: self.seen.ranges)
     points = property(lambda self: self.seen.points)
     path_points = property(lambda self: self.seen.path_points)
-    nearest_person_m = property(lambda self: self.seen.nearest)
     longest_step_m = property(lambda self: self._rules.v_max * self._rules.dt)
 
     def reset(self, scenes: Sequence[Scene]) -> None:

@@ -81,8 +81,8 @@ class World(NamedTuple):
 class Seen(NamedTuple):
     """What a step leaves. ranges (n, sectors) m, points (n, sectors, 2) m in the robot's frame, of the nearest beam.
 
-    path_points (n, points, 2) m in the robot's frame; rewards (n,); outcomes (n,) int8; nearest (n,): distance (m)
-    between the robot's surface and the nearest pedestrian's; lidar_min (n,) m.
+    path_points (n, points, 2) m in the robot's frame; rewards (n,); outcomes (n,) int8; lidar_min
+    (n,) m.
     """
 
     ranges: Doubles
@@ -90,7 +90,6 @@ class Seen(NamedTuple):
     path_points: Doubles
     rewards: Doubles
     outcomes: NDArray[np.int8]
-    nearest: Doubles
     lidar_min: Doubles
 
 
@@ -363,12 +362,10 @@ def step_crowds(
             world.robots[i, 0] += v * part * math.cos(yaw + w * part / 2)
             world.robots[i, 1] += v * part * math.sin(yaw + w * part / 2)
             world.robots[i, 2] = math.atan2(math.sin(yaw + w * part), math.cos(yaw + w * part))
-            person = nearest_person(world, i, rules)
-            if min(person, nearest_wall(world, i)) < rules.radius:
+            if min(nearest_person(world, i, rules), nearest_wall(world, i)) < rules.radius:
                 hit = True
                 break
         world.steps[i] += 1
-        seen.nearest[i] = person - rules.radius
         look(world, i, seen, rules, directions, inverse)
         look_ahead(world, i, rules.spacing, seen.path_points[i])
         piece, into = progress_on(world, i)
@@ -398,7 +395,6 @@ def begin_crowds(which: Ints, world: World, seen: Seen, rules: CrowdRules, direc
     for i in which:
         world.steps[i] = 0
         world.finished[i] = False
-        seen.nearest[i] = nearest_person(world, i, rules) - rules.radius
         look(world, i, seen, rules, directions, inverse)
         look_ahead(world, i, rules.spacing, seen.path_points[i])
 

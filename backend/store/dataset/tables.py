@@ -455,7 +455,7 @@ METRICS = Table(
         Column(
             "min_time_to_collision_s",
             NUMBER,
-            "least time until robot and person would touch if both went on as they move; 0: they touched; at most 10",
+            "least time until robot and anybody would touch if both went on as they move; 0: they touched; at most 10",
             newer=True,
         ),
         Column("stalled_time_s", NUMBER, "seconds slower than 0.05 m/s", newer=True),

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.experiments.reproduction.chapter_report import RESULTS, facts, said, save_card, seeds_words, write_report
 from backend.experiments.reproduction.pedestrians.computing import FUNCTIONS
 from backend.experiments.reproduction.pedestrians.plan import (
     BY_REWARD,
     PLANNED,
+    SOCIAL_IN,
     PedestrianBudget,
     PedestrianPlan,
     learner_of,
@@ -34,9 +36,20 @@ from backend.experiments.reproduction.tasks import Task, TaskResult, Work
 from backend.explain.printed import Section
 from backend.explain.printed import Table as PrintedTable
 from backend.learning.pedestrians.crowd_networks import VARIANTS
+from backend.simulation.trajectory import Outcome
 
 Load = Callable[[str], TaskResult]
 MEASURES = ("success", "collision", "timeout", "time_s")
+SOCIAL_WORDS = {
+    "min_human_distance_m": "least distance, m",
+    "personal_space_violations": "times within 1.2 m",
+    "personal_space_time_s": "s within 1.2 m",
+    "min_time_to_collision_s": "least time to collision, s",
+    "stalled_time_s": "stalled, s",
+    "mean_jerk_m_s3": "jerk, m/s³",
+    "path_irregularity_rad_m": "irregularity, rad/m",
+    "spl": "SPL",
+}
 NAMES = {
     name: f"{VARIANTS[network_of(name)].name}, by {learner_of(name).upper() or 'imitation'}"
     for name in (*VARIANTS, *BY_REWARD)
@@ -70,9 +83,9 @@ def reproduce_pedestrians(
         run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
         rates, social = table(plan, work.load, "rates"), table(plan, work.load, "social")
         judged_bars = bars(rates)
-        histories = _histories(plan, work)
+        ahead, histories = leads(plan, work.load), _histories(plan, work)
         summary = write_results(
-            out / RESULTS, run, budget, bars=judged_bars, rates=rates, social=social, histories=histories
+            out / RESULTS, run, budget, bars=judged_bars, rates=rates, social=social, leads=ahead, histories=histories
         )
         save_card(
             out,
@@ -100,10 +113,8 @@ def reproduce_pedestrians(
     return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"))
 
 
-def table(
-    plan: PedestrianPlan, load: Load, of: Literal["rates", "social"]
-) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
-    """By variant and condition: mean and spread (largest less smallest) over seeds of each measure."""
+def table(plan: PedestrianPlan, load: Load, of: Literal["rates", "social"]) -> dict[str, dict[str, dict[str, Any]]]:
+    """By variant and condition: of each measure what each seed has, their mean and spread (largest less smallest)."""
     found: dict[str, dict[str, Any]] = {}
     for who in dict.fromkeys(variant for variant, _ in plan.judged):
         seeds = [load(task.key).meta[of] for (variant, _), task in plan.judged.items() if variant == who]
@@ -112,6 +123,7 @@ def table(
                 measure: {
                     "mean": float(np.mean([one[condition][measure] for one in seeds])),
                     "spread": float(np.ptp([one[condition][measure] for one in seeds])),
+                    **({"seeds": [one[condition][measure] for one in seeds]} if len(seeds) > 1 else {}),
                 }
                 for measure in seeds[0][condition]
             }
@@ -138,11 +150,40 @@ def _bar(name: str, value: float, at_least: float) -> dict[str, Any]:
 
 
 def _histories(plan: PedestrianPlan, work: Work) -> dict[str, Any]:
-    return {
-        f"{variant} seed {seed}": work.load(task.needs[0].key).meta["history"]
-        for (variant, seed), task in plan.judged.items()
-        if task.needs
-    }
+    """Of each training the columns of its history."""
+    found = {}
+    for (variant, seed), task in plan.judged.items():
+        if task.needs:
+            rows = work.load(task.needs[0].key).meta["history"]
+            found[f"{variant} seed {seed}"] = {name: [row[name] for row in rows] for name in rows[0]}
+    return found
+
+
+def leads(plan: PedestrianPlan, load: Load) -> dict[str, dict[str, dict[str, Any]]]:
+    """By condition and everybody else who learned: points of success that ours is ahead with each seed; their mean with
+    its standard errors, over seeds, and over scenes of the mean over seeds."""
+    found: dict[str, dict[str, dict[str, Any]]] = {}
+    seeds = [seed for variant, seed in plan.judged if variant == "ours"]
+    others = dict.fromkeys(variant for variant, seed in plan.judged if seed >= 0 and variant != "ours")
+    for condition in SOCIAL_IN:
+        success = {
+            who: np.array([100.0 * (load(plan.judged[who, s].key).arrays[condition] == Outcome.SUCCESS) for s in seeds])
+            for who in ("ours", *others)
+        }
+        found[condition] = {}
+        for who in others:
+            ahead = success["ours"] - success[who]
+            found[condition][who] = {
+                "seeds": ahead.mean(axis=1).tolist(),
+                "mean": float(ahead.mean()),
+                "error_over_seeds": _standard_error(ahead.mean(axis=1)),
+                "error_over_scenes": _standard_error(ahead.mean(axis=0)),
+            }
+    return found
+
+
+def _standard_error(values: NDArray[np.float64]) -> float:
+    return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
 
 
 def _sections(
@@ -190,16 +231,15 @@ def _sections(
         Section(
             "Social metrics",
             [
-                "The field's, in the same episodes as table 4.1, those that fail too: least distance between centres; "
-                "how often and how long within 1.2 m of somebody; least time to collision; time slower than 0.05 m/s; "
-                "mean absolute jerk; turning per metre beyond facing the goal; success weighted by path length."
+                "The field's, in the same episodes as table 4.1, those that fail too. Distances are between centres; "
+                "stalled is slower than 0.05 m/s; irregularity is turning beyond facing the goal."
             ],
             [
                 PrintedTable(
                     "Means over seeds (best less worst)",
-                    ["policy", *next(iter(social.values()))["published"]],
+                    ["policy", *SOCIAL_WORDS.values()],
                     [
-                        [NAMES[who], *(_shown(measure, 2) for measure in of["published"].values())]
+                        [NAMES[who], *(_shown(of["published"][name], 2) for name in SOCIAL_WORDS)]
                         for who, of in social.items()
                     ],
                 )
