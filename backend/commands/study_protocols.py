@@ -121,4 +121,4 @@ def schema_command(
     from backend.study.grammar.questionnaires import Questionnaire
     from backend.study.protocol.schema import Protocol, json_schema
 
-    typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=1, ensure_ascii=False))
+    typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=0, ensure_ascii=False))
