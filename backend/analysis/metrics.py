@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,15 +44,11 @@ def _share(outcomes: ArrayLike, which: Outcome) -> float:
 
 def stack_poses(trajectories: Sequence[Trajectory]) -> Array:
     """The poses of all trajectories, the shorter ones held at their last pose: (n, longest + 1, 3)."""
-    return _stack([t.poses for t in trajectories])
-
-
-def _stack(series: Sequence[NDArray[Any]]) -> Array:
-    longest = max((len(poses) for poses in series), default=0)
-    stacked = np.zeros((len(series), longest, 3))
-    for row, poses in zip(stacked, series, strict=True):
-        row[: len(poses)] = poses
-        row[len(poses) :] = poses[-1]
+    longest = max((len(t.poses) for t in trajectories), default=0)
+    stacked = np.zeros((len(trajectories), longest, 3))
+    for row, trajectory in zip(stacked, trajectories, strict=True):
+        row[: len(trajectory.poses)] = trajectory.poses
+        row[len(trajectory.poses) :] = trajectory.poses[-1]
     return stacked
 
 
