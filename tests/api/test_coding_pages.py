@@ -110,7 +110,8 @@ def test_two_coders_read_every_answer_blind_and_settle_where_they_differ(lab, la
     assert ada.post("remark/codes", name="Empty", definition=" ") == 409
     ids = codebook(lab_services)
     first_page = lab.get(f"{ada.at}/remark").text
-    shown = first_page.partition("<blockquote")[2].partition("</form>")[0].replace(ada.token, "")  # random: may hold "P1"
+    form = first_page.partition("<blockquote")[2].partition("</form>")[0]
+    shown = form.replace(ada.token, "")  # which is random, and may hold "P1"
     assert "Which codes fit?" in shown
     for telling in (*WRITTEN, "background", "top_down", written.id + "/people/"):  # who, where, under what
         assert telling not in shown
