@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from backend.api.core.dependencies import Services
-from backend.store.artefacts import save_artefact
+from backend.store.artefacts import ARTEFACT_KINDS, save_artefact
 
 HELD_OUT = {"answers": 15, "scenes": 15, "folds": 3, "accuracy": 0.6, "low": 0.36, "high": 0.8, "log_likelihood": -0.66}
 PREDICTED = {
@@ -45,7 +45,7 @@ def add(services: Services, kind: str, name: str, card: dict[str, Any], parent: 
 def test_a_model_s_page_opens_whatever_is_on_its_card(lab, lab_services, two_studies, language):
     lab.headers["Accept-Language"] = language
     for told, card in CARDS.items():
-        for kind in ("reward_model", "policy", "conditioned_policy", "query_set", "demonstrations", "evaluation"):
+        for kind in set(ARTEFACT_KINDS) - {"snapshot"}:  # which has a page of its own
             made = add(lab_services, kind, f"{kind} with {told}", card, two_studies.snapshot["ours"])
             page = lab.get(f"/lab/artefacts/{made}", follow_redirects=True)
             assert page.status_code == 200, (kind, told)

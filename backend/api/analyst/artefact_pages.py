@@ -129,7 +129,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 def policies(request: Request, database: Db, archived: bool = False) -> Response:
     with database.session() as s:
         policies = ("policy", "conditioned_policy", "adaptable_policy", "attention_policy", "depth_controller")
-        kinds = (*policies, "reward_model", "query_set")
+        kinds = (*policies, "reward_model", "query_set", "ranking_set")
         seen = seen_artefacts(rights_in(request))
         chosen = select(Artefact).where(Artefact.kind.in_(kinds), seen).order_by(Artefact.created_at.desc())
         found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}

@@ -14,8 +14,7 @@ from backend.store.models.base import Base, new_id, utc_now
 class Artefact(Base):
     """A learned or collected thing with its card; id is the sha256 of its content in the artefact store.
 
-    `kind`: policy, conditioned_policy, adaptable_policy, reward_model, query_set, snapshot, demonstrations, evaluation.
-    `card` as datasets/README.md describes.
+    `kind`: one of `ARTEFACT_KINDS` (`store/artefacts.py`). `card` as datasets/README.md describes.
     """
 
     __tablename__ = "artefact"
