@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import pytest
 
 from backend.api.core.dependencies import Services
+from backend.learning.shipped_files import load_card, shipped_names
 from backend.store.artefacts import ARTEFACT_KINDS, save_artefact
 
 HELD_OUT = {"answers": 15, "scenes": 15, "folds": 3, "accuracy": 0.6, "low": 0.36, "high": 0.8, "log_likelihood": -0.66}
@@ -50,6 +52,17 @@ def test_a_model_s_page_opens_whatever_is_on_its_card(lab, lab_services, two_stu
             page = lab.get(f"/lab/artefacts/{made}", follow_redirects=True)
             assert page.status_code == 200, (kind, told)
             assert lab.get(f"/lab/artefacts/{made}/upkeep").status_code == 200, (kind, told)
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_the_page_of_everything_shipped_opens(lab, lab_services, two_studies, language):
+    lab.headers["Accept-Language"] = language
+    for name in shipped_names():
+        card = load_card(name)
+        if card.kind in ARTEFACT_KINDS:
+            made = add(lab_services, card.kind, name, asdict(card), two_studies.base)
+            assert lab.get(f"/lab/artefacts/{made}", follow_redirects=True).status_code == 200, name
+    assert lab.get(f"/lab/policies/{two_studies.base}").status_code == 200, "with all of it made from it"
 
 
 def test_beside_every_model_and_policy_stands_what_its_answers_predict_with_a_warning(lab, lab_services, two_studies):
