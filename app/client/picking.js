@@ -79,14 +79,38 @@
     if (thing) bridge.post("picked", { thing });
   });
 
+  /**
+   * Nobody's name covers another's: from the lowest one up, each is lifted until it is free.
+   * @template {{x: number, foot: number, width: number, height: number}} Spot
+   * @param {Spot[]} spots
+   */
+  function apart(spots) {
+    /** @type {Spot[]} */
+    const placed = [];
+    for (const spot of spots.sort((a, b) => b.foot - a.foot)) {
+      for (const one of placed) { // from the lowest, so that who is lifted meets only those that follow
+        const beside = Math.abs(spot.x - one.x) >= (spot.width + one.width) / 2;
+        const [above, below] = [spot.foot <= one.foot - one.height, spot.foot - spot.height >= one.foot];
+        if (!beside && !above && !below) spot.foot = one.foot - one.height - 1;
+      }
+      placed.push(spot);
+      placed.sort((a, b) => b.foot - a.foot);
+    }
+    return placed;
+  }
+
   /** Names stay over their objects when the camera turns. @param {number} mine */
   function pin(mine) {
     if (mine !== turn) return;
     const project = viser.projector();
+    const spots = [];
     for (const { thing, tag } of tags) {
       const spot = project(thing.x, thing.y, thing.height + ABOVE_M);
       tag.hidden = !spot;
-      if (spot) tag.style.transform = `translate(${Math.round(spot[0])}px, ${Math.round(spot[1])}px) translate(-50%, -100%)`;
+      if (spot) spots.push({ tag, x: spot[0], foot: spot[1], width: tag.offsetWidth, height: tag.offsetHeight });
+    }
+    for (const { tag, x, foot } of apart(spots)) {
+      tag.style.transform = `translate(${Math.round(x)}px, ${Math.round(foot)}px) translate(-50%, -100%)`;
     }
     window.desirePath.explained.follow();
     requestAnimationFrame(() => pin(mine));

@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 
-from backend.explain.ranking_sets import RankingSet
+from backend.explain.ranking_sets import ExplainedRollout, RankingSet
 from backend.explain.shown_explanation import ShownExplanation
 from backend.learning.shipped_files import resolve
+from tests.app.stage_rig import StageRig, Visitor
 
 RAYS = """([t, x, y, yaw]) => {
   const { explained, viser } = window.desirePath;
@@ -26,15 +27,19 @@ RAYS = """([t, x, y, yaw]) => {
 }"""
 
 
+def shown_to(visitor: Visitor, rig: StageRig, key: str, one: ExplainedRollout) -> Visitor:
+    visitor.wait_until(lambda: rig.server.stage(key) is not None, "the stage connects", 120)
+    scores = tuple(tuple(float(score) for score in row) for row in one.scores)
+    shown = ShownExplanation(one.things, scores, outlines=one.attention is None, lidar=True)
+    rig.server.stage(key).show(one.trajectory.scene, "top_down", trajectories=(one.trajectory,), explained=shown)
+    visitor.wait_for("ready", timeout_s=120)
+    return visitor
+
+
 @pytest.mark.parametrize(("width", "rays"), [(900, 360), (412, 120)])
 def test_rays_and_outlines_are_drawn_lighter_on_a_phone_and_not_told_by_colour_alone(visit, rig, width, rays) -> None:
-    visitor = visit("amber", width=width, height=500)
-    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", 120)
     one = RankingSet.load(resolve("explained_room/scenarios_48")).rollouts[2]
-    scores = tuple(tuple(float(score) for score in row) for row in one.scores)
-    shown = ShownExplanation(one.things, scores, outlines=True, lidar=True)
-    rig.server.stage("amber").show(one.trajectory.scene, "top_down", trajectories=(one.trajectory,), explained=shown)
-    visitor.wait_for("ready", timeout_s=120)
+    visitor = shown_to(visit("amber", width=width, height=500), rig, "amber", one)
     last = [3.0, *(float(value) for value in one.trajectory.poses[-1])]
 
     def drawn() -> dict[str, Any]:
@@ -50,3 +55,23 @@ def test_rays_and_outlines_are_drawn_lighter_on_a_phone_and_not_told_by_colour_a
     visitor.frame.evaluate("(words) => window.desirePath.explained.obey({ do: 'words', words })", words)
     legend = visitor.frame.locator("#desire-path-reasons li")
     assert legend.all_inner_texts() == ["outline", "free", "hit", "goal"]
+
+
+CLOSE = 13  # of the shipped rollouts, one that ends with three people within half a metre
+NAMES = """() => [...document.querySelectorAll(".desire-path-tag")].filter((tag) => !tag.hidden).map((tag) => {
+  const { left, right, top, bottom } = tag.getBoundingClientRect();
+  return { left, right, top, bottom };
+})"""
+
+
+def test_no_name_covers_another_where_people_stand_close_together(visit, rig) -> None:
+    one = RankingSet.load(resolve("crowd_corridor/scenarios_24")).rollouts[CLOSE]
+    visitor = shown_to(visit("beryl", width=1024, height=500), rig, "beryl", one)
+    rank = {"do": "rank", "words": {thing: f"Person {k}" for k, thing in enumerate(one.things)}, "places": []}
+    visitor.frame.evaluate("(rank) => window.desirePath.picking.obey(rank)", rank)
+    visitor.wait_until(lambda: len(visitor.frame.evaluate(NAMES)) == len(one.things), "everybody has a name")
+    boxes = visitor.frame.evaluate(NAMES)
+    for k, a in enumerate(boxes):
+        for b in boxes[:k]:
+            apart = a["right"] <= b["left"] or b["right"] <= a["left"] or a["bottom"] <= b["top"]
+            assert apart or b["bottom"] <= a["top"], (a, b)
