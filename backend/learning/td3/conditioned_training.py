@@ -153,7 +153,7 @@ CONFIGS = {
     ),
     # A quarter of an hour of a core. A robot that waits is not stuck, so there is no recovery.
     "crowd_hall": ConditionedConfig(
-        "crowd_hall", updates=24_000, checkpoints=3, selection_scenes=200, strengths=(1.0,)
+        "crowd_hall", updates=120_000, checkpoints=6, selection_scenes=400, strengths=(1.0, 1.25, 1.5)
     ),
 }
 """How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
