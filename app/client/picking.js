@@ -80,21 +80,21 @@
   });
 
   /**
-   * Nobody's name covers another's: from the lowest one up, each is lifted until it is free.
+   * Nobody's name covers another's: each stands where it belongs, or as near above or below that as it is free.
    * @template {{x: number, foot: number, width: number, height: number}} Spot
-   * @param {Spot[]} spots
+   * @param {Spot[]} spots in an order that does not change while the camera turns
    */
   function apart(spots) {
     /** @type {Spot[]} */
     const placed = [];
-    for (const spot of spots.sort((a, b) => b.foot - a.foot)) {
-      for (const one of placed) { // from the lowest, so that who is lifted meets only those that follow
-        const beside = Math.abs(spot.x - one.x) >= (spot.width + one.width) / 2;
-        const [above, below] = [spot.foot <= one.foot - one.height, spot.foot - spot.height >= one.foot];
-        if (!beside && !above && !below) spot.foot = one.foot - one.height - 1;
-      }
-      placed.push(spot);
-      placed.sort((a, b) => b.foot - a.foot);
+    for (const spot of spots) {
+      const beside = placed.filter((one) => Math.abs(spot.x - one.x) < (spot.width + one.width) / 2);
+      /** @param {number} foot */
+      const free = (foot) => beside.every((one) => foot <= one.foot - one.height || foot - spot.height >= one.foot);
+      const others = beside.flatMap((one) => [one.foot - one.height, one.foot + spot.height]);
+      const feet = [spot.foot, ...others.filter((foot) => foot >= spot.height)].filter(free);
+      feet.sort((a, b) => Math.abs(a - spot.foot) - Math.abs(b - spot.foot));
+      placed.push({ ...spot, foot: feet[0] ?? spot.foot });
     }
     return placed;
   }
@@ -107,10 +107,12 @@
     for (const { thing, tag } of tags) {
       const spot = project(thing.x, thing.y, thing.height + ABOVE_M);
       tag.hidden = !spot;
-      if (spot) spots.push({ tag, x: spot[0], foot: spot[1], width: tag.offsetWidth, height: tag.offsetHeight });
+      if (!spot) continue;
+      const { width, height } = tag.getBoundingClientRect();
+      spots.push({ tag, x: Math.round(spot[0]), foot: Math.round(spot[1]), width: width + 1, height: Math.ceil(height) });
     }
     for (const { tag, x, foot } of apart(spots)) {
-      tag.style.transform = `translate(${Math.round(x)}px, ${Math.round(foot)}px) translate(-50%, -100%)`;
+      tag.style.transform = `translate(${x}px, ${foot}px) translate(-50%, -100%)`;
     }
     window.desirePath.explained.follow();
     requestAnimationFrame(() => pin(mine));

@@ -57,12 +57,18 @@ def test_a_model_s_page_opens_whatever_is_on_its_card(lab, lab_services, two_stu
 @pytest.mark.parametrize("language", ["en", "de"])
 def test_the_page_of_everything_shipped_opens(lab, lab_services, two_studies, language):
     lab.headers["Accept-Language"] = language
+    opened = set()
     for name in shipped_names():
         card = load_card(name)
         if card.kind in ARTEFACT_KINDS:
+            opened.add(card.kind)
             made = add(lab_services, card.kind, name, asdict(card), two_studies.base)
             assert lab.get(f"/lab/artefacts/{made}", follow_redirects=True).status_code == 200, name
     assert lab.get(f"/lab/policies/{two_studies.base}").status_code == 200, "with all of it made from it"
+    assert opened >= {"policy", "conditioned_policy", "attention_policy", "query_set", "ranking_set"}
+    assert {"en": "24 scenarios", "de": "24 Szenarien"}[language] in lab.get("/lab/policies").text.partition(
+        'id="ranking_set"'
+    )[2]
 
 
 def test_beside_every_model_and_policy_stands_what_its_answers_predict_with_a_warning(lab, lab_services, two_studies):
