@@ -66,9 +66,10 @@ def test_the_page_of_everything_shipped_opens(lab, lab_services, two_studies, la
             assert lab.get(f"/lab/artefacts/{made}", follow_redirects=True).status_code == 200, name
     assert lab.get(f"/lab/policies/{two_studies.base}").status_code == 200, "with all of it made from it"
     assert opened >= {"policy", "conditioned_policy", "attention_policy", "query_set", "ranking_set"}
-    assert {"en": "24 scenarios", "de": "24 Szenarien"}[language] in lab.get("/lab/policies").text.partition(
-        'id="ranking_set"'
-    )[2]
+    listed = lab.get("/lab/policies").text
+    assert {"en": "24 scenarios", "de": "24 Szenarien"}[language] in listed.partition('id="ranking_set"')[2]
+    attending = listed.partition('id="attention_policy"')[2].partition("<h2")[0]
+    assert {"en": "85.2% success, 0.75 m", "de": "85,2 % Erfolg, 0,75 m"}[language] in attending.replace("\xa0", " ")
 
 
 def test_beside_every_model_and_policy_stands_what_its_answers_predict_with_a_warning(lab, lab_services, two_studies):
