@@ -26,6 +26,7 @@ from backend.store.models import Event, ProblemReport, Response, Session
 from backend.study.protocol.freezing import freeze
 from backend.study.session.finding import token_hash
 from backend.study.studies import create_study
+from tests.frontend.empty_room import empty_rooms, room_says
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page, Route
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMOGRAPHICS = {"gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
 VALUES: dict[str, dict[str, Any]] = {"consent": {"given": True}, "questionnaire": DEMOGRAPHICS}
-EMPTY_ROOM = "<!doctype html><title>room</title><body></body>"
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Visit:
             value = VALUES.get(self.step["kind"], {})
             body = {"request_id": f"setup-{self.token[:12]}-{self.step['key']}", "value": value}
             self.http.post(f"/api/session/{self.token}/steps/{self.step['key']}", json=body).raise_for_status()
-        context.route("**/stage/**", lambda route: route.fulfill(body=EMPTY_ROOM, content_type="text/html"))
+        empty_rooms(context)
         self.page = self.open()
 
     @property
@@ -96,15 +96,8 @@ class Visit:
         return page
 
     def room_says(self, kind: str, *, page: Page | None = None, **more: str | bool | None) -> None:
-        """A message of the stage, from its frame and its origin."""
-        page = page or self.page
-        frame = page.locator("#stage-frame iframe").element_handle().content_frame()
-        assert frame is not None
-        frame.wait_for_load_state()
-        frame.evaluate(
-            "([message, origin]) => parent.postMessage(message, origin)",
-            [{"source": "desirepath-stage", "type": kind, **more}, self.running.url],
-        )
+        """A message of the stage; the page has heard it when this returns."""
+        room_says(page or self.page, kind, **more)
 
     def watch(self, letter: str) -> None:
         """The drive that plays is played to its end."""

@@ -28,12 +28,12 @@ from backend.settings import Settings
 from backend.store.models import Event, Response, Session, Trial
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 from backend.study.studies import create_study
+from tests.frontend.empty_room import empty_rooms, room_says
 from tests.frontend.test_participant_pages import COLOURS, violations
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
 
-EMPTY_ROOM = "<!doctype html><title>room</title><body></body>"
 WATCHED_S = 4.0  # the longest drive of the pairs here
 
 
@@ -92,22 +92,9 @@ def page(chromium: Browser) -> Iterator[Page]:
     context: BrowserContext = chromium.new_context(
         viewport={"width": 1024, "height": 640}, screen={"width": 1024, "height": 640}, reduced_motion="reduce"
     )
-    context.route("**/stage/**", lambda route: route.fulfill(body=EMPTY_ROOM, content_type="text/html"))
+    empty_rooms(context)
     yield context.new_page()
     context.close()
-
-
-def room_says(page: Page, kind: str, **more: str) -> None:
-    """A message of the stage, from its frame and its origin."""
-    frame = page.locator("#stage-frame iframe").element_handle().content_frame()
-    assert frame is not None
-    frame.wait_for_load_state()
-    origin = re.match(r"https?://[^/]+", page.url)
-    assert origin is not None
-    frame.evaluate(
-        "([message, origin]) => parent.postMessage(message, origin)",
-        [{"source": "desirepath-stage", "type": kind, **more}, origin.group()],
-    )
 
 
 def trial_of(page: Page) -> dict[str, Any]:
