@@ -6,7 +6,7 @@ import torch
 
 from backend.learning.pedestrians import foresight
 from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
-from backend.learning.pedestrians.crowd_networks import Chooser, actor_acts
+from backend.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts
 from backend.learning.pedestrians.crowd_planners import PLANNERS
 from backend.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
 from backend.learning.pedestrians.crowd_training import actor_from_arrays, actor_to_arrays
@@ -22,7 +22,7 @@ from backend.learning.pedestrians.imitation import ImitationConfig, imitate, lea
 from backend.learning.policies.mirroring import ACTION_SIGNS
 from backend.learning.scene_sets import Purpose
 from backend.simulation.crowds.crowd_engine import CrowdEngine
-from backend.simulation.crowds.crowd_scenes import PUBLISHED
+from backend.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
 from backend.simulation.crowds.foresight_kernels import Ground
 
 
@@ -65,6 +65,13 @@ def test_a_command_into_somebody_who_comes_is_dearest():
     assert costs_by_velocity(engine)[0, 0] == MOST_M, "straight on, fast"
     engine.world.people_v[0, 1] = 0.9 * ahead
     assert costs_by_velocity(engine)[0, 0] < MOST_M, "behind who goes away there is room"
+
+
+def test_who_stands_in_the_way_is_passed_and_not_waited_for():
+    alone = CrowdConditions(moving=(0, 0), standing=(2, 2))
+    scenes = crowd_scene_set(30, alone, purpose=Purpose.SELECT, seed=9, setups=("crowd_corridor",))
+    rates = evaluate_crowds(None, "ranges", scenes, plan=PLANNERS["constant_velocity"]).rates()
+    assert rates["success"] == 100
 
 
 def in_the_mirror(engine: CrowdEngine) -> CrowdEngine:
@@ -115,6 +122,17 @@ def mirrored_ground(ground: Ground) -> Ground:
     boxes[:, [1, 5]] *= -1
     length, downhill = (np.ascontiguousarray(of[:, ::-1]) for of in (ground.length, -ground.downhill))
     return ground._replace(boxes=boxes, length=length, downhill=downhill, y0=-last, goal_y=-ground.goal_y)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_networks_tell_states_apart_before_they_have_learned_anything(variant):
+    torch.manual_seed(0)
+    actor, engine = Chooser(variant), begun(60)
+    for _ in range(3):
+        engine.step(np.zeros((60, 2), np.float32))
+    with torch.no_grad():
+        before_the_last_layer = actor.head[:-1](actor.read(torch.as_tensor(states(engine, VARIANTS[variant].given))))
+    assert before_the_last_layer.std(dim=0).mean() > 0.003, "torch's own first numbers: 0.000005 with attention"
 
 
 def test_a_command_without_a_known_cost_is_not_learned():

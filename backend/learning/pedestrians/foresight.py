@@ -23,11 +23,13 @@ from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Limits
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
+Ints = NDArray[np.int64]
 STEPS_AHEAD = 25  # 5 s; with 40 steps more episodes time out, as waiting at a distance costs nothing
 DIRECTIONS = 16
 CELL_M = 0.1
-BERTH_M = 0.3  # where everybody is known
-BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # ours; after so many steps nobody is foreseen, who stands neither
+BERTH_M = 0.3  # from whom it is known where they will be: told, or they stand
+BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # ours; after so many steps only who stands is foreseen
+STANDS_M_S = 0.05  # slower, now
 _TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
 COMMANDS = np.array(
     [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
@@ -36,7 +38,12 @@ COMMANDS = np.array(
 _PLACE = {(turn, speed): k for k, (turn, speed) in enumerate(COMMANDS.tolist())}
 MIRRORED = np.array([_PLACE.get((-turn, speed), -1) for turn, speed in COMMANDS.tolist()])
 """(24,): which of them each becomes if left and right are exchanged; -1: none, of turning about to the left."""
-SEARCH_BY_VELOCITY = {"berth_m": BERTH_BY_VELOCITY_M, "steps": STEPS_BY_VELOCITY}
+SEARCH_BY_VELOCITY = {
+    "berth_m": BERTH_BY_VELOCITY_M,
+    "steps": STEPS_BY_VELOCITY,
+    "berth_standing_m": BERTH_M,
+    "steps_standing": STEPS_AHEAD,
+}
 MOST_M = 4.0  # what a command costs above the best, at most
 
 
@@ -50,11 +57,11 @@ def actions_of_commands(limits: Limits) -> Floats:
 
 def foresight(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]. Who avoids others is foreseen as if they walked their routes straight on."""
-    limits, bodies = engine.setup.limits, _bodies(engine, BERTH_M)
+    limits, bodies = engine.setup.limits, _bodies(engine)
     actions = np.zeros((engine.n_envs, 2), np.float32)
     for i, ground in _running(engine):
         v, w = search.best_first_command(
-            engine.world.robots[i], ground, bodies, *_on_their_routes(engine, i), DIRECTIONS
+            engine.world.robots[i], ground, bodies, _on_their_routes(engine, i), DIRECTIONS
         )
         actions[i] = _scaled(np.array(v), np.array(w), limits)
     return actions
@@ -69,11 +76,11 @@ def constant_velocity(engine: CrowdEngine) -> Floats:
 def costs_by_velocity(engine: CrowdEngine) -> Floats:
     """(n, 24) m: what each of `COMMANDS` costs above the best, with the best moves after it, at most `MOST_M`, where
     everybody walks on as now for `STEPS_BY_VELOCITY`. 0 for who has ended."""
-    bodies = _bodies(engine, BERTH_BY_VELOCITY_M)
+    bodies = _bodies(engine)
     costs = np.zeros((engine.n_envs, len(COMMANDS)))
     for i, ground in _running(engine):
         search.costs_of_commands(
-            engine.world.robots[i], ground, bodies, *_straight_on(engine, i), COMMANDS, MOST_M, costs[i]
+            engine.world.robots[i], ground, bodies, _straight_on(engine, i), COMMANDS, MOST_M, costs[i]
         )
     return costs.astype(np.float32)
 
@@ -85,9 +92,9 @@ def _running(engine: CrowdEngine) -> Iterator[tuple[int, search.Ground]]:
             yield int(i), ground_of(scene)
 
 
-def _bodies(engine: CrowdEngine, berth: float) -> search.Bodies:
+def _bodies(engine: CrowdEngine) -> search.Bodies:
     half = PED_DEPTH_M / 2, PED_WIDTH_M / 2
-    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, berth, STEPS_AHEAD)
+    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, STEPS_AHEAD)
 
 
 def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
@@ -96,22 +103,23 @@ def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
     return single
 
 
-def _on_their_routes(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
+def _on_their_routes(engine: CrowdEngine, i: int) -> search.Foreseen:
     w, people = engine.world, int(engine.world.people[i])
     places, faces = np.zeros((2, STEPS_AHEAD + 1, people, 2))
     search.foresee(
         w.routes[i], w.knots[i], w.speeds[i, :people], w.people_xy[i], w.facing[i], w.heading_for[i], w.turn[i],
         CONTROL_DT_S, places, faces,
     )  # fmt: skip
-    return places, faces
+    return search.Foreseen(places, faces, np.full(people, STEPS_AHEAD), np.full(people, BERTH_M))
 
 
-def _straight_on(engine: CrowdEngine, i: int) -> tuple[Doubles, Doubles]:
+def _straight_on(engine: CrowdEngine, i: int) -> search.Foreseen:
     w, people = engine.world, int(engine.world.people[i])
-    times = CONTROL_DT_S * np.arange(STEPS_BY_VELOCITY + 1)[:, None, None]
-    return w.people_xy[i, :people] + times * w.people_v[i, :people], np.repeat(
-        w.facing[i, None, :people], STEPS_BY_VELOCITY + 1, axis=0
-    )
+    times, v = CONTROL_DT_S * np.arange(STEPS_AHEAD + 1)[:, None, None], w.people_v[i, :people]
+    places, faces = w.people_xy[i, :people] + times * v, np.repeat(w.facing[i, None, :people], STEPS_AHEAD + 1, axis=0)
+    stands = np.hypot(v[:, 0], v[:, 1]) < STANDS_M_S
+    until = np.where(stands, STEPS_AHEAD, STEPS_BY_VELOCITY)
+    return search.Foreseen(places, faces, until, np.where(stands, BERTH_M, BERTH_BY_VELOCITY_M))
 
 
 @lru_cache(maxsize=2_560)  # more than a pool of training scenes; 0.1 MB each

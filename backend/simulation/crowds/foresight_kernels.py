@@ -47,16 +47,25 @@ class Ground(NamedTuple):
     goal_radius: float
 
 
+class Foreseen(NamedTuple):
+    """Where P people will be: places, faces (steps + 1, P, 2) m and cosine, sine, the first now. They count until a
+    step (P,), after which they may be anywhere; nearer than berth (P,) m makes a way dearer."""
+
+    places: Doubles
+    faces: Doubles
+    until: Ints
+    berth: Doubles
+
+
 class Bodies(NamedTuple):
-    """m, s: the robot's radius, half a pedestrian's depth and width, its fastest turn (rad/s), a control step; berth: m
-    from pedestrians below which a way is dearer; steps: how many a way has at most."""
+    """m, s: the robot's radius, half a pedestrian's depth and width, its fastest turn (rad/s), a control step; steps:
+    how many a way has at most."""
 
     radius: float
     depth: float
     width: float
     w_max: float
     dt: float
-    berth: float
     steps: int
 
 
@@ -181,12 +190,10 @@ def _headed_for(ground: Ground, x: float, y: float, side: float) -> float:
 
 @compiled
 def _tried(
-    robot: Doubles, ground: Ground, bodies: Bodies, places: Doubles, faces: Doubles, move: Doubles, best: float,
-    command: Doubles,
-) -> float:  # fmt: skip
-    """What a move costs, metres still to go and nearness; given up above `best`. places, faces (steps + 1 or fewer, P,
-    2): nobody is met after the last. move: first direction (rad), speed (m/s) and steps, then side (m) and speed on the
-    way to the goal. command (2,): its first v, w."""
+    robot: Doubles, ground: Ground, bodies: Bodies, people: Foreseen, move: Doubles, best: float, command: Doubles
+) -> float:
+    """What a move costs, metres still to go and nearness; given up above `best`. move: first direction (rad), speed
+    (m/s) and steps, then side (m) and speed on the way to the goal. command (2,): its first v, w."""
     x, y, yaw = robot[0], robot[1], robot[2]
     steps, cost = bodies.steps, 0.0
     for t in range(1, steps + 1):
@@ -201,16 +208,18 @@ def _tried(
         x += v * bodies.dt * math.cos(halfway)
         y += v * bodies.dt * math.sin(halfway)
         yaw += w * bodies.dt
-        people, walls = 1e9, 1e9
-        for p in range(places.shape[1] if t < len(places) else 0):
-            q, f = places[t, p], faces[t, p]
-            people = min(people, _gap(x, y, q[0], q[1], bodies.depth, bodies.width, f[0], f[1]) - bodies.radius)
+        nearest, closeness, walls = 1e9, 0.0, 1e9
+        for p in range(len(people.until)):
+            if t <= people.until[p]:
+                q, f = people.places[t, p], people.faces[t, p]
+                away = _gap(x, y, q[0], q[1], bodies.depth, bodies.width, f[0], f[1]) - bodies.radius
+                nearest, closeness = min(nearest, away), max(closeness, people.berth[p] - away)
         for b in range(len(ground.boxes)):
             o = ground.boxes[b]
             walls = min(walls, _gap(x, y, o[0], o[1], o[2], o[3], o[4], o[5]) - bodies.radius)
-        if people < MARGIN_PEOPLE_M or walls < MARGIN_WALLS_M:
+        if nearest < MARGIN_PEOPLE_M or walls < MARGIN_WALLS_M:
             return cost + CRASH * (1.5 - t / (steps + 1))
-        cost += NEAR_COST * bodies.dt * (max(bodies.berth - people, 0.0) + max(NEAR_WALLS_M - walls, 0.0))
+        cost += NEAR_COST * bodies.dt * (closeness + max(NEAR_WALLS_M - walls, 0.0))
         if cost - SOONER * bodies.dt * (steps - t) > best:
             return cost
         dx, dy = ground.goal_x - x, ground.goal_y - y
@@ -221,7 +230,7 @@ def _tried(
 
 @compiled
 def best_first_command(
-    robot: Doubles, ground: Ground, bodies: Bodies, places: Doubles, faces: Doubles, directions: int
+    robot: Doubles, ground: Ground, bodies: Bodies, people: Foreseen, directions: int
 ) -> tuple[float, float]:
     """v (m/s) and w (rad/s) of the cheapest move: along the way to the goal or beside it, or first away in one of so
     many directions or standing, then along it. robot (3,): x, y, yaw."""
@@ -229,7 +238,7 @@ def best_first_command(
     move, command = np.zeros(5), np.zeros(2)
     for move[4] in CRUISES_M_S:
         for move[3] in SIDES_M:
-            cost = _tried(robot, ground, bodies, places, faces, move, best, command)
+            cost = _tried(robot, ground, bodies, people, move, best, command)
             if cost < best:
                 best, v, w = cost, command[0], command[1]
     move[4] = CRUISES_M_S[0]
@@ -238,7 +247,7 @@ def best_first_command(
             for d in range(directions if move[1] > 0.0 else 1):
                 move[0] = robot[2] + 2 * math.pi * d / directions
                 for move[3] in FIRST_SIDES_M:
-                    cost = _tried(robot, ground, bodies, places, faces, move, best, command)
+                    cost = _tried(robot, ground, bodies, people, move, best, command)
                     if cost < best:
                         best, v, w = cost, command[0], command[1]
     return v, w
@@ -246,9 +255,8 @@ def best_first_command(
 
 @compiled
 def costs_of_commands(
-    robot: Doubles, ground: Ground, bodies: Bodies, places: Doubles, faces: Doubles, commands: Doubles, most: float,
-    costs: Doubles,
-) -> None:  # fmt: skip
+    robot: Doubles, ground: Ground, bodies: Bodies, people: Foreseen, commands: Doubles, most: float, costs: Doubles
+) -> None:
     """What each first direction (rad off the robot's own) and speed (m/s) of commands (n, 2) costs with the best moves
     after it, above the best of them, at most `most`: costs (n,), m."""
     best = 1e18
@@ -260,7 +268,7 @@ def costs_of_commands(
         for move[2] in FIRST_STEPS:
             for move[3] in FIRST_SIDES_M:
                 given_up = min(costs[c], best + most)
-                costs[c] = min(costs[c], _tried(robot, ground, bodies, places, faces, move, given_up, command))
+                costs[c] = min(costs[c], _tried(robot, ground, bodies, people, move, given_up, command))
         best = min(best, costs[c])
     for c in range(len(commands)):
         costs[c] = min(costs[c] - best, most)

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from backend.experiments.reproduction.tasks import Task
-from backend.learning.pedestrians.crowd_networks import GAP_TIMES, VARIANTS
+from backend.learning.pedestrians.crowd_networks import FIRST_NUMBERS, GAP_TIMES, VARIANTS
 from backend.learning.pedestrians.foresight import SEARCH_BY_VELOCITY
 from backend.learning.pedestrians.imitation import ImitationConfig
 from backend.simulation.crowds.crowd_kernels import HELD_UP_S, HELD_UP_SHARE
@@ -133,7 +133,7 @@ def imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
 
 def _network(variant: str) -> dict[str, Any]:
     """What a network's numbers mean nothing without."""
-    return {"given": VARIANTS[variant].given, "gap_times": GAP_TIMES}
+    return {"given": VARIANTS[variant].given, "gap_times": GAP_TIMES, "first_numbers": FIRST_NUMBERS}
 
 
 def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
