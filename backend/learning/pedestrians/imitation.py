@@ -42,17 +42,17 @@ class ImitationConfig:
 
     variant: str = "ours"
     seed: int = 0
-    labels: int = 400_000
+    labels: int = 250_000
     n_envs: int = 128
-    updates_per_step: int = 2
-    batch_size: int = 256
+    updates_per_step: int = 4
+    batch_size: int = 128
     learning_rate: float = 2e-3
     dearest_m: tuple[float, ...] = (1.0, 2.0, 4.0)
     led: float = 0.01
     mirrored_share: float = 0.5
     moving: tuple[int, int] = (1, 4)
-    evaluations: int = 4
-    evaluation_episodes: int = 100
+    evaluations: int = 2
+    evaluation_episodes: int = 200
 
     def __post_init__(self) -> None:
         for name in ("labels", "n_envs", "updates_per_step", "batch_size", "evaluations", "evaluation_episodes"):

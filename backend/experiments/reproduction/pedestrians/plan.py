@@ -22,8 +22,8 @@ TD3, DDPG = "_td3", "_ddpg"
 """Ends of names: trained by reward; without, by imitation."""
 SECONDS = {"b1": 0.03, "b2": 0.025, "b3": 0.025}  # of an update of 128; the attention networks' is below
 ATTENTION_SECONDS = 0.12
-IMITATION_SECONDS = 0.0007  # of a label, with what is learned from it; the attention networks' is below
-ATTENTION_IMITATION_SECONDS = 0.002
+IMITATION_SECONDS = 0.0009  # of a label, with what is learned from it; the attention networks' is below
+ATTENTION_IMITATION_SECONDS = 0.003
 JUDGED_SECONDS = 0.025  # of an episode; with descriptors, which take ICP, as below
 GROUPS_JUDGED_SECONDS = 0.065
 
@@ -63,7 +63,7 @@ BY_REWARD = (*(variant + TD3 for variant in VARIANTS), "ours" + DDPG)
 BUDGETS = {
     budget.name: budget
     for budget in (
-        PedestrianBudget("small", (0, 1, 2), tuple(VARIANTS), 400_000, 1_000, 300, (1.0,), (4,)),
+        PedestrianBudget("small", (0, 1, 2), tuple(VARIANTS), 250_000, 1_000, 300, (1.0,), (4,)),
         PedestrianBudget(
             "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 1_000, 1_000, SPEEDS, NUMBERS, ByReward()
         ),

@@ -18,11 +18,13 @@ SUCCESS_AT_LEAST, HOMES_AT_LEAST = 86.2, 79.2
 DEPARTURES = [
     "By imitation: nothing is learned by reward. A search that is told the building and everybody's motion says what "
     "24 commands cost where the learner drives (DAgger, AggreVaTe); networks end in those costs, and the cheapest "
-    "command is done. 400,000 such states in the small budget, one to four who move, no curriculum; left and right are "
+    "command is done. 250,000 such states in the small budget, one to four who move, no curriculum; left and right are "
     "exchanged in half of each batch.",
     "By imitation, costs are learned three times, at most 1, 2 or 4 m above the best; which of the three acts is "
-    "chosen on 100 selection scenes of the published setting. By reward, checkpoints are chosen on selection scenes of "
+    "chosen on 200 selection scenes of the published setting. By reward, checkpoints are chosen on selection scenes of "
     "the curriculum.",
+    "Networks begin with weights drawn as He et al. (2015), not by torch's default, by which what they are given "
+    "hardly reaches the last layer.",
     "In the small budget nothing is learned by reward, and what is beside the published setting and the "
     "unseen homes is judged in 300 scenes.",
     "By reward: TD3 beside DDPG, many environments at once, fewer episodes than 300,000; batch size, exploration noise "
