@@ -20,7 +20,7 @@ from backend.learning.pedestrians.crowd_networks import VARIANTS
 from backend.simulation.crowds.crowd_scenes import CrowdConditions
 
 LEAST = PedestrianBudget(
-    "small", (0,), ("ours", "b3", "ours_td3"), 128, 3, 2, (0.6,), (1,), ByReward(16, 8, 8, random_transitions=64)
+    "small", (0,), ("ours", "b3", "ours_td3"), 128, 3, 2, (0.6,), (1,), ByReward(16, 8, 8, random_transitions=64), 3
 )
 
 ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
