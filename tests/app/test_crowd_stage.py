@@ -79,7 +79,7 @@ def test_what_a_policy_looks_at_is_drawn_over_time_sectors_in_blue_descriptor_ra
     torch.manual_seed(3)
     actor = Actor("ours")
     for stream in (actor.read.spatial, actor.read.temporal):
-        stream.score[-1].weight.data *= 300  # untrained, it would look everywhere alike
+        stream.score[-1].weight.data *= 10  # untrained, it would look everywhere alike
     rolled_out = roll_out_crowd(
         actor_acts(actor), "points_and_groups", draw_crowd_scene("crowd_corridor", 7, PUBLISHED)
     )

@@ -43,7 +43,7 @@ def small_attended_set() -> RankingSet:
     torch.manual_seed(3)
     actor = Actor("ours")
     for stream in (actor.read.spatial, actor.read.temporal):
-        stream.score[-1].weight.data *= 300  # untrained, it would look everywhere alike
+        stream.score[-1].weight.data *= 10  # untrained, it would look everywhere alike
     policy = AttentionPolicy("crowd_corridor", actor_to_arrays(actor))
     return attended_set(policy, "untrained", 8, 2)[0]
 

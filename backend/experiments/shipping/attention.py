@@ -51,7 +51,8 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
         departures=[
             "Learned by imitation of a search that is told the building and how everybody moves, from what the robot "
             "senses; the thesis trains its networks by DDPG. Reward and curriculum of chapter 4 have no part in it. "
-            "Its network ends in the costs of 24 commands instead of one action.",
+            "Its network ends in the costs of 24 commands instead of one action, and begins with weights drawn as "
+            "He et al. (2015).",
         ],
         notes=[
             "Numbers in half precision.",

@@ -26,7 +26,8 @@ PER_SECTOR = SECTORS // GROUPS
 PATH = 2 * PATH_POINTS
 GAP_TIMES = 20.0  # ours: what moves by 0.1 m between two scans differs as much as what lies 2 m apart
 LAST_LAYER = ("head.6.weight", "head.6.bias")  # of an actor
-FIRST_NUMBERS, LAST_STD = "He et al. 2015", 0.01  # how numbers are drawn; standard deviation of last layers'
+LAST_STD = 0.01  # of last layers at first
+FIRST_NUMBERS = {"drawn": "He et al. 2015", "last_std": LAST_STD}  # in a training's key: change it with `initialise`
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def perceptron(*sizes: int, last: bool = True) -> nn.Sequential:
     return nn.Sequential(*(layers if last else layers[:-1]))
 
 
-def initialised(network: nn.Module) -> None:
+def initialise(network: nn.Module) -> None:
     """Ours: numbers at first as He et al. 2015 draw them for ReLU, last layers near 0 (`head`, and what scores sectors
     and groups, which therefore count alike at first). With torch's own, signals fade from layer to layer, and networks
     with attention learn nothing from their first 50,000 states."""
@@ -175,7 +176,7 @@ class Actor(nn.Module):
         self.variant = variant
         self.read = extractor(variant)
         self.head = perceptron(self.read.size, 128, 64, 64, 2, last=False)
-        initialised(self)
+        initialise(self)
 
     def forward(self, states: Tensor) -> Tensor:
         return torch.tanh(self.head(self.read(states)))
@@ -192,7 +193,7 @@ class Chooser(Actor):
         super().__init__(variant)
         self.tables, self.which = tables, which
         self.head = perceptron(self.read.size, 128, 64, 64, tables * len(COMMANDS), last=False)
-        initialised(self)
+        initialise(self)
         self.register_buffer("actions", torch.as_tensor(actions_of_commands(CROWD_CORRIDOR.limits)), persistent=False)
 
     def costs(self, states: Tensor) -> Tensor:
@@ -219,7 +220,7 @@ class Critic(nn.Module):
         super().__init__()
         self.read = extractor(variant)
         self.head = perceptron(self.read.size + 2, 128, 64, 64, 1, last=False)
-        initialised(self)
+        initialise(self)
 
     def forward(self, states: Tensor, actions: Tensor) -> Tensor:
         value: Tensor = self.head(torch.cat([self.read(states), actions], dim=1))

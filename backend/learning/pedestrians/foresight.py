@@ -23,14 +23,13 @@ from backend.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Limits
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-Ints = NDArray[np.int64]
 STEPS_AHEAD = 25  # 5 s; with 40 steps more episodes time out, as waiting at a distance costs nothing
 DIRECTIONS = 16
 CELL_M = 0.1
 BERTH_M = 0.3  # from whom it is told where they will be
 BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # ours; after so many steps only who stands is foreseen
-BERTH_STANDING_M = 0.45  # with 0.3 who imitates it collides more often, with 0.6 it waits
-STANDS_M_S = 0.05  # slower, now
+BERTH_STANDING_M = 0.45  # with 0.6 it times out more often; docs/numbers.md
+STANDS_M_S = 0.05  # who is slower than this now, stands
 _TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
 COMMANDS = np.array(
     [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
@@ -44,6 +43,7 @@ SEARCH_BY_VELOCITY = {
     "steps": STEPS_BY_VELOCITY,
     "berth_standing_m": BERTH_STANDING_M,
     "steps_standing": STEPS_AHEAD,
+    "stands_m_s": STANDS_M_S,
 }
 MOST_M = 4.0  # what a command costs above the best, at most
 
@@ -76,7 +76,8 @@ def constant_velocity(engine: CrowdEngine) -> Floats:
 
 def costs_by_velocity(engine: CrowdEngine) -> Floats:
     """(n, 24) m: what each of `COMMANDS` costs above the best, with the best moves after it, at most `MOST_M`, where
-    everybody walks on as now for `STEPS_BY_VELOCITY`. 0 for who has ended."""
+    everybody walks on as now for `STEPS_BY_VELOCITY`, and who stands in this moment, pausing or not, does so for
+    `STEPS_AHEAD`. 0 for who has ended."""
     bodies = _bodies(engine)
     costs = np.zeros((engine.n_envs, len(COMMANDS)))
     for i, ground in _running(engine):

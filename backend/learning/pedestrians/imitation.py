@@ -71,10 +71,11 @@ class ImitationConfig:
 @dataclass
 class Imitated:
     """actor: after the last update. history: a row per evaluation on selection scenes of the published setting, of who
-    drives; the last rows are of each of dearest_m."""
+    drives; the last rows are of each of dearest_m. bfloat16: whether products were in it, by the processor."""
 
     actor: Chooser
     history: list[dict[str, float]]
+    bfloat16: bool
 
 
 def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> Imitated:
@@ -96,6 +97,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     dearest = torch.tensor(config.dearest_m)[:, None]
     mirror, turned = mirror_of_state(given), round(config.mirrored_share * config.batch_size)
     history: list[dict[str, float]] = []
+    bfloat16 = multiplies_in_bfloat16()
     began = time.perf_counter()
 
     def judge(count: int) -> float:
@@ -116,7 +118,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
             batch = rng.integers(count, size=config.batch_size)
             some, aims = seen[batch].astype(np.float32), targets[batch].astype(np.float32)
             some[:turned], aims[:turned] = mirrored(some[:turned], aims[:turned], mirror)
-            learn_from(actor, adam, torch.as_tensor(some), torch.as_tensor(aims), dearest)
+            learn_from(actor, adam, torch.as_tensor(some), torch.as_tensor(aims), dearest, bfloat16=bfloat16)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
             judge(count)
@@ -124,7 +126,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     for actor.which in range(len(config.dearest_m)):
         successes.append(judge(len(seen)))
     actor.which = int(np.argmax(successes))
-    return Imitated(actor.alone(), history)
+    return Imitated(actor.alone(), history, bfloat16)
 
 
 def mirrored(seen: Floats, targets: Floats, mirror: Mirror) -> tuple[Floats, Floats]:
@@ -135,15 +137,17 @@ def mirrored(seen: Floats, targets: Floats, mirror: Mirror) -> tuple[Floats, Flo
 
 
 def multiplies_in_bfloat16() -> bool:
-    """Whether this processor does: attention networks then learn in a third to half of the time; on others torch takes
-    fifteen times as long as in single precision."""
+    """Whether this processor does (x86; of others nothing is known here): attention networks then learn in a third to
+    half of the time; where it does not, torch takes fifteen times as long as in single precision."""
     can = torch.cpu.get_capabilities()
     return any(can.get(name, False) for name in ("amx_bf16", "avx512_bf16"))
 
 
-def learn_from(actor: Chooser, adam: torch.optim.Adam, seen: Tensor, targets: Tensor, dearest: Tensor) -> None:
-    """One step. targets: (b, 24) m, NaN where nothing is known."""
-    with torch.autocast("cpu", torch.bfloat16, enabled=multiplies_in_bfloat16()):
+def learn_from(
+    actor: Chooser, adam: torch.optim.Adam, seen: Tensor, targets: Tensor, dearest: Tensor, *, bfloat16: bool = False
+) -> None:
+    """One step. targets: (b, 24) m, NaN where nothing is known. bfloat16: products in it."""
+    with torch.autocast("cpu", torch.bfloat16, enabled=bfloat16):
         foretold = actor.costs(seen)
     off = foretold.float() - (targets[:, None] / dearest).clamp(max=1.0)
     loss = torch.where(off.isnan(), 0.0, off).square().mean()

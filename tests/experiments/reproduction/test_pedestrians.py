@@ -20,7 +20,16 @@ from backend.learning.pedestrians.crowd_networks import VARIANTS
 from backend.simulation.crowds.crowd_scenes import CrowdConditions
 
 LEAST = PedestrianBudget(
-    "small", (0,), ("ours", "b3", "ours_td3"), 128, 3, 2, (0.6,), (1,), ByReward(16, 8, 8, random_transitions=64), 3
+    "small",
+    (0,),
+    ("ours", "b3", "ours_td3"),
+    128,
+    3,
+    2,
+    (0.6,),
+    (1,),
+    ByReward(16, 8, 8, random_transitions=64),
+    selection_scenes=3,
 )
 
 ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
@@ -39,9 +48,15 @@ def test_a_tasks_name_knows_what_is_judged_and_what_networks_are_given(monkeypat
             after = names()
         assert all(before[key][0] != after[key][0] for key in before), name
         assert all(before[key][1] == after[key][1] for key in before), f"{name}: trainings are as they were"
-    monkeypatch.setattr(plan, "GAP_TIMES", 1.0)
+    for name, value in (("GAP_TIMES", 1.0), ("FIRST_NUMBERS", {"drawn": "otherwise"})):
+        with monkeypatch.context() as networks:
+            networks.setattr(plan, name, value)
+            after = names()
+        assert all((before[key] != after[key]) == (key[1] >= 0) for key in before), name
+    monkeypatch.setattr(plan, "SEARCH_BY_VELOCITY", {**plan.SEARCH_BY_VELOCITY, "stands_m_s": 0.1})
     after = names()
-    assert all((before[key] != after[key]) == (key[1] >= 0) for key in before), "what a network's numbers mean"
+    asked = {key for key in before if before[key] != after[key]}
+    assert asked == {("ours", 0), ("b3", 0), ("constant_velocity", -1)}, "who imitates the search, and the search"
 
 
 def test_the_small_budget_trains_all_by_imitation_with_three_seeds():

@@ -42,7 +42,7 @@ def imitated(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One training by imitation."""
     del needs
     made = imitate(ImitationConfig(**params["config"]))
-    return TaskResult({"history": made.history}, _prefixed(made.actor))
+    return TaskResult({"history": made.history, "bfloat16": made.bfloat16}, _prefixed(made.actor))
 
 
 def _prefixed(actor: Actor) -> dict[str, Floats]:

@@ -45,8 +45,8 @@ class ByReward:
 class PedestrianBudget:
     """How much is computed. learned: variants, with each seed, by imitation from so many labels, or by reward, the
     learner at the end of the name; episodes: of the published setting and in homes; episodes_more: of every other
-    condition; speeds, numbers: of the two curves. by_reward: None where no name ends in a learner. chosen_in: selection
-    scenes by which imitation chooses."""
+    condition; speeds, numbers: of the two curves. by_reward: None where no name ends in a learner. selection_scenes:
+    by which imitation chooses among its tables."""
 
     name: str
     seeds: tuple[int, ...]
@@ -57,7 +57,7 @@ class PedestrianBudget:
     speeds: tuple[float, ...]
     numbers: tuple[int, ...]
     by_reward: ByReward | None = None
-    chosen_in: int = ImitationConfig.evaluation_episodes
+    selection_scenes: int = ImitationConfig.evaluation_episodes
 
 
 SPEEDS, NUMBERS = (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
@@ -127,14 +127,14 @@ def learner_of(name: str) -> str:
 
 def imitated(budget: PedestrianBudget, variant: str, seed: int) -> Task:
     """A training by imitation, with all its settings."""
-    config = ImitationConfig(variant, seed, budget.labels, evaluation_episodes=budget.chosen_in)
+    config = ImitationConfig(variant, seed, budget.labels, evaluation_episodes=budget.selection_scenes)
     seconds = IMITATION_SECONDS if variant in SECONDS else ATTENTION_IMITATION_SECONDS
     params = {"config": config.as_dict(), "search": SEARCH_BY_VELOCITY, "network": _network(variant)}
     return Task("imitated", params, seconds=seconds * budget.labels)
 
 
 def _network(variant: str) -> dict[str, Any]:
-    """What a network's numbers mean nothing without."""
+    """What a network reads, and its numbers at first."""
     return {"given": VARIANTS[variant].given, "gap_times": GAP_TIMES, "first_numbers": FIRST_NUMBERS}
 
 

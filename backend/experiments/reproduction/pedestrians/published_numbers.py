@@ -24,7 +24,8 @@ DEPARTURES = [
     "chosen on 200 selection scenes of the published setting. By reward, checkpoints are chosen on selection scenes of "
     "the curriculum.",
     "Networks begin with weights drawn as He et al. (2015), not by torch's default, by which what they are given "
-    "hardly reaches the last layer.",
+    "hardly reaches the last layer; last layers, and what scores sectors and groups, begin near 0.",
+    "Products are in bfloat16 while imitating where the processor multiplies in it; a training says so.",
     "In the small budget nothing is learned by reward, and what is beside the published setting and the "
     "unseen homes is judged in 300 scenes.",
     "By reward: TD3 beside DDPG, many environments at once, fewer episodes than 300,000; batch size, exploration noise "

@@ -104,7 +104,7 @@ def reproduce_pedestrians(
         )
         made = facts(
             run,
-            ("By imitation", f"{budget.labels:,} labels per training"),
+            ("By imitation", f"{budget.labels:,} labels per training, {budget.selection_scenes} scenes to choose in"),
             ("By reward", f"{by_reward.updates:,} updates of {by_reward.batch_size}" if by_reward else "nothing"),
             ("Planners", ", ".join(PLANNED)),
         )
